@@ -1,0 +1,1 @@
+"""Errors, field checks and atomic files: what every floor stands on."""

@@ -1,0 +1,41 @@
+"""The errors a user can meet. Each message is one sentence that names what is wrong."""
+
+
+class SprintlabError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class InvalidValueError(SprintlabError, ValueError):
+    """A field holds a value that is not allowed.
+
+    Args:
+        field: name of the field as the user wrote it, e.g. ``motor.stator_resistance``.
+        value: the refused value.
+        allowed: what would have been accepted, in words with units.
+    """
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        super().__init__(f"{field} = {value!r} is not allowed: {allowed}")
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        """Survive pickling, which worker processes need to report it."""
+        return type(self), (self.field, self.value, self.allowed)
+
+
+class PolicyFileError(SprintlabError):
+    """A policy file is missing, truncated, or not one of ours."""
+
+
+class ContractMismatchError(SprintlabError):
+    """A policy's contract does not match the robot it is asked to drive."""
+
+
+class RobotModelError(SprintlabError):
+    """A robot's files do not describe a robot that can be built."""
+
+
+class SimulationError(SprintlabError):
+    """A simulation left the realm of finite numbers."""
