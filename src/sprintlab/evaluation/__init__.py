@@ -1,0 +1,1 @@
+"""Measures a policy file: plant, trials, protocol, metrics, exploit audit."""

@@ -1,0 +1,439 @@
+"""What an evaluation hands back: trajectories, trials, protocol, race. Plain data, no simulator.
+
+Shapes: ``T`` samples (500 Hz unless ``TrialOptions.record_rate`` says otherwise), 12 joints in policy
+order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL, RR``. SI units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_positive, check_range
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialSettings:
+    """What differs between the trials of one protocol.
+
+    Attributes:
+        seed: seed of the initial joint noise, >= 0.
+        joint_noise: half-width of the uniform initial joint noise [rad], 0 to 0.3.
+        friction: sliding friction of feet and floor, 0.1 to 2.
+        payload: mass added to the trunk [kg], -5 to 20.
+
+    Raises:
+        InvalidValueError: a field is outside its range.
+    """
+
+    seed: int = 0
+    joint_noise: float = 0.0
+    friction: float = 0.85
+    payload: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("trial.seed", self.seed, 0, 2**32 - 1)
+        check_range("trial.joint_noise", self.joint_noise, 0.0, 0.3, "rad")
+        check_range("trial.friction", self.friction, 0.1, 2.0)
+        check_range("trial.payload", self.payload, -5.0, 20.0, "kg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """What one trial recorded, every array with the sample axis first.
+
+    Attributes:
+        time: (T,) [s] since the start of the profile.
+        qpos: (T, nq) MuJoCo generalized positions: base position 3, quaternion 4 (w first), joints.
+        qvel: (T, nv) MuJoCo generalized velocities: base velocity in the world 3, angular velocity in
+            the body 3, joints.
+        profile_speed: (T,) [m/s] speed that the profile asks for, before self-pacing.
+        command: (T, 3) what the policy was given: forward, left [m/s], yaw rate [rad/s].
+        velocity: (T, 2) base velocity in the heading frame: forward, left [m/s].
+        height: (T,) height of the base above the ground [m].
+        angular_velocity: (T, 3) base, body frame: roll, pitch, yaw rate [rad/s].
+        tilt: (T,) angle between the trunk's vertical and the world's [rad].
+        heading: (T,) yaw angle, unwrapped [rad].
+        joint_position: (T, 12) [rad].
+        joint_velocity: (T, 12) joint side [rad/s]; times the gear ratio = motor speed.
+        joint_target: (T, 12) filtered joint targets of the PD loop [rad].
+        motor_torque: (T, 12) motor side, after the envelope's clip, before saturation [N m].
+        torque_lower: (T, 12) lower end of the envelope, motor side [N m].
+        torque_upper: (T, 12) upper end of the envelope, motor side [N m].
+        joint_torque: (T, 12) delivered to the joint [N m] (saturation, gear and efficiency in).
+        foot_contact: (T, 4) bool, foot touches the ground.
+        foot_penetration: (T, 4) depth below the ground [m], >= 0.
+        foot_position: (T, 4, 3) centre of the foot sphere, world [m].
+        foot_slip_speed: (T, 4) tangential speed of the lowest point of the foot [m/s].
+        leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
+    """
+
+    time: Array
+    qpos: Array
+    qvel: Array
+    profile_speed: Array
+    command: Array
+    velocity: Array
+    height: Array
+    angular_velocity: Array
+    tilt: Array
+    heading: Array
+    joint_position: Array
+    joint_velocity: Array
+    joint_target: Array
+    motor_torque: Array
+    torque_lower: Array
+    torque_upper: Array
+    joint_torque: Array
+    foot_contact: Array
+    foot_penetration: Array
+    foot_position: Array
+    foot_slip_speed: Array
+    leg_distance: Array
+
+    def arrays(self) -> dict[str, Array]:
+        """Every array by its name, for ``numpy.savez_compressed``."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialMetrics:
+    """What one trajectory amounts to. ``nan`` stands for "not defined" (no stride, fell before the hold).
+
+    Attributes:
+        held_speed: mean forward speed over the last 2 s of the hold [m/s].
+        peak_speed: highest mean forward speed over 0.5 s [m/s].
+        angular_cost: J, integral of pitch rate^2 + roll rate^2 over the profile [rad^2/s].
+        lateral_deviation: largest distance from the line through the start along x [m].
+        envelope_share: (12,) share of time, while commanded to move, that the torque sits on a limit.
+        mechanical_power: mean power delivered to the joints over the motion [W], signed.
+        positive_power: mean of the positive part, summed over joints [W].
+        copper_power: mean copper loss of all motors [W].
+        cost_of_transport: (mechanical + copper energy) / (mass g distance).
+        distance: forward way of the base [m].
+        stride_frequency: strides a second during the last 2 s of the hold [Hz].
+        duty_factor: (4,) share of time on the ground, same interval.
+        joint_speed_ratio: (12,) highest motor speed over no-load speed.
+    """
+
+    held_speed: float
+    peak_speed: float
+    angular_cost: float
+    lateral_deviation: float
+    envelope_share: tuple[float, ...]
+    mechanical_power: float
+    positive_power: float
+    copper_power: float
+    cost_of_transport: float
+    distance: float
+    stride_frequency: float
+    duty_factor: tuple[float, ...]
+    joint_speed_ratio: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditItem:
+    """One measured exploit.
+
+    Attributes:
+        name: e.g. ``"deepest foot penetration"``.
+        value: what was measured.
+        unit: unit of value and threshold, ``""`` for a ratio.
+        threshold: the limit.
+        passed: whether the value keeps the limit.
+        note: one sentence: what the limit is and why.
+    """
+
+    name: str
+    value: float
+    unit: str
+    threshold: float
+    passed: bool
+    note: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditReport:
+    """The exploit audit of one or more trials (the worst value of all)."""
+
+    items: tuple[AuditItem, ...]
+
+    @property
+    def passed(self) -> bool:
+        """True when every item passed."""
+        return all(item.passed for item in self.items)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form: ``passed`` and ``items``; undefined values become null."""
+        return {"passed": self.passed, "items": [_json(asdict(item)) for item in self.items]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialResult:
+    """One run of one profile.
+
+    Attributes:
+        settings: what was drawn for this trial.
+        top_speed: v* of the profile [m/s].
+        self_paced: whether the command was held near the measured speed.
+        completed: no fall from start to end.
+        fall_time: when it fell [s], ``None`` when it did not.
+        fall_reason: ``"tilt"``, ``"trunk contact"`` or ``"knee contact"``; ``""`` when it did not fall.
+        hold_interval: start and end of the hold [s].
+        metrics: summary of the trajectory.
+        audit: exploit audit of this trial.
+        trajectory: the arrays, ``None`` when only the summary was kept.
+    """
+
+    settings: TrialSettings
+    top_speed: float
+    self_paced: bool
+    completed: bool
+    fall_time: float | None
+    fall_reason: str
+    hold_interval: tuple[float, float]
+    metrics: TrialMetrics
+    audit: AuditReport
+    trajectory: Trajectory | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedResult:
+    """All trials of one profile speed.
+
+    Attributes:
+        top_speed: v* [m/s].
+        self_paced: how the profile was given.
+        trials: the trials, in the order of their seeds.
+        required: how many must complete.
+    """
+
+    top_speed: float
+    self_paced: bool
+    trials: tuple[TrialResult, ...]
+    required: int
+
+    def __post_init__(self) -> None:
+        check_range("speed_result.required", self.required, 0, len(self.trials))
+
+    @property
+    def completed(self) -> tuple[TrialResult, ...]:
+        """The trials without a fall."""
+        return tuple(trial for trial in self.trials if trial.completed)
+
+    @property
+    def falls(self) -> int:
+        """Number of trials that fell."""
+        return len(self.trials) - len(self.completed)
+
+    @property
+    def passed(self) -> bool:
+        """Whether enough trials completed."""
+        return len(self.completed) >= self.required
+
+    def mean(self, name: str) -> Any:
+        """Mean of one field of ``TrialMetrics`` over the completed trials; ``nan`` when none completed.
+
+        Returns:
+            A float, or an array ``(12,)`` or ``(4,)`` for the per-joint and per-foot fields.
+        """
+        values = np.array([getattr(trial.metrics, name) for trial in self.completed], dtype=float)
+        return float("nan") if values.size == 0 else _scalar(values.mean(axis=0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProtocolResult:
+    """The search for the highest speed, one way of giving the command.
+
+    Attributes:
+        self_paced: how the profile was given.
+        speeds: every v* tried, rising; the last one failed unless the search reached its top.
+        common: trials at the speed common to all methods, ``None`` when none was asked for.
+    """
+
+    self_paced: bool
+    speeds: tuple[SpeedResult, ...]
+    common: SpeedResult | None = None
+
+    @property
+    def best(self) -> SpeedResult | None:
+        """The highest v* before the first that failed; ``None`` when the first one failed."""
+        best = None
+        for speed in self.speeds:
+            if not speed.passed:
+                break
+            best = speed
+        return best
+
+    @property
+    def max_velocity(self) -> float:
+        """Mean held speed at the best v* [m/s]; ``nan`` when nothing completed."""
+        return float("nan") if self.best is None else self.best.mean("held_speed")
+
+    @property
+    def peak_speed(self) -> float:
+        """Mean 0.5 s peak at the best v* [m/s]; ``nan`` when nothing completed."""
+        return float("nan") if self.best is None else self.best.mean("peak_speed")
+
+    @property
+    def angular_cost(self) -> float:
+        """J at the best v* [rad^2/s]; ``nan`` when nothing completed."""
+        return float("nan") if self.best is None else self.best.mean("angular_cost")
+
+    @property
+    def angular_cost_common(self) -> float:
+        """J at the common v* [rad^2/s]; ``nan`` when it was not run or nothing completed."""
+        return float("nan") if self.common is None else self.common.mean("angular_cost")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SprintResult:
+    """One run over a distance.
+
+    Attributes:
+        distance: the way to run [m].
+        time: from the first non-zero command to the base's last metre [s]; ``nan`` when not reached.
+        trial: the run itself.
+    """
+
+    distance: float
+    time: float
+    trial: TrialResult
+
+    def __post_init__(self) -> None:
+        check_positive("sprint.distance", self.distance, "m")
+
+    @property
+    def finished(self) -> bool:
+        """Whether the distance was reached without a fall."""
+        return bool(np.isfinite(self.time))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepSizeCheck:
+    """The same trial with coarse and fine simulation steps.
+
+    Attributes:
+        coarse_step: [s].
+        fine_step: [s].
+        coarse: result at the coarse step.
+        fine: result at the fine step.
+    """
+
+    coarse_step: float
+    fine_step: float
+    coarse: TrialResult
+    fine: TrialResult
+
+    @property
+    def held_speed_difference(self) -> float:
+        """Fine minus coarse held speed [m/s]."""
+        return self.fine.metrics.held_speed - self.coarse.metrics.held_speed
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceResult:
+    """The 100 m and the protocol at the policy's top speed.
+
+    Attributes:
+        robot: name of the robot.
+        policy: name of the policy.
+        top_speed: v* of the profile [m/s].
+        sprint: the 100 m, raw command.
+        sprint_self_paced: the 100 m, self-paced.
+        raw: the seeded trials at ``top_speed``, raw command.
+        self_paced: the same, self-paced.
+        step_check: step-size check, ``None`` when it was not asked for.
+        audit: worst case over every trial.
+        mass: total mass of the robot [kg].
+        wall_time: how long the race took to compute [s].
+    """
+
+    robot: str
+    policy: str
+    top_speed: float
+    sprint: SprintResult
+    sprint_self_paced: SprintResult
+    raw: SpeedResult
+    self_paced: SpeedResult
+    audit: AuditReport
+    mass: float
+    wall_time: float
+    step_check: StepSizeCheck | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
+
+        ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
+        (12 numbers in policy order) are means over the raw trials that completed; ``time_100m_s`` is raw.
+        """
+        return _json(
+            {
+                "robot": self.robot,
+                "policy": self.policy,
+                "top_speed_command_m_s": self.top_speed,
+                "time_100m_s": self.sprint.time,
+                "time_100m_self_paced_s": self.sprint_self_paced.time,
+                **_speed_summary(self.raw),
+                "self_paced": _speed_summary(self.self_paced),
+                "audit": self.audit.to_dict(),
+                "step_size_check": None if self.step_check is None else _step_summary(self.step_check),
+                "mass_kg": self.mass,
+                "wall_time_s": self.wall_time,
+                "notes": list(self.notes),
+            }
+        )
+
+
+def _speed_summary(result: SpeedResult) -> dict[str, Any]:
+    """The numbers of one set of trials."""
+    return {
+        "peak_speed_m_s": result.mean("peak_speed"),
+        "held_speed_m_s": result.mean("held_speed"),
+        "J_rad2_s": result.mean("angular_cost"),
+        "falls": result.falls,
+        "trials": len(result.trials),
+        "envelope_share": result.mean("envelope_share"),
+        "cost_of_transport": result.mean("cost_of_transport"),
+        "mechanical_power_W": result.mean("mechanical_power"),
+        "copper_power_W": result.mean("copper_power"),
+        "stride_frequency_Hz": result.mean("stride_frequency"),
+        "duty_factor": result.mean("duty_factor"),
+        "lateral_deviation_m": result.mean("lateral_deviation"),
+    }
+
+
+def _step_summary(check: StepSizeCheck) -> dict[str, Any]:
+    """The numbers of the step-size check."""
+    return {
+        "coarse_step_s": check.coarse_step,
+        "fine_step_s": check.fine_step,
+        "coarse_held_speed_m_s": check.coarse.metrics.held_speed,
+        "fine_held_speed_m_s": check.fine.metrics.held_speed,
+        "coarse_completed": check.coarse.completed,
+        "fine_completed": check.fine.completed,
+    }
+
+
+def _scalar(value: Any) -> Any:
+    """A 0-d array as a float, anything else as it is."""
+    return float(value) if np.ndim(value) == 0 else value
+
+
+def _json(value: Any) -> Any:
+    """Arrays to lists, numbers to plain numbers, NaN to null."""
+    if isinstance(value, dict):
+        return {key: _json(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_json(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value
