@@ -1,0 +1,55 @@
+"""The drive of one joint: from the torque that a controller wants to the torque that the joint gets."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from sprintlab.motors.arrays import Array, as_arrays
+from sprintlab.motors.envelope import MotorModel, torque_limits
+from sprintlab.motors.gear import Gear, joint_torque, motor_speed
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.saturation import saturate
+
+
+class DriveOutput(NamedTuple):
+    """What a drive gives; all in the broadcast shape of the inputs."""
+
+    torque: Array
+    """Torque on the joint [N m]."""
+    motor_torque: Array
+    """Torque that the motor's current stands for [N m], motor side, after the clip, before saturation."""
+    lower: Array
+    """Least admissible ``motor_torque`` [N m]."""
+    upper: Array
+    """Greatest admissible ``motor_torque`` [N m]."""
+
+
+def drive_torque(
+    motor: PmsmParameters,
+    gear: Gear,
+    desired_joint_torque: Array,
+    joint_velocity: Array,
+    bus_voltage: Array,
+    model: MotorModel = "refined",
+) -> DriveOutput:
+    """Torque on the joint when a controller wants ``desired_joint_torque``.
+
+    Gear down, clip to ``torque_limits``, ``saturate``, gear up with losses: like firmware that turns torque
+    into current by the nominal torque constant. Nothing here waits for a device.
+
+    Args:
+        motor: parameters, numbers or arrays, e.g. of shape ``(12,)``.
+        gear: ratio and efficiency, numbers or arrays.
+        desired_joint_torque: wanted torque on the joint [N m], e.g. of shape ``(n, 12)``.
+        joint_velocity: joint velocity [rad/s], broadcasts with it.
+        bus_voltage: DC bus [V], broadcasts with it.
+        model: one of ``MOTOR_MODELS``.
+
+    Raises:
+        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+    """
+    xp, (desired, ratio) = as_arrays(desired_joint_torque, gear.ratio)
+    lower, upper = torque_limits(motor, motor_speed(gear, joint_velocity), bus_voltage, model)
+    motor_torque = xp.minimum(xp.maximum(desired / ratio, lower), upper)
+    torque = joint_torque(gear, saturate(motor, motor_torque))
+    return DriveOutput(torque, motor_torque, lower, upper)

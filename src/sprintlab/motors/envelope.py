@@ -1,0 +1,166 @@
+"""The torque-speed envelope of a motor with i_d = 0 behind an inverter with a limited voltage.
+
+With the electrical speed ``w = N omega`` and the torque ``1.5 N psi i``, the phase voltages are
+``v_d = -w L i`` and ``v_q = R i + w psi``; the inverter demands ``v_d^2 + v_q^2 <= V^2``. For a given
+speed this is one interval of the current, for a given current one of the speed.
+
+The models differ in what they keep: ``refined`` all of it, ``simplified-dc`` drops ``v_d`` (the usual
+straight torque-speed line; the same as L = 0), ``square`` drops the voltage limit altogether.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+from sprintlab.core.checks import check_choice
+from sprintlab.motors.arrays import Array, as_arrays
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.voltage import phase_voltage_limit
+
+MotorModel = Literal["refined", "simplified-dc", "square"]
+MOTOR_MODELS: tuple[MotorModel, ...] = ("refined", "simplified-dc", "square")
+"""The three envelopes, by what they know of the inverter's voltage."""
+
+
+class _VoltageInterval(NamedTuple):
+    """The torques between which the voltage suffices: ``middle ± half_width``, real if the excess is <= 0."""
+
+    middle: Array
+    half_width: Array
+    excess: Array
+
+
+def torque_limits(
+    motor: PmsmParameters, speed: Array, bus_voltage: Array, model: MotorModel = "refined"
+) -> tuple[Array, Array]:
+    """Least and greatest torque that the motor can give at a speed.
+
+    The whole admissible interval in all four quadrants: at positive speed ``upper`` bounds driving and
+    ``lower`` braking; the resistive drop helps braking, so the interval is not symmetric. Above the
+    no-load speed ``upper`` is negative: the back-EMF itself drives a braking current. Above the speed
+    where no current satisfies the voltage limit, the interval reaches from the braking torque that violates
+    it least, ``-1.5 N psi R w psi / Z^2``, to zero: no drive.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``speed``.
+        speed: mechanical motor speed [rad/s], any shape, finite.
+        bus_voltage: DC bus [V], broadcasts with ``speed``.
+        model: one of ``MOTOR_MODELS``.
+
+    Returns:
+        ``(lower, upper)`` [N m], motor side, before saturation, in the broadcast shape, ``lower <= upper``,
+        never NaN, within ``±peak_torque``.
+
+    Raises:
+        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+    """
+    check_choice("model", model, MOTOR_MODELS)
+    if model == "square":
+        xp, (peak, still) = as_arrays(motor.peak_torque, speed)
+        upper = peak + 0.0 * still
+        return -upper, upper
+    xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, model)
+    lower = interval.middle - interval.half_width
+    upper = interval.middle + interval.half_width
+    empty = interval.excess > 0
+    nothing = xp.zeros_like(upper)
+    lower = xp.where(empty, xp.minimum(lower, nothing), lower)
+    upper = xp.where(empty, xp.maximum(upper, nothing), upper)
+    return _clip(xp, lower, peak), _clip(xp, upper, peak)
+
+
+def voltage_infeasible(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> Array:
+    """Where no torque within ``±peak_torque`` satisfies the refined voltage limit: over-speed, to be counted.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``speed``.
+        speed: mechanical motor speed [rad/s], any shape.
+        bus_voltage: DC bus [V], broadcasts with ``speed``.
+
+    Returns:
+        Boolean array in the broadcast shape.
+    """
+    xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, "refined")
+    nearest_to_zero = xp.abs(interval.middle) - interval.half_width
+    return (interval.excess > 0) | (nearest_to_zero > peak)
+
+
+def critical_speed(
+    motor: PmsmParameters, torque: Array, bus_voltage: Array, model: MotorModel = "refined"
+) -> Array:
+    """Highest speed at which the voltage suffices for a torque (the paper's omega_c at ``peak_torque``).
+
+    The greater root of ``(L^2 i^2 + psi^2) w^2 + 2 R i psi w + R^2 i^2 = V^2``.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``torque``.
+        torque: motor torque before saturation [N m]; negative brakes. The current limit is not applied.
+        bus_voltage: DC bus [V], broadcasts with ``torque``.
+        model: one of ``MOTOR_MODELS``; ``"square"`` knows no critical speed and gives infinity.
+
+    Returns:
+        Mechanical speed [rad/s], not negative; 0 where the torque fits at no positive speed.
+
+    Raises:
+        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
+    """
+    check_choice("model", model, MOTOR_MODELS)
+    xp, (torque, pole_pairs, resistance, inductance, flux, voltage) = as_arrays(
+        torque,
+        motor.pole_pairs,
+        motor.stator_resistance,
+        motor.q_axis_inductance if model == "refined" else 0.0,
+        motor.flux_linkage,
+        phase_voltage_limit(bus_voltage),
+    )
+    current = torque / (1.5 * pole_pairs * flux)
+    if model == "square":
+        return xp.full_like(current + voltage, float("inf"))
+    squared_flux = (inductance * current) ** 2 + flux**2
+    discriminant = squared_flux * voltage**2 - (inductance * resistance * current**2) ** 2
+    root = xp.sqrt(xp.maximum(discriminant, xp.zeros_like(discriminant))) - resistance * current * flux
+    speed = root / squared_flux / pole_pairs
+    return xp.where((discriminant < 0) | (speed < 0), xp.zeros_like(speed), speed)
+
+
+def no_load_speed(motor: PmsmParameters, bus_voltage: Array) -> Array:
+    """Speed at which the back-EMF alone takes the whole voltage, ``V / (N psi)`` [rad/s].
+
+    Args:
+        motor: parameters, numbers or arrays.
+        bus_voltage: DC bus [V], broadcasts with the parameters.
+    """
+    _, (voltage, pole_pairs, flux) = as_arrays(
+        phase_voltage_limit(bus_voltage), motor.pole_pairs, motor.flux_linkage
+    )
+    return voltage / (pole_pairs * flux)
+
+
+def _voltage_interval(
+    motor: PmsmParameters, speed: Array, bus_voltage: Array, model: MotorModel
+) -> tuple[Any, _VoltageInterval, Array]:
+    """Solve the voltage limit for the torque; where it has no solution the half width is zero."""
+    xp, (speed, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
+        speed,
+        motor.pole_pairs,
+        motor.stator_resistance,
+        motor.q_axis_inductance if model == "refined" else 0.0,
+        motor.flux_linkage,
+        motor.peak_torque,
+        phase_voltage_limit(bus_voltage),
+    )
+    electrical_speed = pole_pairs * speed
+    reactance = electrical_speed * inductance
+    impedance = xp.sqrt(resistance**2 + reactance**2)
+    # Z^2 V^2 - w^4 L^2 psi^2 as a product: a difference of fourth powers would lose digits in float32.
+    voltage_across = impedance * voltage
+    reactive_emf = xp.abs(electrical_speed * reactance * flux)
+    slack = voltage_across - reactive_emf
+    root = xp.sqrt(xp.maximum(slack, xp.zeros_like(slack)) * (voltage_across + reactive_emf))
+    torque_per_ohm_volt = 1.5 * pole_pairs * flux / impedance**2
+    middle = -torque_per_ohm_volt * resistance * electrical_speed * flux
+    return xp, _VoltageInterval(middle, torque_per_ohm_volt * root, -slack), peak
+
+
+def _clip(xp: Any, torque: Array, peak: Array) -> Array:
+    return xp.minimum(xp.maximum(torque, -peak), peak)

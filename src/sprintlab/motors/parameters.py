@@ -1,0 +1,143 @@
+"""Parameters of a permanent-magnet synchronous motor, checked when they are put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.checks import check_range
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors.arrays import Array, as_arrays
+
+# field -> (low, high, unit). Wide enough for any motor of a legged robot, narrow enough to catch a
+# millihenry written for a henry or a milliohm for an ohm.
+_PLAUSIBLE = {
+    "pole_pairs": (1, 200, ""),
+    "stator_resistance": (1e-4, 50.0, "ohm"),
+    "q_axis_inductance": (0.0, 1e-2, "H"),
+    "flux_linkage": (1e-5, 0.5, "Wb"),
+    "peak_torque": (1e-4, 5e3, "N m"),
+    "rotor_inertia": (1e-9, 0.1, "kg m^2"),
+}
+_LONGEST_TIME_CONSTANT = 0.05  # L / R [s]; small machines have 0.1 ms to 10 ms
+_LARGEST_PEAK_CURRENT = 5e3  # peak torque / torque constant [A]
+_LARGEST_RESISTIVE_DROP = 500.0  # R x peak current [V]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PmsmParameters:
+    """A permanent-magnet synchronous motor with i_d = 0, seen from the motor's own shaft.
+
+    Amplitude-invariant dq quantities. Each field is a number, or an array (NumPy or PyTorch) with one
+    motor an element, e.g. shape ``(12,)``; the shapes broadcast.
+
+    Raises:
+        InvalidValueError: a value is impossible, or so far from any motor that its unit must be wrong.
+    """
+
+    pole_pairs: Array
+    """Number of pole pairs N [-]; the electrical speed is N times the mechanical."""
+    stator_resistance: Array
+    """Resistance R of one phase [ohm]."""
+    q_axis_inductance: Array
+    """Inductance L of the q axis [H]; 0 gives a motor without reactance."""
+    flux_linkage: Array
+    """Amplitude psi of the magnet flux linked with one phase [Wb]."""
+    peak_torque: Array
+    """Torque tau_m at the current limit, before saturation [N m]."""
+    saturation: Array = 0.0
+    """Share alpha of the torque that is lost at ``peak_torque`` [-], below 0.5."""
+    rotor_inertia: Array
+    """Moment of inertia of the rotor [kg m^2]."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no motor has; see ``_PLAUSIBLE``."""
+        for name, (low, high, unit) in _PLAUSIBLE.items():
+            check_range(name, getattr(self, name), low, high, unit)
+        _check_whole("pole_pairs", self.pole_pairs)
+        _check_saturation(self.saturation)
+        _check_units(self)
+
+    @property
+    def torque_constant(self) -> Array:
+        """Torque per ampere of q-axis current, ``1.5 N psi`` [N m/A]."""
+        return 1.5 * self.pole_pairs * self.flux_linkage
+
+
+def stack_motors(motors: Sequence[PmsmParameters]) -> PmsmParameters:
+    """Put single motors side by side: each field becomes a NumPy array of shape ``(len(motors),)``.
+
+    Raises:
+        InvalidValueError: the sequence is empty.
+    """
+    if not motors:
+        raise InvalidValueError("motors", motors, "give at least one motor")
+    return PmsmParameters(
+        **{
+            field.name: np.array([getattr(motor, field.name) for motor in motors])
+            for field in fields(PmsmParameters)
+        }
+    )
+
+
+def motor_like(motor: PmsmParameters, reference: Array) -> PmsmParameters:
+    """The same motor with every field in the library, floating type and device of ``reference``.
+
+    Do it once before a loop on an accelerator: NumPy fields would be copied there in every call.
+    """
+    names = [field.name for field in fields(motor)]
+    _, values = as_arrays(reference, *(getattr(motor, name) for name in names))
+    return PmsmParameters(**dict(zip(names, values[1:], strict=True)))
+
+
+def _check_whole(name: str, value: Any) -> None:
+    remainder = value % 1
+    if not bool((remainder == 0).all() if hasattr(remainder, "all") else remainder == 0):
+        raise InvalidValueError(name, value, "must be a whole number")
+
+
+def _check_saturation(value: Any) -> None:
+    """Beyond 0.5 more current would give less torque, so that a torque had two currents."""
+    check_range("saturation", value, 0.0, 0.5)
+    below = value < 0.5
+    if not bool(below.all() if hasattr(below, "all") else below):
+        raise InvalidValueError("saturation", value, "must lie in [0, 0.5)")
+
+
+def _check_units(motor: PmsmParameters) -> None:
+    """Refuse numbers that are possible alone but not together: most often a wrong prefix."""
+    _, values = as_arrays(
+        motor.stator_resistance, motor.q_axis_inductance, motor.torque_constant, motor.peak_torque
+    )
+    resistance, inductance, torque_constant, peak_torque = values
+    current = peak_torque / torque_constant
+    _check_most(
+        "q_axis_inductance",
+        motor.q_axis_inductance,
+        inductance / resistance,
+        _LONGEST_TIME_CONSTANT,
+        "L / R is {:.3g} s, at most {:g} s is plausible: give henry and ohm",
+    )
+    _check_most(
+        "peak_torque",
+        motor.peak_torque,
+        current,
+        _LARGEST_PEAK_CURRENT,
+        "the peak current would be {:.3g} A, at most {:g} A is plausible: give N m, and the flux in weber",
+    )
+    _check_most(
+        "stator_resistance",
+        motor.stator_resistance,
+        current * resistance,
+        _LARGEST_RESISTIVE_DROP,
+        "R x peak current is {:.3g} V, at most {:g} V is plausible: give the resistance in ohm",
+    )
+
+
+def _check_most(name: str, value: Any, derived: Any, most: float, allowed: str) -> None:
+    worst = float(derived.max()) if hasattr(derived, "max") else float(derived)
+    if worst > most:
+        raise InvalidValueError(name, value, allowed.format(worst, most))

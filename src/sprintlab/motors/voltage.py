@@ -1,0 +1,31 @@
+"""The voltage that an inverter can put across one phase."""
+
+from __future__ import annotations
+
+import math
+
+from sprintlab.core.checks import check_range
+from sprintlab.motors.arrays import Array
+
+VOLTAGE_UTILIZATION = 0.95
+"""Share of the linear space-vector range that is used, gamma [-]."""
+
+
+def phase_voltage_limit(bus_voltage: Array, utilization: float = VOLTAGE_UTILIZATION) -> Array:
+    """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` (linear space-vector modulation).
+
+    Args:
+        bus_voltage: DC bus [V], a number or an array of any shape; not negative.
+        utilization: gamma in (0, 1] [-].
+
+    Returns:
+        The amplitude [V], shaped like ``bus_voltage``.
+
+    Raises:
+        InvalidValueError: a Python number is negative, or ``utilization`` lies outside [0, 1]. Arrays are
+            not looked into: that would make the host wait for the device.
+    """
+    check_range("utilization", utilization, 0.0, 1.0)
+    if isinstance(bus_voltage, int | float):
+        check_range("bus_voltage", bus_voltage, 0.0, 2000.0, "V")
+    return bus_voltage * (utilization / math.sqrt(3.0))
