@@ -1,0 +1,262 @@
+"""How the commanded velocity evolves in training.
+
+Pure functions of arrays: no host synchronisation, no branch on a value, so that a whole training step
+can be captured in one CUDA graph. Times are drawn once and counted down. Each schedule uses fixed columns
+of the ``random`` argument ``(n, 8)``:
+
+====== =========================================================
+column draws
+====== =========================================================
+0, 1   target speed and the kind of target
+2, 3   target yaw rate and whether there is one
+4      time for which the targets persist
+5, 6   command inside the neighbourhood, and whether it is biased
+7      time for which the command holds, or the acceleration
+====== =========================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sprintlab.commands.state import CommandState, limit_yaw_rate
+from sprintlab.control.arrays import Array, clip, namespace
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
+
+
+def check_interval(field: str, interval: tuple[float, float], low: float, unit: str) -> None:
+    """Refuse a pair that is not ``low <= first <= second``. Raises ``InvalidValueError``."""
+    if len(interval) != 2:
+        raise InvalidValueError(field, interval, "a pair (lowest, highest)")
+    for value in interval:
+        check_range(field, value, low, float("inf"), unit)
+    if interval[0] > interval[1]:
+        raise InvalidValueError(field, interval, "the first must not exceed the second")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetSampling:
+    """How persistent targets are drawn.
+
+    Attributes:
+        persistence: least and greatest time a target stays [s].
+        top_share: share of the speed targets drawn from the top of the range.
+        top_fraction: the top of the range is ``[(1 - top_fraction) upper, upper]``.
+        zero_share: share of speed targets that are exactly zero.
+        yaw_share: share of draws with a yaw-rate target; the others are straight.
+        yaw_limit: greatest yaw-rate target [rad/s].
+
+    Raises:
+        InvalidValueError: a share outside [0, 1], or an interval that is not ordered.
+    """
+
+    persistence: tuple[float, float] = (3.0, 7.0)
+    top_share: float = 0.5
+    top_fraction: float = 0.3
+    zero_share: float = 0.04
+    yaw_share: float = 0.5
+    yaw_limit: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_interval("persistence", self.persistence, 0.0, "s")
+        for field in ("top_share", "top_fraction", "zero_share", "yaw_share"):
+            check_range(field, getattr(self, field), 0.0, 1.0)
+        check_range("top_share + zero_share", self.top_share + self.zero_share, 0.0, 1.0)
+        check_range("yaw_limit", self.yaw_limit, 0.0, float("inf"), "rad/s")
+
+    def speed(self, random: Array, lower: Array | float, upper: Array | float) -> Array:
+        """Speed targets [m/s] ``(n,)`` in ``[lower, upper]``, or zero."""
+        xp = namespace(random)
+        value, kind = random[:, 0], random[:, 1]
+        top = upper * (1.0 - self.top_fraction + self.top_fraction * value)
+        drawn = xp.where(kind < self.top_share, top, lower + (upper - lower) * value)
+        return xp.where(kind >= 1.0 - self.zero_share, 0.0, drawn)
+
+    def yaw_rate(self, random: Array) -> Array:
+        """Yaw-rate targets [rad/s] ``(n,)``."""
+        xp = namespace(random)
+        return xp.where(random[:, 3] < self.yaw_share, self.yaw_limit * (2.0 * random[:, 2] - 1.0), 0.0)
+
+    def duration(self, random: Array) -> Array:
+        """Times for which the targets persist [s] ``(n,)``."""
+        shortest, longest = self.persistence
+        return shortest + (longest - shortest) * random[:, 4]
+
+    def advance(
+        self,
+        state: CommandState,
+        *,
+        dt: float,
+        lower: Array | float,
+        upper: Array | float,
+        fresh: Array,
+        random: Array,
+    ) -> tuple[CommandState, Array]:
+        """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
+        xp = namespace(random)
+        remaining = state.time_to_target - dt
+        renewed = fresh | (remaining <= 0.0)
+        return state._replace(
+            target_speed=xp.where(renewed, self.speed(random, lower, upper), state.target_speed),
+            target_yaw_rate=xp.where(renewed, self.yaw_rate(random), state.target_yaw_rate),
+            time_to_target=xp.where(renewed, self.duration(random), remaining),
+        ), renewed
+
+
+def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | float) -> Array:
+    """Command ``(n, 3)``: forward speed, no sideways speed, yaw rate with ``|v w| <= mu g``."""
+    xp = namespace(speed)
+    yaw_rate = limit_yaw_rate(target_yaw_rate, speed, friction)
+    return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveSchedule:
+    """Adaptive command scheduling (ACS) toward a persistent target.
+
+    The paper draws the next command within ``window`` of the robot's present speed ``v``. Alone that is a
+    random walk; here most updates take the point of the neighbourhood nearest to the target ``v*``:
+    ``clip(v*, v - window, v + window)``. The others are uniform in it. Then clipped to the range.
+
+    Attributes:
+        targets: how ``v*`` is drawn.
+        window: half width of the neighbourhood [m/s].
+        hold: least and greatest time between updates [s].
+        biased_share: share of the updates that move toward the target.
+
+    Raises:
+        InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
+    """
+
+    targets: TargetSampling = TargetSampling()
+    window: float = 1.0
+    hold: tuple[float, float] = (0.4, 1.0)
+    biased_share: float = 0.75
+
+    def __post_init__(self) -> None:
+        check_positive("window", self.window, "m/s")
+        check_interval("hold", self.hold, 0.0, "s")
+        check_range("biased_share", self.biased_share, 0.0, 1.0)
+
+    def advance(
+        self,
+        state: CommandState,
+        *,
+        speed: Array,
+        dt: float,
+        lower: Array | float,
+        upper: Array | float,
+        friction: Array | float,
+        fresh: Array,
+        random: Array,
+    ) -> CommandState:
+        """The state one policy step later.
+
+        Args:
+            state: of ``n`` environments.
+            speed: present forward speed [m/s] ``(n,)``.
+            dt: time since the last call [s].
+            lower: bottom of the speed range [m/s], scalar or 0-d array.
+            upper: top of the speed range [m/s], scalar or 0-d array.
+            friction: ground friction coefficient ``(n,)``.
+            fresh: environments just reset ``(n,)``: target and command are redrawn at once.
+            random: uniform in [0, 1) ``(n, 8)``.
+        """
+        xp = namespace(random)
+        state, renewed = self.targets.advance(
+            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random
+        )
+        remaining = state.time_to_update - dt
+        update = renewed | (remaining <= 0.0)
+        held = xp.where(update, self._draw(state.target_speed, speed, random), state.command[:, 0])
+        shortest, longest = self.hold
+        return state._replace(
+            command=assemble_command(clip(held, lower, upper), state.target_yaw_rate, friction),
+            time_to_update=xp.where(update, shortest + (longest - shortest) * random[:, 7], remaining),
+        )
+
+    def _draw(self, target: Array, speed: Array, random: Array) -> Array:
+        xp = namespace(random)
+        biased = clip(target, speed - self.window, speed + self.window)
+        anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
+        return xp.where(random[:, 6] < self.biased_share, biased, anywhere)
+
+
+@dataclass(frozen=True, kw_only=True)
+class UniformSchedule:
+    """Commands uniform over the range, given at once: no scheduling.
+
+    Attributes:
+        targets: how targets are drawn; by default none is drawn from the top in preference.
+    """
+
+    targets: TargetSampling = TargetSampling(top_share=0.0)
+
+    def advance(
+        self,
+        state: CommandState,
+        *,
+        speed: Array,
+        dt: float,
+        lower: Array | float,
+        upper: Array | float,
+        friction: Array | float,
+        fresh: Array,
+        random: Array,
+    ) -> CommandState:
+        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``, ``speed`` unused."""
+        state, _ = self.targets.advance(state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random)
+        commanded = clip(state.target_speed, lower, upper)
+        return state._replace(
+            command=assemble_command(commanded, state.target_yaw_rate, friction),
+            time_to_update=state.time_to_target,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedAccelerationSchedule:
+    """The command moves to the target at a constant acceleration drawn with each target.
+
+    A fresh environment starts from its present speed.
+
+    Attributes:
+        targets: how targets are drawn.
+        acceleration: least and greatest acceleration [m/s^2] (the paper's 2 and 4).
+
+    Raises:
+        InvalidValueError: the interval is not ordered or negative.
+    """
+
+    targets: TargetSampling = TargetSampling()
+    acceleration: tuple[float, float] = (2.0, 4.0)
+
+    def __post_init__(self) -> None:
+        check_interval("acceleration", self.acceleration, 0.0, "m/s^2")
+
+    def advance(
+        self,
+        state: CommandState,
+        *,
+        speed: Array,
+        dt: float,
+        lower: Array | float,
+        upper: Array | float,
+        friction: Array | float,
+        fresh: Array,
+        random: Array,
+    ) -> CommandState:
+        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
+        xp = namespace(random)
+        state, renewed = self.targets.advance(
+            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random
+        )
+        gentlest, hardest = self.acceleration
+        acceleration = xp.where(renewed, gentlest + (hardest - gentlest) * random[:, 7], state.acceleration)
+        start = xp.where(fresh, speed, state.command[:, 0])
+        moved = clip(state.target_speed, start - acceleration * dt, start + acceleration * dt)
+        return state._replace(
+            command=assemble_command(clip(moved, lower, upper), state.target_yaw_rate, friction),
+            time_to_update=xp.zeros_like(moved),
+            acceleration=acceleration,
+        )

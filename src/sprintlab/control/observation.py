@@ -1,0 +1,172 @@
+"""What a policy sees: 45 numbers a step, stacked over a short history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from sprintlab.control.arrays import Array, namespace, where_rows
+from sprintlab.core.checks import check_positive
+from sprintlab.core.errors import InvalidValueError
+
+JOINT_COUNT = 12
+PROPRIOCEPTION_SIZE = 3 + 3 + 2 * JOINT_COUNT
+FRAME_SIZE = PROPRIOCEPTION_SIZE + 3 + JOINT_COUNT
+
+
+class ObservationTerm(NamedTuple):
+    """One term of the frame: its name, and the factor of each of its numbers ``(size,)``."""
+
+    name: str
+    scales: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationLayout:
+    """Order, scales and history of the observation.
+
+    Attributes:
+        angular_velocity_scale: of the body angular velocity, per rad/s.
+        projected_gravity_scale: of the unit gravity vector in the body frame.
+        command_scale: of forward speed (per m/s), sideways speed (per m/s), yaw rate (per rad/s).
+        joint_position_scale: of the joint position minus the default pose, per rad.
+        joint_velocity_scale: of the joint velocity, per rad/s.
+        previous_action_scale: of the previous action.
+        history_length: frames in the network input, oldest first.
+
+    Raises:
+        InvalidValueError: a scale is not positive, ``command_scale`` has not three entries, or the
+            history is no positive whole number.
+    """
+
+    angular_velocity_scale: float = 0.25
+    projected_gravity_scale: float = 1.0
+    command_scale: tuple[float, float, float] = (0.25, 1.0, 1.0)
+    joint_position_scale: float = 1.0
+    joint_velocity_scale: float = 0.05
+    previous_action_scale: float = 0.5
+    history_length: int = 5
+
+    def __post_init__(self) -> None:
+        if len(self.command_scale) != 3:
+            raise InvalidValueError("command_scale", self.command_scale, "three scales: vx, vy, yaw rate")
+        for term in self.terms:
+            for scale in term.scales:
+                check_positive(f"{term.name} scale", scale)
+        if type(self.history_length) is not int or self.history_length < 1:
+            raise InvalidValueError("history_length", self.history_length, "a whole number of at least 1")
+
+    @property
+    def terms(self) -> tuple[ObservationTerm, ...]:
+        """The terms in the order in which the frame holds them."""
+        return (
+            ObservationTerm("angular_velocity", (self.angular_velocity_scale,) * 3),
+            ObservationTerm("projected_gravity", (self.projected_gravity_scale,) * 3),
+            ObservationTerm("command", tuple(self.command_scale)),
+            ObservationTerm("joint_position", (self.joint_position_scale,) * JOINT_COUNT),
+            ObservationTerm("joint_velocity", (self.joint_velocity_scale,) * JOINT_COUNT),
+            ObservationTerm("previous_action", (self.previous_action_scale,) * JOINT_COUNT),
+        )
+
+    @property
+    def frame_size(self) -> int:
+        """Numbers in one frame."""
+        return FRAME_SIZE
+
+    @property
+    def input_size(self) -> int:
+        """Numbers in the network input: frame size times history length."""
+        return FRAME_SIZE * self.history_length
+
+
+class Proprioception(NamedTuple):
+    """What the robot's own sensors say.
+
+    Attributes:
+        angular_velocity: body frame [rad/s] ``(..., 3)``.
+        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
+        joint_position: relative to the default pose [rad] ``(..., 12)``.
+        joint_velocity: [rad/s] ``(..., 12)``.
+    """
+
+    angular_velocity: Array
+    projected_gravity: Array
+    joint_position: Array
+    joint_velocity: Array
+
+
+def join_proprioception(parts: Proprioception) -> Array:
+    """The thirty proprioceptive numbers ``(..., 30)``: what the low-pass runs over."""
+    xp = namespace(*parts)
+    return xp.concat(tuple(parts), axis=-1)
+
+
+def split_proprioception(values: Array) -> Proprioception:
+    """Inverse of ``join_proprioception`` (views, not copies)."""
+    return Proprioception(values[..., 0:3], values[..., 3:6], values[..., 6:18], values[..., 18:30])
+
+
+def projected_gravity(quaternion: Array) -> Array:
+    """Unit gravity vector in the body frame ``(..., 3)`` from a unit quaternion w, x, y, z ``(..., 4)``."""
+    xp = namespace(quaternion)
+    w, x, y, z = (quaternion[..., index] for index in range(4))
+    down = (2 * (w * y - x * z), -2 * (w * x + y * z), 2 * (x * x + y * y) - 1)
+    return xp.stack(down, axis=-1)
+
+
+def observation_frame(
+    layout: ObservationLayout,
+    *,
+    angular_velocity: Array,
+    projected_gravity: Array,
+    command: Array,
+    joint_position: Array,
+    joint_velocity: Array,
+    previous_action: Array,
+) -> Array:
+    """One scaled frame ``(..., 45)`` in the order of ``layout.terms``.
+
+    Args:
+        layout: order and scales.
+        angular_velocity: body frame [rad/s] ``(..., 3)``.
+        projected_gravity: unit gravity vector, body frame ``(..., 3)``.
+        command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
+        joint_position: relative to the default pose [rad] ``(..., 12)``.
+        joint_velocity: [rad/s] ``(..., 12)``.
+        previous_action: the action of the step before ``(..., 12)``.
+    """
+    xp = namespace(angular_velocity, command, joint_position)
+    scaled_command = [command[..., i : i + 1] * scale for i, scale in enumerate(layout.command_scale)]
+    parts = (
+        angular_velocity * layout.angular_velocity_scale,
+        projected_gravity * layout.projected_gravity_scale,
+        *scaled_command,
+        joint_position * layout.joint_position_scale,
+        joint_velocity * layout.joint_velocity_scale,
+        previous_action * layout.previous_action_scale,
+    )
+    return xp.concat(parts, axis=-1)
+
+
+def push_history(history: Array, frame: Array) -> Array:
+    """History ``(..., H, 45)`` with ``frame`` ``(..., 45)`` as its newest, the oldest dropped."""
+    xp = namespace(history, frame)
+    return xp.concat((history[..., 1:, :], frame[..., None, :]), axis=-2)
+
+
+def fill_history(frame: Array, history_length: int) -> Array:
+    """History ``(..., H, 45)`` of a fresh start: the first frame throughout."""
+    xp = namespace(frame)
+    shape = (*frame.shape[:-1], history_length, frame.shape[-1])
+    return xp.broadcast_to(frame[..., None, :], shape)
+
+
+def update_history(history: Array, frame: Array, fresh: Array) -> Array:
+    """``push_history``, but rows marked in ``fresh`` ``(n,)`` start anew; history ``(n, H, 45)``."""
+    return where_rows(fresh, fill_history(frame, history.shape[-2]), push_history(history, frame))
+
+
+def network_input(history: Array) -> Array:
+    """The flattened history ``(..., H * 45)``, oldest frame first."""
+    xp = namespace(history)
+    return xp.reshape(history, (*history.shape[:-2], history.shape[-2] * history.shape[-1]))
