@@ -1,0 +1,533 @@
+"""The pictures of a race: what the robot did, and how close its motors were to their limits.
+
+Every function takes plain results and a ``Theme`` and returns a matplotlib ``Figure``; nothing touches
+``pyplot``, so figures can be made in threads and without a display.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from sprintlab.core.errors import SimulationError
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.motors import copper_loss, no_load_speed, torque_limits
+from sprintlab.robots import RobotDescription
+
+Array = NDArray[Any]
+
+JOINT_TYPES = ("abad", "hip", "knee")
+JOINT_TITLES = {"abad": "abduction", "hip": "hip", "knee": "knee"}
+GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
+POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
+ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theme:
+    """Colours of one look; ``name`` is ``"light"`` or ``"dark"``.
+
+    Attributes:
+        legs: one colour a leg, order FL, FR, RL, RR.
+        on_limit: torque samples that sit on the envelope.
+        inside: torque samples inside it.
+    """
+
+    name: str
+    background: str
+    foreground: str
+    muted: str
+    grid: str
+    command: str
+    speed: str
+    second: str
+    on_limit: str
+    inside: str
+    envelope: str
+    shade: str
+    legs: tuple[str, str, str, str]
+
+
+LIGHT = Theme(
+    name="light",
+    background="#ffffff",
+    foreground="#1c2430",
+    muted="#667085",
+    grid="#e4e7ec",
+    command="#667085",
+    speed="#0b6bcb",
+    second="#c2410c",
+    on_limit="#d92d20",
+    inside="#0b6bcb",
+    envelope="#dbeafe",
+    shade="#f2f4f7",
+    legs=("#0b6bcb", "#0e9384", "#c2410c", "#7a5af8"),
+)
+DARK = Theme(
+    name="dark",
+    background="#12161d",
+    foreground="#e6e9ef",
+    muted="#98a2b3",
+    grid="#2a313c",
+    command="#98a2b3",
+    speed="#5cb0ff",
+    second="#ff9559",
+    on_limit="#ff6b5e",
+    inside="#5cb0ff",
+    envelope="#1b2f49",
+    shade="#1a202a",
+    legs=("#5cb0ff", "#3ccfbf", "#ff9559", "#b5a3ff"),
+)
+THEMES = (LIGHT, DARK)
+
+
+def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor=figure.get_facecolor())
+    return buffer.getvalue()
+
+
+def require_finite(trajectory: Trajectory) -> None:
+    """Refuse a trajectory that holds NaN or infinity.
+
+    Raises:
+        SimulationError: names the first array, and the first sample's time where that is known.
+    """
+    for name, values in trajectory.arrays().items():
+        broken = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        if broken.any():
+            sample = int(np.argmax(broken))
+            moment = trajectory.time[sample]
+            when = f"at {moment:.3f} s" if np.isfinite(moment) else f"in sample {sample}"
+            raise SimulationError(f"the trajectory holds a value that is no finite number: {name} {when}")
+
+
+def recorded(trial: TrialResult) -> Trajectory:
+    """The trajectory of a trial, checked.
+
+    Raises:
+        SimulationError: the trial kept none, or it holds NaN.
+    """
+    if trial.trajectory is None or len(trial.trajectory.time) < 2:
+        raise SimulationError("the trial kept no trajectory, so there is nothing to draw")
+    require_finite(trial.trajectory)
+    return trial.trajectory
+
+
+def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT) -> Figure:
+    """Speed against command over time, the raw profile above the self-paced one."""
+    figure, axes = _figure(theme, (9.5, 6.2), 2, 1, sharex=True, sharey=True)
+    for axis, trial, title in zip(axes, (raw, self_paced), ("Raw command", "Self-paced command"), strict=True):
+        _draw_speed(axis, trial, theme)
+        _title(axis, title, theme)
+        axis.set_ylabel("forward speed [m/s]")
+    axes[-1].set_xlabel("time [s]")
+    _legend(axes[0], theme, loc="upper right")
+    return figure
+
+
+def sprint_figure(
+    raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT, split: float = 10.0
+) -> Figure:
+    """Speed over the way run, with the time at every ``split`` metres."""
+    figure, axes = _figure(theme, (9.5, 3.9), 1, 1)
+    axis = axes[0]
+    for sprint, name, colour, height in (
+        (raw, "raw", theme.speed, 0.13),
+        (self_paced, "self-paced", theme.second, 0.04),
+    ):
+        way, speed, splits = _way(sprint, split)
+        axis.plot(way, speed, color=colour, label=f"{name}: {_sprint_label(sprint)}")
+        for distance, moment in splits:
+            axis.text(
+                distance,
+                height,
+                f"{moment:.1f}",
+                color=colour,
+                fontsize=8,
+                ha="center",
+                transform=axis.get_xaxis_transform(),
+            )
+    axis.set_xlim(0.0, raw.distance)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * split, split))
+    axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
+    axis.set_ylabel("forward speed [m/s]")
+    _legend(axis, theme, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+    return figure
+
+
+def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
+    """Torque-speed clouds of all joints, motor side, over the refined envelope.
+
+    Filled: refined envelope (d-axis voltage in); dashed: v_d = 0; dotted: square box. A sample is drawn
+    as "on the envelope" when its torque equals a limit while the robot is commanded to move.
+    """
+    trajectory = recorded(trial)
+    figure, axes = _figure(theme, (11.0, 8.0), 3, 4, sharex="row", sharey="row")
+    speed = trajectory.joint_velocity * np.asarray(robot.gear.ratio)
+    curves = _envelope_curves(robot, speed)
+    limited = on_envelope(trajectory, robot)
+    for joint in range(12):
+        axis = axes[joint % 3 * 4 + joint // 3]
+        _draw_envelope(axis, curves, joint, theme)
+        _draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
+        share = trial.metrics.envelope_share[joint]
+        kind = JOINT_TITLES[JOINT_TYPES[joint % 3]]
+        _title(axis, f"{robot.leg_names[joint // 3]} {kind}", theme)
+        axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
+    for axis in axes[::4]:
+        axis.set_ylabel("motor torque [N m]")
+    for axis in axes[8:]:
+        axis.set_xlabel("motor speed [rad/s]")
+    _envelope_legend(figure, theme)
+    return figure
+
+
+def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
+    """Foot contacts over the last second of the hold; the time with no foot down is shaded as flight."""
+    trajectory = recorded(trial)
+    figure, axes = _figure(theme, (9.5, 3.2), 1, 1)
+    axis = axes[0]
+    end = min(trial.hold_interval[1], float(trajectory.time[-1]))
+    window = (trajectory.time >= end - GAIT_WINDOW) & (trajectory.time <= end)
+    time, contact = trajectory.time[window], trajectory.foot_contact[window].astype(bool)
+    flight = ~contact.any(axis=1)
+    for start, width in _spans(time, flight):
+        axis.axvspan(start, start + width, color=theme.shade, zorder=0, linewidth=0)
+    for foot in range(4):
+        axis.broken_barh(_spans(time, contact[:, foot]), (3 - foot - 0.32, 0.64), color=theme.legs[foot])
+    duty = contact.mean(axis=0)
+    labels = [f"{name}  {100 * share:.0f} %" for name, share in zip(robot.leg_names, duty, strict=True)]
+    axis.set_yticks([3, 2, 1, 0], labels)
+    axis.set_ylim(-0.6, 3.6)
+    axis.set_xlim(end - GAIT_WINDOW, end)
+    axis.grid(False, axis="y")
+    axis.set_xlabel("time [s]")
+    axis.set_title(_gait_title(trial, flight), loc="left", fontsize=9, color=theme.muted)
+    return figure
+
+
+def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
+    """Roll and pitch rate of the base, and the cost J that grows with their squares."""
+    trajectory = recorded(trial)
+    figure, axes = _figure(theme, (9.5, 6.4), 3, 1, sharex=True)
+    for axis, column, name, colour in (
+        (axes[0], 0, "roll rate", theme.speed),
+        (axes[1], 1, "pitch rate", theme.second),
+    ):
+        axis.plot(trajectory.time, trajectory.angular_velocity[:, column], color=colour, linewidth=0.8)
+        axis.set_ylabel(f"{name} [rad/s]")
+        axis.axhline(0.0, color=theme.muted, linewidth=0.6)
+    limit = 1.05 * float(np.abs(trajectory.angular_velocity[:, :2]).max() + 1e-6)
+    axes[0].set_ylim(-limit, limit)
+    axes[1].set_ylim(-limit, limit)
+    axes[2].plot(trajectory.time, _cumulative_cost(trajectory), color=theme.foreground)
+    axes[2].set_ylabel("J so far [rad²/s]")
+    axes[2].set_xlabel("time [s]")
+    axes[2].set_ylim(bottom=0.0)
+    for axis in axes:
+        _shade_hold(axis, trial, theme)
+    axes[0].set_xlim(trajectory.time[0], trajectory.time[-1])
+    return figure
+
+
+def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
+    """Mechanical power and copper loss: over time, and by joint during the hold."""
+    trajectory = recorded(trial)
+    mechanical, copper = joint_powers(trajectory, robot)
+    figure = _empty(theme, (9.5, 6.4))
+    over_time, by_joint = figure.subplots(2, 1, height_ratios=(1.25, 1.0))
+    _draw_power(over_time, trajectory, mechanical.sum(axis=1), copper.sum(axis=1), theme)
+    _shade_hold(over_time, trial, theme)
+    _draw_power_by_joint(by_joint, trial, trajectory, mechanical, copper, robot, theme)
+    for axis in (over_time, by_joint):
+        _style(axis, theme)
+        _legend(axis, theme, loc="upper right")
+    return figure
+
+
+def envelope_figure(
+    motor: Any, bus_voltage: float, title: str, theme: Theme = LIGHT, samples: int = 801
+) -> Figure:
+    """The torque-speed envelope of one motor, motor side, all four quadrants.
+
+    Args:
+        motor: ``PmsmParameters`` with one number a field.
+        bus_voltage: [V].
+        title: printed above the axes.
+        samples: speeds drawn.
+    """
+    figure, axes = _figure(theme, (7.5, 4.8), 1, 1)
+    axis = axes[0]
+    top = 1.15 * envelope_top_speed(motor, bus_voltage)
+    speed = np.linspace(-top, top, samples)
+    curves = {
+        model: tuple(np.asarray(limit) for limit in torque_limits(motor, speed, bus_voltage, model=model))
+        for model in ("refined", "simplified-dc", "square")
+    }
+    _draw_limits(axis, speed, curves, theme)
+    axis.axhline(0.0, color=theme.muted, linewidth=0.6)
+    axis.axvline(0.0, color=theme.muted, linewidth=0.6)
+    axis.set_xlim(-top, top)
+    axis.set_xlabel("motor speed [rad/s]")
+    axis.set_ylabel("motor torque [N m]")
+    _title(axis, title, theme)
+    _legend(axis, theme, loc="upper right", handles=_envelope_handles(theme))
+    return figure
+
+
+def envelope_top_speed(motor: Any, bus_voltage: float) -> float:
+    """The no-load speed of one motor as a plain number [rad/s]."""
+    return float(np.max(np.asarray(no_load_speed(motor, bus_voltage))))
+
+
+def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
+    """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, 12)`` bool."""
+    margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
+    touched = (trajectory.motor_torque >= trajectory.torque_upper - margin) | (
+        trajectory.motor_torque <= trajectory.torque_lower + margin
+    )
+    moving = np.abs(trajectory.command[:, 0]) > 1e-6
+    return touched & moving[:, None]
+
+
+def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array, Array]:
+    """Power delivered to each joint and copper loss of each motor, ``(T, 12)`` each [W]."""
+    mechanical = trajectory.joint_torque * trajectory.joint_velocity
+    return mechanical, np.asarray(copper_loss(robot.motors, trajectory.motor_torque))
+
+
+# --- drawing ---------------------------------------------------------------------------------------------
+
+
+def _empty(theme: Theme, size: tuple[float, float]) -> Figure:
+    return Figure(figsize=size, facecolor=theme.background, layout="constrained")
+
+
+def _figure(theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any) -> tuple[Figure, list]:
+    figure = _empty(theme, size)
+    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
+    for axis in axes:
+        _style(axis, theme)
+    return figure, axes
+
+
+def _style(axis: Axes, theme: Theme) -> None:
+    """The look that all figures share: two spines, a quiet grid, small labels."""
+    axis.set_facecolor(theme.background)
+    axis.grid(True, color=theme.grid, linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=theme.muted, labelsize=8, length=3)
+    for side, spine in axis.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(theme.muted)
+    for text in (axis.xaxis.label, axis.yaxis.label, axis.title):
+        text.set_color(theme.foreground)
+        text.set_fontsize(9)
+
+
+def _title(axis: Axes, text: str, theme: Theme) -> None:
+    axis.set_title(text, loc="left", fontweight="semibold", fontsize=9.5, color=theme.foreground)
+
+
+def _legend(axis: Axes, theme: Theme, **kwargs: Any) -> None:
+    axis.legend(frameon=False, fontsize=8, labelcolor=theme.foreground, **kwargs)
+
+
+def _shade_hold(axis: Axes, trial: TrialResult, theme: Theme) -> None:
+    axis.axvspan(*trial.hold_interval, color=theme.shade, zorder=0, linewidth=0)
+    if trial.fall_time is not None:
+        axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.2, linestyle="--")
+
+
+def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
+    trajectory = recorded(trial)
+    time, end = trajectory.time, trial.hold_interval[1]
+    axis.axvspan(*trial.hold_interval, color=theme.shade, zorder=0, linewidth=0)
+    axis.plot(
+        time, trajectory.profile_speed, color=theme.muted, linewidth=1.0, linestyle=":", label="profile"
+    )
+    axis.plot(time, trajectory.command[:, 0], color=theme.command, linewidth=1.3, label="command to the policy")
+    axis.plot(time, trajectory.velocity[:, 0], color=theme.speed, linewidth=1.6, label="measured speed")
+    held = trial.metrics.held_speed
+    if np.isfinite(held):
+        axis.plot([end - 2.0, end], [held, held], color=theme.second, linewidth=2.4, solid_capstyle="butt")
+        axis.annotate(
+            f"held {held:.2f} m/s",
+            (end - 1.0, held),
+            xytext=(0, -16),
+            textcoords="offset points",
+            color=theme.second,
+            fontsize=9,
+            fontweight="semibold",
+            ha="center",
+        )
+    if trial.fall_time is not None:
+        axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.2, linestyle="--")
+        axis.text(trial.fall_time, 0.5, f" fell: {trial.fall_reason}", color=theme.on_limit, fontsize=9)
+    axis.set_xlim(time[0], max(float(time[-1]), end))
+
+
+def _way(sprint: SprintResult, split: float) -> tuple[Array, Array, list[tuple[float, float]]]:
+    """Way and speed from the first non-zero command, and the moment each split was passed."""
+    trajectory = recorded(sprint.trial)
+    moving = np.abs(trajectory.profile_speed) > 1e-9
+    start = int(np.argmax(moving)) if moving.any() else 0
+    way = trajectory.qpos[start:, 0] - trajectory.qpos[0, 0]
+    moments = trajectory.time[start:] - trajectory.time[start]
+    splits = []
+    for distance in np.arange(split, sprint.distance + 0.5 * split, split):
+        passed = way >= distance
+        if passed.any():
+            splits.append((float(distance), float(moments[int(np.argmax(passed))])))
+    return way, trajectory.velocity[start:, 0], splits
+
+
+def _sprint_label(sprint: SprintResult) -> str:
+    if sprint.finished:
+        return f"{sprint.distance:g} m in {sprint.time:.2f} s"
+    return f"stopped after {sprint.trial.metrics.distance:.0f} m"
+
+
+def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
+    """Speeds ``(n, 12)`` that cover the cloud and the limits of the three models on them."""
+    top = 1.08 * np.maximum(
+        np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
+    )
+    grid = np.linspace(-1.0, 1.0, 401)[:, None] * top
+    curves: dict[str, Any] = {"speed": grid}
+    for model in ("refined", "simplified-dc", "square"):
+        lower, upper = torque_limits(robot.motors, grid, robot.bus_voltage, model=model)
+        curves[model] = (np.asarray(lower), np.asarray(upper))
+    return curves
+
+
+def _draw_envelope(axis: Axes, curves: dict[str, Any], joint: int, theme: Theme) -> None:
+    chosen = {
+        model: (curves[model][0][:, joint], curves[model][1][:, joint])
+        for model in ("refined", "simplified-dc", "square")
+    }
+    _draw_limits(axis, curves["speed"][:, joint], chosen, theme)
+
+
+def _draw_limits(axis: Axes, speed: Array, curves: dict[str, Any], theme: Theme) -> None:
+    for model, style in (("square", ":"), ("simplified-dc", "--")):
+        for limit in curves[model]:
+            axis.plot(speed, limit, color=theme.muted, linewidth=0.9, linestyle=style, zorder=1)
+    lower, upper = curves["refined"]
+    axis.fill_between(speed, lower, upper, color=theme.envelope, linewidth=0, zorder=0)
+    for limit in (lower, upper):
+        axis.plot(speed, limit, color=theme.foreground, linewidth=1.1, zorder=3)
+
+
+def _draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
+    for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
+        axis.scatter(
+            speed[mask], torque[mask], s=size, color=colour, alpha=0.45, linewidths=0, zorder=2, rasterized=True
+        )
+
+
+def _envelope_handles(theme: Theme) -> list[Any]:
+    return [
+        Patch(facecolor=theme.envelope, edgecolor=theme.foreground, label="refined (d-axis voltage included)"),
+        Line2D([], [], color=theme.muted, linestyle="--", label="v_d = 0"),
+        Line2D([], [], color=theme.muted, linestyle=":", label="square"),
+    ]
+
+
+def _envelope_legend(figure: Figure, theme: Theme) -> None:
+    handles = _envelope_handles(theme)
+    for colour, label in ((theme.inside, "inside"), (theme.on_limit, "on the envelope")):
+        handles.append(Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label))
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=5,
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=theme.foreground,
+    )
+
+
+def _spans(time: Array, mask: Array) -> list[tuple[float, float]]:
+    """Start and width of every run of true values."""
+    if len(time) < 2:
+        return []
+    edges = np.diff(np.concatenate(([0], mask.astype(int), [0])))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    step = float(time[1] - time[0])
+    return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in zip(starts, ends, strict=True)]
+
+
+def _gait_title(trial: TrialResult, flight: Array) -> str:
+    """Stride frequency and flight share; what is not defined is left out."""
+    parts = []
+    if np.isfinite(trial.metrics.stride_frequency):
+        parts.append(f"{trial.metrics.stride_frequency:.1f} strides a second")
+    parts.append(f"{100 * float(np.mean(flight)):.0f} % of the time in flight (shaded)")
+    parts.append("left: share of time on the ground")
+    return " · ".join(parts)
+
+
+def _cumulative_cost(trajectory: Trajectory) -> Array:
+    """J up to each sample [rad^2/s], trapezoidal."""
+    squares = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
+    steps = 0.5 * (squares[1:] + squares[:-1]) * np.diff(trajectory.time)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def _moving_average(values: Array, time: Array, window: float) -> Array:
+    """Centred moving average that keeps the length; the ends average over what is there."""
+    width = max(1, min(len(values), round(window / float(time[1] - time[0]))))
+    kernel = np.ones(width)
+    return np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same")
+
+
+def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: Array, theme: Theme) -> None:
+    time = trajectory.time
+    axis.plot(time, mechanical / 1e3, color=theme.speed, linewidth=0.4, alpha=0.25)
+    for values, name, colour in (
+        (mechanical, "mechanical", theme.speed),
+        (copper, "copper loss", theme.second),
+    ):
+        smooth = _moving_average(values, time, POWER_WINDOW)
+        axis.plot(time, smooth / 1e3, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s")
+    axis.axhline(0.0, color=theme.muted, linewidth=0.6)
+    axis.set_xlim(time[0], time[-1])
+    axis.set_ylabel("power, all joints [kW]")
+    axis.set_xlabel("time [s]")
+
+
+def _draw_power_by_joint(
+    axis: Axes,
+    trial: TrialResult,
+    trajectory: Trajectory,
+    mechanical: Array,
+    copper: Array,
+    robot: RobotDescription,
+    theme: Theme,
+) -> None:
+    held = (trajectory.time >= trial.hold_interval[0]) & (trajectory.time <= trial.hold_interval[1])
+    if not held.any():
+        held = np.ones(len(trajectory.time), dtype=bool)
+    place = np.arange(12)
+    bars = ((np.clip(mechanical, 0, None), -0.27, theme.speed, "mechanical, driving"),)
+    bars += ((np.clip(mechanical, None, 0), -0.27, theme.muted, "mechanical, braking"),)
+    bars += ((copper, 0.13, theme.second, "copper loss"),)
+    for values, offset, colour, label in bars:
+        width = 0.38 if offset < 0 else 0.3
+        axis.bar(place + offset + 0.07, values[held].mean(axis=0), width, color=colour, label=label)
+    names = [f"{robot.leg_names[joint // 3]}\n{JOINT_TYPES[joint % 3]}" for joint in range(12)]
+    axis.set_xticks(place, names)
+    axis.axhline(0.0, color=theme.muted, linewidth=0.6)
+    axis.set_ylabel("mean during the hold [W]")

@@ -1,0 +1,262 @@
+"""A race as one self-contained HTML file, and its pictures as PNG files beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
+
+from sprintlab.evaluation import figures
+from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, TrialResult
+from sprintlab.robots import RobotDescription
+
+Progress = Callable[[str], None]
+
+METHOD = (
+    "Plant: MuJoCo C with 1 ms steps, elliptic friction cones and stiff contact; the policy runs at 50 Hz, "
+    "the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
+    "trained with. Profile: stand 1 s, command rises at 4 m/s² to the top speed, hold 4 s, fall at 4 m/s² "
+    "to zero, stand 1 s. Held speed: mean forward speed in the heading frame over the last 2 s of the hold. "
+    "Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. Self-paced: "
+    "the command never leads or lags the measured speed by more than 1 m/s."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """One figure of the report, in both looks.
+
+    Attributes:
+        name: file name without ending.
+        title: heading.
+        caption: what to look at.
+        light: PNG on white.
+        dark: PNG on dark.
+    """
+
+    name: str
+    title: str
+    caption: str
+    light: bytes
+    dark: bytes
+
+
+def representative(result: SpeedResult) -> TrialResult:
+    """The trial whose trajectory is drawn: the first that completed and kept one, else the first that kept one.
+
+    Raises:
+        SimulationError: no trial kept a trajectory.
+    """
+    kept = [trial for trial in result.trials if trial.trajectory is not None]
+    chosen = [trial for trial in kept if trial.completed] or kept or list(result.trials)
+    figures.recorded(chosen[0])
+    return chosen[0]
+
+
+def make_pictures(
+    result: RaceResult, robot: RobotDescription, progress: Progress = lambda _: None
+) -> tuple[Picture, ...]:
+    """Draw every figure of a race in both looks.
+
+    Raises:
+        SimulationError: a trajectory is missing or holds NaN.
+    """
+    pictures = []
+    for name, title, caption, draw in _plan(result, robot):
+        progress(title)
+        light, dark = (figures.png_bytes(draw(theme)) for theme in figures.THEMES)
+        pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
+    return tuple(pictures)
+
+
+def render_report(
+    result: RaceResult,
+    robot: RobotDescription,
+    pictures: Sequence[Picture],
+    facts: Sequence[tuple[str, str]] = (),
+    video: bytes | None = None,
+    video_message: str = "",
+) -> str:
+    """The HTML text: everything inside, nothing loaded from elsewhere.
+
+    Args:
+        result: the race.
+        robot: the robot that ran it.
+        pictures: from ``make_pictures``.
+        facts: name and value pairs that say how to repeat it (command, versions, policy).
+        video: MP4 file, embedded when given.
+        video_message: one line that stands where the video would, when there is none.
+    """
+    template = _environment().from_string(_template_text())
+    return template.render(
+        title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
+        subtitle=f"Policy {result.policy} on a {result.mass:.1f} kg robot, top command {result.top_speed:g} m/s",
+        verdict="exploit audit passed" if result.audit.passed else "exploit audit FAILED: do not trust the speeds",
+        audit_passed=result.audit.passed,
+        tiles=list(_tiles(result)),
+        figures=[_embedded(picture) for picture in pictures],
+        audit=[_audit_row(item) for item in result.audit.items],
+        trials=list(_trial_rows(result)),
+        joints=list(_joint_rows(result, robot)),
+        method=METHOD,
+        facts=[*facts, *(("note", note) for note in result.notes)],
+        video=None if video is None else _base64(video),
+        video_message=video_message,
+    )
+
+
+def _plan(
+    result: RaceResult, robot: RobotDescription
+) -> Iterator[tuple[str, str, str, Callable[[figures.Theme], Figure]]]:
+    """Name, heading, caption and drawing function of every figure, in the order of the report."""
+    raw, paced = representative(result.raw), representative(result.self_paced)
+    yield (
+        "sprint",
+        "The 100 metres",
+        "Steep is better: how soon the curve is flat tells whether acceleration or top speed costs the time. "
+        "The small numbers are the seconds at every ten metres.",
+        lambda theme: figures.sprint_figure(result.sprint, result.sprint_self_paced, theme),
+    )
+    yield (
+        "speed",
+        "Speed against command",
+        "Shaded: the hold. Look at the gap between the measured speed and the command: where it opens and stays "
+        "open, the robot has run out of motor or of grip. Below, the command waits for the robot.",
+        lambda theme: figures.speed_figure(raw, paced, theme),
+    )
+    yield (
+        "torque_speed",
+        "Torque and speed of every motor over its envelope",
+        "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right corner: "
+        "samples between the dashed line and the filled area would be allowed by a model without d-axis "
+        "voltage, and do not exist here.",
+        lambda theme: figures.torque_speed_figure(raw, robot, theme),
+    )
+    yield (
+        "gait",
+        "Gait",
+        "Feet on the ground during the last second of the hold, front legs on top. A fast gait shows short bars "
+        "and wide shaded flights; a crawling one shows bars that overlap.",
+        lambda theme: figures.gait_figure(raw, robot, theme),
+    )
+    yield (
+        "base_rates",
+        "How quiet the trunk stays",
+        "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J means a "
+        "steady gait; a jump marks the moment that nearly went wrong.",
+        lambda theme: figures.rates_figure(raw, theme),
+    )
+    yield (
+        "power",
+        "Where the power goes",
+        "Mechanical power drives the legs, copper loss only heats the windings. Look at which joints burn more "
+        "than they deliver.",
+        lambda theme: figures.power_figure(raw, robot, theme),
+    )
+
+
+def _template_text() -> str:
+    folder = resources.files("sprintlab.evaluation") / "templates"
+    return (folder / "report.html.j2").read_text(encoding="utf-8")
+
+
+def _environment() -> Environment:
+    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False)
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+def _embedded(picture: Picture) -> dict[str, str]:
+    return {
+        "name": picture.name,
+        "title": picture.title,
+        "caption": picture.caption,
+        "light": _base64(picture.light),
+        "dark": _base64(picture.dark),
+    }
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number as text; a dash where it is not defined."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+
+
+def sprint_text(sprint: SprintResult) -> str:
+    """Time of a sprint, or how far it came."""
+    return number(sprint.time) if sprint.finished else "not finished"
+
+
+def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
+    """The numbers at the top of the page."""
+    sprint, raw = result.sprint, result.raw
+    distance = f"{sprint.distance:g} m"
+    share = np.nanmax(np.append(np.asarray(raw.mean("envelope_share"), dtype=float).ravel(), -1.0))
+    for value, unit, label in (
+        (sprint_text(sprint), "s" if sprint.finished else "", f"{distance}, raw command"),
+        (
+            sprint_text(result.sprint_self_paced),
+            "s" if result.sprint_self_paced.finished else "",
+            f"{distance}, self-paced",
+        ),
+        (number(raw.mean("held_speed")), "m/s", "held speed, last 2 s"),
+        (number(raw.mean("peak_speed")), "m/s", "peak, 0.5 s mean"),
+        (number(raw.mean("angular_cost"), 1), "rad²/s", "J, roll and pitch"),
+        (f"{raw.falls} of {len(raw.trials)}", "", "falls, raw command"),
+        (number(100 * share, 0) if share >= 0 else "–", "%", "on the envelope, busiest joint"),
+        (number(raw.mean("cost_of_transport")), "", "cost of transport"),
+    ):
+        yield {"value": value, "unit": unit, "label": label}
+
+
+def audit_value(value: float, unit: str) -> str:
+    """A measured value or limit of the audit, with its unit; metres under 0.1 m in millimetres."""
+    if not np.isfinite(value):
+        return "–"
+    if unit == "m" and abs(value) < 0.1:
+        return f"{1e3 * value:.1f} mm"
+    return f"{value:.3g} {unit}".strip()
+
+
+def _audit_row(item: AuditItem) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "value": audit_value(item.value, item.unit),
+        "threshold": audit_value(item.threshold, item.unit),
+        "passed": item.passed,
+        "note": item.note,
+    }
+
+
+def _trial_rows(result: RaceResult) -> Iterator[dict[str, str]]:
+    for command, group in (("raw", result.raw), ("self-paced", result.self_paced)):
+        for trial in group.trials:
+            metrics = trial.metrics
+            yield {
+                "command": command,
+                "seed": str(trial.settings.seed),
+                "friction": number(trial.settings.friction),
+                "payload": f"{trial.settings.payload:+.2f}",
+                "held": number(metrics.held_speed),
+                "peak": number(metrics.peak_speed),
+                "cost": number(metrics.angular_cost, 1),
+                "transport": number(metrics.cost_of_transport),
+                "sideways": number(metrics.lateral_deviation),
+                "end": "completed" if trial.completed else f"fell at {trial.fall_time or 0:.1f} s ({trial.fall_reason})",
+            }
+
+
+def _joint_rows(result: RaceResult, robot: RobotDescription) -> Iterator[dict[str, str]]:
+    """Share on the envelope and speed ratio, one row a joint; nothing when no trial completed."""
+    share, ratio = result.raw.mean("envelope_share"), result.raw.mean("joint_speed_ratio")
+    if not result.raw.completed:
+        return
+    for joint, name in enumerate(robot.joint_names):
+        yield {"name": name, "share": f"{100 * share[joint]:.1f} %", "ratio": number(ratio[joint])}
