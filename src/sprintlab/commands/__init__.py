@@ -1,6 +1,8 @@
-"""How the commanded velocity evolves: schedules, range growth, stages."""
+"""How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
 from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed
+from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
+from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self_paced
 from sprintlab.commands.schedules import (
     AdaptiveSchedule,
     FixedAccelerationSchedule,
@@ -13,11 +15,18 @@ __all__ = [
     "AdaptiveSchedule",
     "CommandState",
     "FixedAccelerationSchedule",
+    "Phase",
     "RangeGrowth",
+    "SpeedProfile",
+    "SprintProfile",
     "StageBlend",
     "TargetSampling",
     "UniformSchedule",
     "fastest_speed",
+    "heading_angle",
+    "heading_command",
     "initial_state",
     "limit_yaw_rate",
+    "self_paced",
+    "wrap_angle",
 ]

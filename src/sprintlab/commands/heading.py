@@ -1,0 +1,64 @@
+"""The heading loop of the evaluation: it keeps a straight course by commanding a yaw rate."""
+
+from __future__ import annotations
+
+import math
+
+from sprintlab.commands.state import limit_yaw_rate
+from sprintlab.control.arrays import Array, as_array, clip, namespace
+
+HEADING_GAIN = 2.0
+"""Yaw rate for a heading error [1/s]."""
+
+LATERAL_GAIN = 0.5
+"""Rate at which a lateral offset is to shrink [1/s]."""
+
+STEEPEST_COURSE = 0.3
+"""Greatest course angle taken to remove an offset [rad]."""
+
+
+def wrap_angle(angle: Array) -> Array:
+    """The same angle [rad] in [-pi, pi]."""
+    xp = namespace(angle)
+    return xp.atan2(xp.sin(angle), xp.cos(angle))
+
+
+def heading_angle(quaternion: Array) -> Array:
+    """Yaw [rad] ``(...)`` of a unit quaternion w, x, y, z ``(..., 4)``, zero along x."""
+    xp = namespace(quaternion)
+    w, x, y, z = (quaternion[..., index] for index in range(4))
+    return xp.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def heading_command(
+    heading: Array | float,
+    lateral_offset: Array | float,
+    speed: Array | float,
+    *,
+    heading_gain: float = HEADING_GAIN,
+    lateral_gain: float = LATERAL_GAIN,
+    limit: float = 1.0,
+    friction: float = 0.7,
+) -> Array:
+    """Yaw-rate command [rad/s] that brings heading and lateral offset to zero.
+
+    Course angle ``-lateral_gain * offset / v`` (at most 0.3 rad, ``v`` at least 1 m/s in magnitude), yaw
+    rate ``heading_gain * (course - heading)``. With ``offset' = v heading`` the loop has the characteristic
+    polynomial ``s^2 + kh s + kh ky``: critically damped, poles at -1 1/s, for the default gains
+    ``kh = 2 1/s`` and ``ky = 0.5 1/s`` at every speed above 1 m/s.
+
+    Args:
+        heading: yaw away from the course [rad], positive to the left.
+        lateral_offset: distance from the course [m], positive to the left.
+        speed: commanded forward speed [m/s].
+        heading_gain: kh [1/s].
+        lateral_gain: ky [1/s].
+        limit: greatest yaw rate [rad/s].
+        friction: coefficient for ``|v w| <= mu g``; the default is the lowest of the evaluation.
+    """
+    angle, offset, forward = as_array(heading), as_array(lateral_offset), as_array(speed)
+    xp = namespace(angle, offset, forward)
+    pace = xp.where(xp.abs(forward) < 1.0, xp.where(forward < 0.0, -1.0, 1.0), forward)
+    course = clip(-lateral_gain * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
+    yaw_rate = clip(heading_gain * wrap_angle(course - angle), -limit, limit)
+    return limit_yaw_rate(yaw_rate, forward, friction)

@@ -1,0 +1,128 @@
+"""Speed commands over time for evaluation: the paper's protocol and the sprint over a distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sprintlab.control.arrays import Array, as_array, clip
+from sprintlab.core.checks import check_positive, check_range
+
+SpeedValues = npt.NDArray[np.float64]
+
+
+class Phase(NamedTuple):
+    """One phase of a profile: its name, start and end [s]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedProfile:
+    """Stand, rise to the top speed, hold it, fall to zero, stand.
+
+    Attributes:
+        top_speed: commanded speed of the hold [m/s].
+        acceleration: of rise and fall [m/s^2].
+        hold: duration of the hold [s].
+        stand: duration of each stand [s].
+
+    Raises:
+        InvalidValueError: top speed or acceleration not positive, hold or stand negative.
+    """
+
+    top_speed: float
+    acceleration: float = 4.0
+    hold: float = 4.0
+    stand: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_positive("top_speed", self.top_speed, "m/s")
+        check_positive("acceleration", self.acceleration, "m/s^2")
+        check_range("hold", self.hold, 0.0, float("inf"), "s")
+        check_range("stand", self.stand, 0.0, float("inf"), "s")
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The five phases ``stand, rise, hold, fall, stand`` in order."""
+        rise = self.top_speed / self.acceleration
+        durations = (self.stand, rise, self.hold, rise, self.stand)
+        edges = [0.0, *np.cumsum(durations).tolist()]
+        names = ("stand", "rise", "hold", "fall", "stand")
+        return tuple(Phase(*phase) for phase in zip(names, edges[:-1], edges[1:], strict=True))
+
+    @property
+    def duration(self) -> float:
+        """Length of the whole profile [s]."""
+        return self.phases[-1].end
+
+    @property
+    def hold_interval(self) -> tuple[float, float]:
+        """Start and end of the hold [s]."""
+        return self.phases[2].start, self.phases[2].end
+
+    def command(self, time: float | SpeedValues) -> SpeedValues:
+        """Commanded forward speed [m/s] at ``time`` [s], of the same shape; zero before and after."""
+        rising = self.acceleration * (np.asarray(time) - self.phases[1].start)
+        falling = self.acceleration * (self.phases[3].end - np.asarray(time))
+        return np.clip(np.minimum(rising, falling), 0.0, self.top_speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SprintProfile:
+    """Stand, rise to the top speed, hold it until the distance is run, fall to zero.
+
+    The profile does not know where the robot is: the caller says when the distance was reached.
+
+    Attributes:
+        top_speed: greatest commanded speed [m/s].
+        acceleration: of rise and fall [m/s^2].
+        stand: duration of the stand before the start [s].
+
+    Raises:
+        InvalidValueError: top speed or acceleration not positive, or a negative stand.
+    """
+
+    top_speed: float
+    acceleration: float = 4.0
+    stand: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_positive("top_speed", self.top_speed, "m/s")
+        check_positive("acceleration", self.acceleration, "m/s^2")
+        check_range("stand", self.stand, 0.0, float("inf"), "s")
+
+    def command(self, time: float | SpeedValues, finish_time: float | None = None) -> SpeedValues:
+        """Commanded forward speed [m/s] at ``time`` [s], of the same shape.
+
+        Args:
+            time: since the start of the profile [s].
+            finish_time: when the distance was reached [s], or None as long as it was not; the command
+                falls from there, from whatever it had risen to.
+        """
+        moment = np.asarray(time)
+        if finish_time is None:
+            return self._rise(moment)
+        falling = self._rise(np.asarray(finish_time)) - self.acceleration * (moment - finish_time)
+        return np.where(moment < finish_time, self._rise(moment), np.maximum(falling, 0.0))
+
+    def end_time(self, finish_time: float) -> float:
+        """When the command is zero again [s]."""
+        return finish_time + float(self._rise(np.asarray(finish_time))) / self.acceleration
+
+    def _rise(self, time: SpeedValues) -> SpeedValues:
+        return np.clip(self.acceleration * (time - self.stand), 0.0, self.top_speed)
+
+
+def self_paced(command: Array | float, speed: Array | float, window: float = 1.0) -> Array:
+    """ACS at run time: ``command`` [m/s] kept within ``window`` of the measured ``speed`` [m/s].
+
+    The command neither leads nor lags the robot by more than ``window``; shapes broadcast.
+    """
+    present = as_array(speed)
+    return clip(as_array(command), present - window, present + window)
