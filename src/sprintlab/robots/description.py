@@ -1,0 +1,269 @@
+"""What a robot is, in numbers: joints, limits, motors, masses and lengths."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_finite, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import Gear, PmsmParameters
+
+FloatArray = NDArray[np.float64]
+Vector = tuple[float, ...]
+
+JOINTS_PER_LEG = ("abad", "hip", "knee")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftStop:
+    """Elastic end stop that acts only in the last ``zone`` before a joint's limits.
+
+    Attributes:
+        zone: width of the zone inside each limit [rad].
+        stiffness: torque per depth in the zone [N m/rad].
+        damping: torque per joint velocity while in the zone [N m s/rad].
+
+    Raises:
+        InvalidValueError: a field is negative or not finite, or ``zone`` or ``stiffness`` is zero.
+    """
+
+    zone: float
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        check_positive("soft_stop.zone", self.zone, "rad")
+        check_positive("soft_stop.stiffness", self.stiffness, "N m/rad")
+        check_range("soft_stop.damping", self.damping, 0.0, 1e4, "N m s/rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KneeSpring:
+    """Passive torsion spring in series between knee drive and shank.
+
+    Attributes:
+        stiffness: [N m/rad].
+        damping: [N m s/rad].
+        rest_angle: deflection without load [rad].
+        range: lowest and highest deflection [rad].
+
+    Raises:
+        InvalidValueError: a field is out of its physical range.
+    """
+
+    stiffness: float
+    damping: float
+    rest_angle: float
+    range: Vector
+
+    def __post_init__(self) -> None:
+        check_positive("knee_spring.stiffness", self.stiffness, "N m/rad")
+        check_range("knee_spring.damping", self.damping, 0.0, 1e4, "N m s/rad")
+        check_range("knee_spring.rest_angle", self.rest_angle, *self.range, unit="rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """Mass properties of one rigid body, for a left leg; the right leg mirrors y.
+
+    Attributes:
+        mass: [kg].
+        center_of_mass: (x, y, z) in the body's frame [m].
+        inertia: principal moments about the centre of mass along x, y, z [kg m^2].
+
+    Raises:
+        InvalidValueError: a mass or moment is not positive, or no body can have these moments.
+    """
+
+    mass: float
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
+    inertia: Vector
+
+    def __post_init__(self) -> None:
+        check_positive("mass", self.mass, "kg")
+        check_finite("center_of_mass", np.asarray(self.center_of_mass))
+        check_positive("inertia", np.asarray(self.inertia), "kg m^2")
+        if 2.0 * max(self.inertia) > sum(self.inertia) * (1.0 + 1e-9):
+            raise InvalidValueError("inertia", self.inertia, "no moment may exceed the sum of the other two")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mechanics:
+    """Masses and lengths from which the MuJoCo model is compiled (lengths in m).
+
+    Attributes:
+        trunk: mass properties of the trunk.
+        trunk_half_size: half lengths of the trunk's collision box (x, y, z).
+        hip_x: distance of an abduction axis from the trunk's middle along x.
+        hip_y: distance of an abduction axis from the trunk's middle along y.
+        abad: link between abduction joint and hip joint.
+        abad_offset: distance from the abduction axis to the leg's plane.
+        thigh: link between hip and knee.
+        thigh_length: hip axis to knee axis.
+        thigh_radius: radius of the thigh's collision capsule.
+        knee_carrier: light link between knee drive and series spring.
+        shank: link between spring and foot, without the foot.
+        shank_length: knee axis to the middle of the foot sphere.
+        shank_radius: radius of the shank's collision capsule.
+        foot_mass: mass of the foot sphere [kg].
+        knee_spring: series spring between knee carrier and shank.
+
+    Raises:
+        InvalidValueError: a length or mass is not positive.
+    """
+
+    trunk: Link
+    trunk_half_size: Vector
+    hip_x: float
+    hip_y: float
+    abad: Link
+    abad_offset: float
+    thigh: Link
+    thigh_length: float
+    thigh_radius: float
+    knee_carrier: Link
+    shank: Link
+    shank_length: float
+    shank_radius: float
+    foot_mass: float
+    knee_spring: KneeSpring
+
+    def __post_init__(self) -> None:
+        check_positive("trunk.half_size", np.asarray(self.trunk_half_size), "m")
+        for field in ("hip_x", "hip_y", "abad_offset", "thigh_length", "thigh_radius"):
+            check_positive(field, getattr(self, field), "m")
+        for field in ("shank_length", "shank_radius"):
+            check_positive(field, getattr(self, field), "m")
+        check_positive("foot_mass", self.foot_mass, "kg")
+
+    @property
+    def leg_mass(self) -> float:
+        """Mass of one leg, abduction link to foot [kg]."""
+        links = (self.abad, self.thigh, self.knee_carrier, self.shank)
+        return sum(link.mass for link in links) + self.foot_mass
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotDescription:
+    """A quadruped: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, SI units.
+
+    Attributes:
+        name: the robot's name.
+        leg_names: 4 legs.
+        joint_names: 12 actuated joints.
+        spring_joint_names: 4 passive joints.
+        default_pose: joint positions at zero action ``(12,)`` [rad].
+        action_scale: joint target per unit of action ``(12,)`` [rad].
+        stiffness: proportional gain of the joint controller ``(12,)`` [N m/rad].
+        damping: derivative gain of the joint controller ``(12,)`` [N m s/rad].
+        position_limits: lower and upper limit of each joint ``(12, 2)`` [rad].
+        viscous_friction: ``(12,)`` [N m s/rad].
+        dry_friction: ``(12,)`` [N m].
+        motors: motor parameters, motor side, each field ``(12,)``.
+        gear: gear ratio and efficiency, each ``(12,)``.
+        bus_voltage: [V].
+        soft_stop: end stops of the actuated joints.
+        base_height_target: trunk height to run at [m].
+        standing_height: trunk height at which the feet touch the ground in the default pose [m].
+        foot_radius: [m].
+        foot_friction: sliding friction coefficient of a foot on the ground.
+        total_mass: [kg].
+        mechanics: masses and lengths.
+
+    Raises:
+        InvalidValueError: an array has the wrong shape, a value is not finite or out of its physical range,
+            or the default pose lies in or beyond the soft-stop zone.
+    """
+
+    name: str
+    leg_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    spring_joint_names: tuple[str, ...]
+    default_pose: FloatArray
+    action_scale: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    position_limits: FloatArray
+    viscous_friction: FloatArray
+    dry_friction: FloatArray
+    motors: PmsmParameters
+    gear: Gear
+    bus_voltage: float
+    soft_stop: SoftStop
+    base_height_target: float
+    standing_height: float
+    foot_radius: float
+    foot_friction: float
+    total_mass: float
+    mechanics: Mechanics
+
+    def __post_init__(self) -> None:
+        joints = len(self.joint_names)
+        for field in (
+            "default_pose",
+            "action_scale",
+            "stiffness",
+            "damping",
+            "viscous_friction",
+            "dry_friction",
+        ):
+            self._freeze_array(field, (joints,))
+        self._freeze_array("position_limits", (joints, 2))
+        for field in ("action_scale", "stiffness", "bus_voltage", "base_height_target", "standing_height"):
+            check_positive(field, getattr(self, field))
+        for field in ("damping", "viscous_friction", "dry_friction"):
+            check_range(field, getattr(self, field), 0.0, 1e4)
+        for field in ("foot_radius", "foot_friction", "total_mass"):
+            check_positive(field, getattr(self, field))
+        self._check_pose_is_free()
+
+    def _freeze_array(self, field: str, shape: tuple[int, ...]) -> None:
+        array = np.array(getattr(self, field), dtype=np.float64)
+        if array.shape != shape:
+            raise InvalidValueError(field, array.shape, f"must have shape {shape}")
+        check_finite(field, array)
+        array.setflags(write=False)
+        object.__setattr__(self, field, array)
+
+    def _check_pose_is_free(self) -> None:
+        lower, upper = self.position_limits.T
+        for name, position, low, high in zip(self.joint_names, self.default_pose, lower, upper, strict=True):
+            check_range(
+                f"default_pose[{name}]",
+                position,
+                low + self.soft_stop.zone,
+                high - self.soft_stop.zone,
+                "rad",
+            )
+
+    @property
+    def armature(self) -> FloatArray:
+        """Rotor inertia seen at the joints, ``ratio^2 J``, shape ``(12,)`` [kg m^2]."""
+        return np.asarray(self.motors.rotor_inertia) * np.asarray(self.gear.ratio) ** 2
+
+
+def robot_fingerprint(robot: RobotDescription) -> str:
+    """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    text = json.dumps(_plain(robot), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Names and numbers only; every number as the same kind of float, so that 21 and 21.0 hash alike."""
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return np.asarray(value, dtype=np.float64).tolist()

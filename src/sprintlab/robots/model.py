@@ -1,0 +1,289 @@
+"""The MuJoCo model of a robot, compiled from its description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, Link, RobotDescription
+from sprintlab.robots.visuals import add_robot_visuals, add_scenery
+
+COLLISION_MODES = ("feet", "full")
+CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
+INTEGRATORS = {
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "euler": mujoco.mjtIntegrator.mjINT_EULER,
+}
+# Stiff from the first tenth of a millimetre: penetration must not store the energy of a stride.
+CONTACT_IMPEDANCE = (0.95, 0.99, 0.001, 0.5, 2.0)
+_SLIDE_ONLY = 3  # contact dimension: normal and two tangents, no torsion or rolling
+
+# A pair collides when one geom's contype meets the other's conaffinity.
+_GROUND_BIT, _ROBOT_BIT = 1, 2
+COLLISION_GROUP, VISUAL_GROUP = 3, 2
+_AXES = {"abad": (1.0, 0.0, 0.0), "hip": (0.0, 1.0, 0.0), "knee": (0.0, 1.0, 0.0)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """How a robot's model is compiled.
+
+    Attributes:
+        timestep: physics step [s].
+        collisions: ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs
+            and trunk collide with the floor and with other legs).
+        contact_time_constant: time constant of the contacts [s]; at least two time steps, below which MuJoCo
+            would silently soften it.
+        cone: friction cone, ``"pyramidal"`` or ``"elliptic"``.
+        impratio: ratio of friction to normal impedance, at least 1; above 1 lessens creep.
+        integrator: ``"implicitfast"`` or ``"euler"`` (joint damping is implicit in both).
+        dry_friction: whether joints have dry friction (MuJoCo ``frictionloss``).
+        joint_limits: whether joints and springs have hard limits.
+        visuals: whether the model carries what only cameras see.
+        knee_spring: whether the shank hangs on its series spring; without it, it is fixed to the knee carrier.
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    timestep: float = 0.001
+    collisions: str = "feet"
+    contact_time_constant: float = 0.004
+    cone: str = "pyramidal"
+    impratio: float = 1.0
+    integrator: str = "implicitfast"
+    dry_friction: bool = True
+    joint_limits: bool = True
+    visuals: bool = False
+    knee_spring: bool = True
+
+    def __post_init__(self) -> None:
+        check_positive("timestep", self.timestep, "s")
+        check_range("timestep", self.timestep, 1e-5, 0.01, "s")
+        check_choice("collisions", self.collisions, COLLISION_MODES)
+        check_choice("cone", self.cone, tuple(CONES))
+        check_choice("integrator", self.integrator, tuple(INTEGRATORS))
+        check_range("impratio", self.impratio, 1.0, 1000.0)
+        check_positive("contact_time_constant", self.contact_time_constant, "s")
+        if self.contact_time_constant < 2.0 * self.timestep * (1.0 - 1e-9):
+            allowed = f"must be at least two time steps, {2.0 * self.timestep:g} s"
+            raise InvalidValueError("contact_time_constant", self.contact_time_constant, allowed)
+
+
+def build_model(robot: RobotDescription, options: ModelOptions | None = None) -> mujoco.MjModel:
+    """Compile the MuJoCo model of a robot standing over a flat floor.
+
+    Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_knee``, ``{leg}_shank``; joints ``root`` (free),
+    the robot's 12 joints and 4 springs; geoms ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``,
+    ``{leg}_thigh``, ``{leg}_shank``; twelve torque actuators in policy order; keyframe ``stand``.
+
+    Raises:
+        RobotModelError: MuJoCo refuses to compile the description.
+    """
+    options = options or ModelOptions()
+    try:
+        return robot_spec(robot, options).compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise RobotModelError(f"robot {robot.name!r} does not compile: {reason}") from error
+
+
+def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
+    """The editable form of ``build_model``: for adding sensors, cameras or terrain before compiling."""
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    _set_options(spec, options)
+    _add_floor(spec, robot, options)
+    trunk = _add_trunk(spec, robot, options)
+    for index in range(len(robot.leg_names)):
+        _add_leg(spec, trunk, robot, index, options)
+    for joint in robot.joint_names:
+        _add_torque_actuator(spec, joint)
+    if options.visuals:
+        add_scenery(spec)
+        add_robot_visuals(spec, robot, VISUAL_GROUP)
+    spec.add_key(name="stand", qpos=_standing_position(robot, options))
+    return spec
+
+
+def _set_options(spec: mujoco.MjSpec, options: ModelOptions) -> None:
+    spec.option.timestep = options.timestep
+    spec.option.cone = CONES[options.cone]
+    spec.option.impratio = options.impratio
+    spec.option.integrator = INTEGRATORS[options.integrator]
+    spec.compiler.degree = False
+
+
+def _add_floor(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> None:
+    floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
+    _set_contact(floor, robot, options, contype=_GROUND_BIT, conaffinity=0)
+
+
+def _set_contact(
+    geom: mujoco.MjsGeom, robot: RobotDescription, options: ModelOptions, *, contype: int, conaffinity: int
+) -> None:
+    geom.contype, geom.conaffinity, geom.condim = contype, conaffinity, _SLIDE_ONLY
+    geom.friction[0] = robot.foot_friction
+    geom.solref = (options.contact_time_constant, 1.0)
+    geom.solimp = CONTACT_IMPEDANCE
+
+
+def _set_link(body: mujoco.MjsBody, link: Link, side: float = 1.0) -> None:
+    """Give a body its mass properties; ``side`` -1 mirrors y."""
+    x, y, z = link.center_of_mass
+    body.mass, body.ipos, body.inertia = link.mass, (x, side * y, z), link.inertia
+    body.explicitinertial = True
+
+
+def _add_trunk(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
+    trunk = spec.worldbody.add_body(name="trunk", pos=(0, 0, robot.standing_height))
+    trunk.add_freejoint(name="root")
+    _set_link(trunk, robot.mechanics.trunk)
+    if options.collisions == "full":
+        half_size = robot.mechanics.trunk_half_size
+        geom = trunk.add_geom(name="trunk", type=mujoco.mjtGeom.mjGEOM_BOX, size=half_size)
+        _set_robot_collision(geom, robot, options)
+    return trunk
+
+
+def _set_robot_collision(geom: mujoco.MjsGeom, robot: RobotDescription, options: ModelOptions) -> None:
+    """Let a geom collide with the floor and, with full collisions, with the other robot geoms."""
+    full = options.collisions == "full"
+    contype, conaffinity = (_ROBOT_BIT, _GROUND_BIT | _ROBOT_BIT) if full else (0, _GROUND_BIT)
+    _set_contact(geom, robot, options, contype=contype, conaffinity=conaffinity)
+    geom.group = COLLISION_GROUP if options.visuals else 0
+    geom.rgba = (0.2, 0.6, 0.9, 0.4)
+
+
+def _add_leg(
+    spec: mujoco.MjSpec, trunk: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions
+) -> None:
+    leg, mechanics = robot.leg_names[index], robot.mechanics
+    front, side = leg_signs(leg)
+    abad = trunk.add_body(name=f"{leg}_abad", pos=(front * mechanics.hip_x, side * mechanics.hip_y, 0))
+    _set_link(abad, mechanics.abad, side)
+    _add_joint(abad, robot, 3 * index, options)
+    thigh = abad.add_body(name=f"{leg}_thigh", pos=(0, side * mechanics.abad_offset, 0))
+    _set_link(thigh, mechanics.thigh, side)
+    _add_joint(thigh, robot, 3 * index + 1, options)
+    carrier = thigh.add_body(name=f"{leg}_knee", pos=(0, 0, -mechanics.thigh_length))
+    _set_link(carrier, mechanics.knee_carrier, side)
+    _add_joint(carrier, robot, 3 * index + 2, options)
+    shank = carrier.add_body(name=f"{leg}_shank")
+    _set_shank_inertia(shank, robot, side)
+    if options.knee_spring:
+        _add_spring(shank, robot, index, options)
+    _add_leg_collisions(spec, thigh, shank, robot, options)
+
+
+def leg_signs(leg: str) -> tuple[float, float]:
+    """``(+1 front | -1 rear, +1 left | -1 right)`` of a leg named ``FL``, ``FR``, ``RL`` or ``RR``."""
+    return (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
+
+
+def _add_joint(body: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions) -> None:
+    joint = body.add_joint(
+        name=robot.joint_names[index],
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=_AXES[JOINTS_PER_LEG[index % 3]],
+        armature=float(robot.armature[index]),
+    )
+    joint.damping[0] = robot.viscous_friction[index]
+    joint.frictionloss = float(robot.dry_friction[index]) if options.dry_friction else 0.0
+    _limit(joint, robot.position_limits[index], options)
+
+
+def _add_spring(body: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions) -> None:
+    spring = robot.mechanics.knee_spring
+    joint = body.add_joint(
+        name=robot.spring_joint_names[index], type=mujoco.mjtJoint.mjJNT_HINGE, axis=_AXES["knee"]
+    )
+    joint.stiffness[0], joint.springref, joint.damping[0] = (
+        spring.stiffness,
+        spring.rest_angle,
+        spring.damping,
+    )
+    _limit(joint, spring.range, options)
+
+
+def _limit(joint: mujoco.MjsJoint, limits: object, options: ModelOptions) -> None:
+    if options.joint_limits:
+        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, limits
+        joint.solref_limit = (options.contact_time_constant, 1.0)
+    else:
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def _set_shank_inertia(body: mujoco.MjsBody, robot: RobotDescription, side: float) -> None:
+    """Shank and foot as one rigid body: parallel-axis theorem about the common centre of mass."""
+    shank = robot.mechanics.shank
+    foot = np.array((0.0, 0.0, -robot.mechanics.shank_length))
+    foot_mass, radius = robot.mechanics.foot_mass, robot.foot_radius
+    center = np.array(shank.center_of_mass) * (1.0, side, 1.0)
+    common = (shank.mass * center + foot_mass * foot) / (shank.mass + foot_mass)
+    inertia = np.diag(shank.inertia) + shank.mass * _point_inertia(center - common)
+    inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + _point_inertia(foot - common))
+    body.mass, body.ipos, body.explicitinertial = shank.mass + foot_mass, common, True
+    body.fullinertia = (*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2])
+
+
+def _point_inertia(position: FloatArray) -> FloatArray:
+    """Inertia ``(3, 3)`` of a unit point mass at ``position`` about the origin [m^2]."""
+    return float(position @ position) * np.eye(3) - np.outer(position, position)
+
+
+def _add_leg_collisions(
+    spec: mujoco.MjSpec,
+    thigh: mujoco.MjsBody,
+    shank: mujoco.MjsBody,
+    robot: RobotDescription,
+    options: ModelOptions,
+) -> None:
+    leg, mechanics = thigh.name.split("_")[0], robot.mechanics
+    foot = shank.add_geom(
+        name=f"{leg}_foot",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=(robot.foot_radius, 0, 0),
+        pos=(0, 0, -mechanics.shank_length),
+    )
+    _set_robot_collision(foot, robot, options)
+    foot.priority = 1  # the foot's friction and stiffness decide, so that one number sets them
+    if options.collisions == "full":
+        # The shank's capsule ends above the foot, which must touch the ground first.
+        shank_end = mechanics.shank_length - robot.foot_radius
+        _add_capsule(thigh, f"{leg}_thigh", mechanics.thigh_radius, mechanics.thigh_length, robot, options)
+        _add_capsule(shank, f"{leg}_shank", mechanics.shank_radius, shank_end, robot, options)
+        # The carrier between them hides from MuJoCo that thigh and shank are neighbours.
+        spec.add_exclude(bodyname1=thigh.name, bodyname2=shank.name)
+
+
+def _add_capsule(
+    body: mujoco.MjsBody,
+    name: str,
+    radius: float,
+    length: float,
+    robot: RobotDescription,
+    options: ModelOptions,
+) -> None:
+    geom = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(radius, 0, 0))
+    geom.fromto = (0, 0, 0, 0, 0, -length)
+    _set_robot_collision(geom, robot, options)
+
+
+def _add_torque_actuator(spec: mujoco.MjSpec, joint: str) -> None:
+    actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_motor()
+    actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def _standing_position(robot: RobotDescription, options: ModelOptions) -> list[float]:
+    """Positions of the keyframe ``stand``: default pose, feet just on the ground, springs at rest."""
+    spring = [robot.mechanics.knee_spring.rest_angle] if options.knee_spring else []
+    position = [0.0, 0.0, robot.standing_height, 1.0, 0.0, 0.0, 0.0]
+    for pose in robot.default_pose.reshape(-1, 3):
+        position += [*pose.tolist(), *spring]
+    return position

@@ -1,0 +1,39 @@
+"""Mechanical end stops of the joints."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from array_api_compat import array_namespace
+
+from sprintlab.robots.description import SoftStop
+
+Array = TypeVar("Array")
+
+
+def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop: SoftStop) -> Array:
+    """Torque of the elastic end stops on the joints [N m]; zero outside the last zone before the limits.
+
+    With ``d`` the depth in the zone, ``k`` and ``c`` the stop's stiffness and damping: ``k d + c d'`` directed
+    away from the limit, never below zero, since a stop pushes and cannot pull.
+
+    Args:
+        position: joint positions ``(..., n)`` [rad].
+        velocity: joint velocities ``(..., n)`` [rad/s].
+        limits: lower and upper limits ``(n, 2)`` [rad], in the same array library as ``position``.
+        soft_stop: zone, stiffness and damping.
+
+    Returns:
+        ``(..., n)``, computed without waiting for the device.
+    """
+    xp = array_namespace(position, velocity, limits)
+    below = limits[..., 0] + soft_stop.zone - position
+    above = position - (limits[..., 1] - soft_stop.zone)
+    return _push(xp, below, -velocity, soft_stop) - _push(xp, above, velocity, soft_stop)
+
+
+def _push(xp, depth, depth_rate, soft_stop: SoftStop):
+    """Size of one stop's push: spring and damper while in the zone, else zero."""
+    push = soft_stop.stiffness * depth + soft_stop.damping * depth_rate
+    nothing = xp.zeros_like(push)
+    return xp.where((depth > 0) & (push > 0), push, nothing)

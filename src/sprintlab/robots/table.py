@@ -1,0 +1,165 @@
+"""Reading of a robot's parameter table: one TOML file, each number with unit, uncertainty and basis."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.errors import RobotModelError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
+_JOINT = {
+    "default_angle": 1,
+    "range": 2,
+    "stiffness": 1,
+    "damping": 1,
+    "action_scale": 1,
+    "viscous_friction": 1,
+    "dry_friction": 1,
+}
+_WINDING = {"stator_resistance": 1, "q_axis_inductance": 1, "peak_torque": 1, "rotor_inertia": 1}
+
+_SECTIONS: dict[str, dict[str, int]] = {
+    "body": {"total_mass": 1, "base_height_target": 1, "bus_voltage": 1},
+    "trunk": {"inertia": 3, "half_size": 3, "hip_x": 1, "hip_y": 1},
+    "abad_link": {**_LINK, "offset_y": 1},
+    "thigh": {"length": 1, **_LINK, "collision_radius": 1},
+    "knee_carrier": {"mass": 1, "inertia": 3},
+    "shank": {"length": 1, **_LINK, "collision_radius": 1},
+    "foot": {"mass": 1, "radius": 1, "friction": 1},
+    "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
+    "soft_stop": {"zone": 1, "stiffness": 1, "damping": 1},
+    "joint.abad": _JOINT,
+    "joint.hip": _JOINT,
+    "joint.knee": _JOINT,
+    "motor": {"pole_pairs": 1, "flux_linkage": 1, "saturation": 1, "gear_ratio": 1, "gear_efficiency": 1},
+    "motor.abad": _WINDING,
+    "motor.hip_knee": _WINDING,
+}
+
+QUANTITIES: dict[str, int] = {
+    f"{section}.{field}": size for section, fields in _SECTIONS.items() for field, size in fields.items()
+}
+"""Every quantity a robot's table must hold, with the length of its value."""
+
+_ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One number of a robot, with where it comes from.
+
+    Attributes:
+        quantity: dotted name, e.g. ``thigh.length``.
+        value: the number, or a tuple of 2 or 3 numbers.
+        unit: SI unit; ``1`` for a pure number.
+        uncertainty: how wrong the value may be, in words.
+        basis: the source or reasoning behind the value.
+    """
+
+    quantity: str
+    value: float | tuple[float, ...]
+    unit: str
+    uncertainty: str
+    basis: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterTable:
+    """A robot's checked table: ``name`` and the rows by quantity, in the file's order."""
+
+    name: str
+    rows: dict[str, ParameterRow]
+
+    def number(self, quantity: str) -> float:
+        """Value of a scalar quantity."""
+        value = self.rows[quantity].value
+        assert not isinstance(value, tuple)
+        return value
+
+    def vector(self, quantity: str) -> tuple[float, ...]:
+        """Value of a quantity of 2 or 3 numbers."""
+        value = self.rows[quantity].value
+        assert isinstance(value, tuple)
+        return value
+
+
+def read_table(path: str | Path) -> ParameterTable:
+    """Read and check a robot's parameter table.
+
+    Raises:
+        RobotModelError: the file cannot be read, is not TOML, or a quantity is missing, unknown or malformed.
+    """
+    try:
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RobotModelError(f"cannot read robot table {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RobotModelError(f"robot table {path} is not valid TOML: {error}") from error
+    try:
+        return _checked_table(document)
+    except RobotModelError as error:
+        raise RobotModelError(f"robot table {path}: {error}") from error
+
+
+def _checked_table(document: dict[str, Any]) -> ParameterTable:
+    name = document.pop("name", None)
+    if not isinstance(name, str) or not name:
+        raise RobotModelError("field name is missing; it must be the robot's name")
+    entries = dict(_entries(document))
+    unknown = sorted(set(entries) - set(QUANTITIES))
+    if unknown:
+        raise RobotModelError(f"unknown quantity {', '.join(unknown)}")
+    missing = [quantity for quantity in QUANTITIES if quantity not in entries]
+    if missing:
+        raise RobotModelError(f"missing quantity {', '.join(missing)}")
+    return ParameterTable(name=name, rows={key: _row(key, entry) for key, entry in entries.items()})
+
+
+def _entries(section: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield ``(dotted name, entry)``: an entry is a table that says anything an entry may say."""
+    for key, item in section.items():
+        dotted = prefix + key
+        if not isinstance(item, Mapping):
+            raise RobotModelError(f"{dotted} must be a table with {', '.join(_ENTRY_FIELDS)}")
+        if dotted in QUANTITIES or any(field in item for field in _ENTRY_FIELDS):
+            yield dotted, item
+        else:
+            yield from _entries(item, f"{dotted}.")
+
+
+def _row(quantity: str, entry: Mapping[str, Any]) -> ParameterRow:
+    if set(entry) != set(_ENTRY_FIELDS):
+        raise RobotModelError(
+            f"{quantity} has the fields {', '.join(sorted(entry))}; it needs exactly {', '.join(_ENTRY_FIELDS)}"
+        )
+    words = {field: entry[field] for field in _ENTRY_FIELDS[1:]}
+    for field, text in words.items():
+        if not isinstance(text, str) or not text:
+            raise RobotModelError(f"{quantity}.{field} = {text!r} is not allowed: must be a non-empty text")
+    return ParameterRow(quantity=quantity, value=_value(quantity, entry["value"]), **words)
+
+
+def _value(quantity: str, value: Any) -> float | tuple[float, ...]:
+    """The value as a float or a tuple of floats, of the length this quantity must have."""
+    size = QUANTITIES[quantity]
+    numbers = value if isinstance(value, list) else [value]
+    right_form = isinstance(value, list) == (size > 1) and len(numbers) == size
+    if not right_form or not all(_is_finite_number(number) for number in numbers):
+        wanted = "a finite number" if size == 1 else f"a list of {size} finite numbers"
+        raise RobotModelError(f"{quantity}.value = {value!r} is not allowed: must be {wanted}")
+    return float(value) if size == 1 else tuple(float(number) for number in numbers)
+
+
+def _is_finite_number(number: object) -> bool:
+    return isinstance(number, int | float) and not isinstance(number, bool) and bool(np.isfinite(number))

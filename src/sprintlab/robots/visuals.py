@@ -1,0 +1,347 @@
+"""What cameras see: a lean running machine over a track. Nothing here has mass or touches anything.
+
+The shapes are decoration scaled to the robot's lengths; no physical number comes from this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sprintlab.robots.description import FloatArray, RobotDescription
+
+_RING_POINTS = 32
+_GRAPHITE, _CARBON, _METAL, _ACCENT, _GLOW, _RUBBER = (
+    "graphite",
+    "carbon",
+    "metal",
+    "accent",
+    "glow",
+    "rubber",
+)
+_MATERIALS = {
+    # name: (rgba, specular, shininess, reflectance, emission)
+    _GRAPHITE: ((0.16, 0.17, 0.19, 1.0), 0.7, 0.6, 0.05, 0.0),
+    _CARBON: ((0.06, 0.06, 0.07, 1.0), 0.9, 0.8, 0.08, 0.0),
+    _METAL: ((0.62, 0.64, 0.67, 1.0), 0.9, 0.7, 0.10, 0.0),
+    _ACCENT: ((0.95, 0.36, 0.06, 1.0), 0.6, 0.5, 0.02, 0.1),
+    _GLOW: ((0.35, 0.90, 1.00, 1.0), 0.3, 0.3, 0.0, 0.9),
+    _RUBBER: ((0.03, 0.03, 0.03, 1.0), 0.1, 0.1, 0.0, 0.0),
+}
+_TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
+
+
+@dataclass(frozen=True)
+class _Section:
+    """One cross-section of a loft: centre, half sizes along its two directions, corner exponent (2 = oval)."""
+
+    center: tuple[float, float, float]
+    half_u: float
+    half_v: float
+    exponent: float = 2.4
+
+
+def loft(
+    sections: Sequence[_Section], u: Sequence[float], v: Sequence[float]
+) -> tuple[FloatArray, FloatArray]:
+    """Closed surface through cross-sections that follow each other along ``u x v``.
+
+    Args:
+        sections: at least two, in order along ``u x v``.
+        u: unit direction of ``half_u`` ``(3,)``.
+        v: unit direction of ``half_v`` ``(3,)``.
+
+    Returns:
+        vertices ``(m, 3)`` and triangles ``(k, 3)``, outward by the right-hand rule.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, _RING_POINTS, endpoint=False)
+    rings = [_ring(section, np.asarray(u), np.asarray(v), angle) for section in sections]
+    ends = [np.asarray(sections[0].center), np.asarray(sections[-1].center)]
+    vertices = np.vstack([*rings, *ends])
+    return vertices, _loft_triangles(len(sections), _RING_POINTS)
+
+
+def _ring(section: _Section, u: FloatArray, v: FloatArray, angle: FloatArray) -> FloatArray:
+    """Points ``(n, 3)`` of a superellipse."""
+    cosine, sine = (
+        np.sign(f) * np.abs(f) ** (2.0 / section.exponent) for f in (np.cos(angle), np.sin(angle))
+    )
+    return (
+        np.asarray(section.center) + np.outer(section.half_u * cosine, u) + np.outer(section.half_v * sine, v)
+    )
+
+
+def _loft_triangles(rings: int, points: int) -> FloatArray:
+    index = np.arange(rings * points).reshape(rings, points)
+    here, beside = index[:-1], np.roll(index, -1, axis=1)[:-1]
+    above, diagonal = index[1:], np.roll(index, -1, axis=1)[1:]
+    sides = [
+        np.stack(triangle, axis=-1).reshape(-1, 3)
+        for triangle in ((here, beside, above), (beside, diagonal, above))
+    ]
+    first, last = rings * points, rings * points + 1
+    start = np.stack([np.full(points, first), np.roll(index[0], -1), index[0]], axis=-1)
+    end = np.stack([np.full(points, last), index[-1], np.roll(index[-1], -1)], axis=-1)
+    return np.vstack([*sides, start, end])
+
+
+def add_scenery(spec: mujoco.MjSpec) -> None:
+    """Sky, sunlight, and a 100 m running track on the geom ``floor``."""
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.quality.shadowsize = 4096
+    spec.visual.headlight.ambient = (0.35, 0.35, 0.38)
+    spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
+    spec.visual.headlight.specular = (0.1, 0.1, 0.1)
+    spec.visual.rgba.haze = (0.75, 0.83, 0.92, 1.0)
+    spec.stat.center, spec.stat.extent = (0.0, 0.0, 0.4), 1.5
+    _add_texture(spec, "sky", mujoco.mjtTexture.mjTEXTURE_SKYBOX, (0.32, 0.52, 0.78), (0.90, 0.94, 0.98))
+    _add_texture(spec, "track", mujoco.mjtTexture.mjTEXTURE_2D, (0.60, 0.27, 0.20), (0.56, 0.245, 0.18))
+    track = spec.add_material(
+        name="track", texrepeat=(1.0, 1.0), texuniform=True, reflectance=0.02, specular=0.1
+    )
+    track.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "track"
+    spec.geom("floor").material = "track"
+    _add_track_lines(spec)
+
+
+def _add_texture(
+    spec: mujoco.MjSpec, name: str, kind: int, first: Sequence[float], second: Sequence[float]
+) -> None:
+    sky = kind == mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT if sky else mujoco.mjtBuiltin.mjBUILTIN_CHECKER
+    spec.add_texture(name=name, type=kind, builtin=builtin, rgb1=first, rgb2=second, width=512, height=512)
+
+
+def _add_track_lines(spec: mujoco.MjSpec) -> None:
+    """Lane lines along x and a line across every ten metres; start and finish are broad."""
+    half_width, half_length = 1.5 * _LANE_WIDTH, 0.5 * _TRACK_LENGTH + 10.0
+    for lane in range(4):
+        y = lane * _LANE_WIDTH - half_width
+        _add_line(spec, (0.5 * _TRACK_LENGTH, y), (half_length, 0.5 * _LINE_WIDTH))
+    for metre in range(0, int(_TRACK_LENGTH) + 1, 10):
+        broad = 2.0 if metre in (0, int(_TRACK_LENGTH)) else 0.6
+        _add_line(spec, (float(metre), 0.0), (broad * 0.5 * _LINE_WIDTH, half_width))
+
+
+def _add_line(spec: mujoco.MjSpec, center: tuple[float, float], half_size: tuple[float, float]) -> None:
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=(*center, 0.0),
+        size=(*half_size, 0.001),
+        rgba=(0.93, 0.93, 0.90, 1.0),
+        contype=0,
+        conaffinity=0,
+        group=2,
+    )
+
+
+def add_robot_visuals(spec: mujoco.MjSpec, robot: RobotDescription, group: int) -> None:
+    """Dress the bodies of a robot's spec; every geom is massless, collides with nothing, and is in ``group``."""
+    for name, (rgba, specular, shininess, reflectance, emission) in _MATERIALS.items():
+        material = spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess)
+        material.reflectance, material.emission = reflectance, emission
+    dresser = _Dresser(spec, group)
+    _dress_trunk(dresser, robot)
+    for leg in robot.leg_names:
+        _dress_leg(dresser, robot, leg)
+    _add_tracking_views(spec)
+
+
+def _add_tracking_views(spec: mujoco.MjSpec) -> None:
+    """Sunlight and cameras that travel with the trunk, so that shadows are sharp all along the track."""
+    trunk, track = spec.body("trunk"), mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
+    sun = trunk.add_light(
+        name="sun", pos=(-1.0, -1.5, 4.0), dir=(0.25, 0.37, -1.0), mode=track, castshadow=True
+    )
+    sun.type, sun.diffuse, sun.specular = (
+        mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        (0.7, 0.68, 0.64),
+        (0.4, 0.4, 0.4),
+    )
+    trunk.add_camera(name="side", pos=(0.0, -2.2, 0.25), xyaxes=(1, 0, 0, 0, 0.12, 1), mode=track, fovy=40)
+    trunk.add_camera(
+        name="chase", pos=(-2.0, -1.5, 0.75), xyaxes=(0.6, -0.8, 0, 0.22, 0.17, 0.96), mode=track, fovy=40
+    )
+    trunk.add_camera(
+        name="front", pos=(1.7, -1.4, 0.35), xyaxes=(0.64, 0.77, 0, -0.15, 0.12, 0.98), mode=track, fovy=40
+    )
+
+
+class _Dresser:
+    """Adds massless geoms to bodies; a mesh of one name is stored once and used by all legs."""
+
+    def __init__(self, spec: mujoco.MjSpec, group: int) -> None:
+        self._spec = spec
+        self._group = group
+        self._meshes: set[str] = set()
+
+    def mesh(
+        self,
+        body: str,
+        name: str,
+        material: str,
+        sections: Sequence[_Section],
+        u: Sequence[float],
+        v: Sequence[float],
+    ) -> None:
+        """Hang a loft on a body."""
+        if name not in self._meshes:
+            vertices, faces = loft(sections, u, v)
+            mesh = self._spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            self._meshes.add(name)
+        self._add(body, material, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+
+    def cylinder(
+        self, body: str, material: str, radius: float, start: Sequence[float], end: Sequence[float]
+    ) -> None:
+        """Hang a cylinder between two points on a body."""
+        geom = self._add(body, material, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(radius, 0, 0))
+        geom.fromto = (*start, *end)
+
+    def ellipsoid(
+        self, body: str, material: str, center: Sequence[float], half_size: Sequence[float]
+    ) -> None:
+        """Hang an ellipsoid on a body."""
+        self._add(body, material, type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=center, size=half_size)
+
+    def _add(self, body: str, material: str, **fields: object) -> mujoco.MjsGeom:
+        return self._spec.body(body).add_geom(
+            material=material, group=self._group, contype=0, conaffinity=0, mass=0.0, **fields
+        )
+
+
+_ALONG_X = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_DOWN_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+
+
+def _along_x(*rows: tuple[float, float, float, float]) -> list[_Section]:
+    """Sections along +x from rows ``(x, z of centre, half width y, half height z)``."""
+    return [_Section((x, 0.0, z), width, height) for x, z, width, height in rows]
+
+
+def _down_z(*rows: tuple[float, float, float, float]) -> list[_Section]:
+    """Sections along -z from rows ``(z, x of centre, half depth x, half width y)``."""
+    return [_Section((x, 0.0, z), width, depth) for z, x, depth, width in rows]
+
+
+def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
+    """Deep chest, narrow waist, a small head that looks ahead, a short tail."""
+    hip_x, hip_y = robot.mechanics.hip_x, robot.mechanics.hip_y
+    hull = _along_x(
+        (-1.22 * hip_x, 0.030, 0.012, 0.012),
+        (-1.18 * hip_x, 0.027, 0.045, 0.034),
+        (-0.95 * hip_x, 0.020, 0.062, 0.056),
+        (-0.50 * hip_x, 0.022, 0.066, 0.056),
+        (-0.10 * hip_x, 0.010, 0.074, 0.068),
+        (0.40 * hip_x, -0.004, 0.080, 0.084),
+        (0.80 * hip_x, 0.000, 0.074, 0.082),
+        (1.10 * hip_x, 0.014, 0.056, 0.062),
+        (1.28 * hip_x, 0.032, 0.040, 0.042),
+        (1.33 * hip_x, 0.036, 0.016, 0.016),
+    )
+    dresser.mesh("trunk", "hull", _GRAPHITE, hull, *_ALONG_X)
+    spine = _along_x(
+        (-1.14 * hip_x, 0.062, 0.008, 0.006),
+        (-0.50 * hip_x, 0.074, 0.020, 0.010),
+        (0.40 * hip_x, 0.076, 0.022, 0.010),
+        (1.08 * hip_x, 0.070, 0.008, 0.008),
+    )
+    dresser.mesh("trunk", "spine", _ACCENT, spine, *_ALONG_X)
+    _dress_head_and_tail(dresser, hip_x)
+    for front in (-1.0, 1.0):
+        for side in (-1.0, 1.0):
+            x, y = front * hip_x, side * hip_y
+            dresser.cylinder("trunk", _METAL, 0.050, (x - front * 0.085, y, 0.0), (x - front * 0.050, y, 0.0))
+            dresser.cylinder(
+                "trunk", _ACCENT, 0.051, (x - front * 0.062, y, 0.0), (x - front * 0.057, y, 0.0)
+            )
+
+
+def _dress_head_and_tail(dresser: _Dresser, hip_x: float) -> None:
+    head = _along_x(
+        (1.20 * hip_x, 0.050, 0.026, 0.028),
+        (1.32 * hip_x, 0.070, 0.034, 0.036),
+        (1.52 * hip_x, 0.078, 0.036, 0.032),
+        (1.72 * hip_x, 0.070, 0.024, 0.020),
+        (1.80 * hip_x, 0.064, 0.008, 0.008),
+    )
+    dresser.mesh("trunk", "head", _CARBON, head, *_ALONG_X)
+    dresser.ellipsoid("trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083), (0.036, 0.031, 0.009))
+    tail = _along_x(
+        (-1.75 * hip_x, 0.105, 0.003, 0.004),
+        (-1.50 * hip_x, 0.074, 0.008, 0.010),
+        (-1.25 * hip_x, 0.048, 0.014, 0.016),
+        (-1.05 * hip_x, 0.034, 0.020, 0.024),
+    )
+    dresser.mesh("trunk", "tail", _CARBON, tail, *_ALONG_X)
+
+
+def _dress_leg(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
+    side = 1.0 if leg[1] == "L" else -1.0
+    front = 1.0 if leg[0] == "F" else -1.0
+    _dress_hip(dresser, robot, leg, front, side)
+    _dress_thigh(dresser, robot, leg, side)
+    _dress_shank(dresser, robot, leg)
+
+
+def _dress_hip(dresser: _Dresser, robot: RobotDescription, leg: str, front: float, side: float) -> None:
+    """Abduction motor along x and hip motor along y, the latter between abduction axis and leg."""
+    offset = robot.mechanics.abad_offset
+    body = f"{leg}_abad"
+    dresser.cylinder(body, _CARBON, 0.046, (-front * 0.048, 0.0, 0.0), (front * 0.040, 0.0, 0.0))
+    dresser.cylinder(body, _METAL, 0.056, (0.0, side * 0.012, 0.0), (0.0, side * 0.54 * offset, 0.0))
+    dresser.cylinder(body, _CARBON, 0.058, (0.0, side * 0.030, 0.0), (0.0, side * 0.046, 0.0))
+
+
+def _dress_thigh(dresser: _Dresser, robot: RobotDescription, leg: str, side: float) -> None:
+    """Knee motor coaxial with the hip, and a blade that narrows to the knee."""
+    length, offset = robot.mechanics.thigh_length, robot.mechanics.abad_offset
+    body = f"{leg}_thigh"
+    dresser.cylinder(body, _METAL, 0.056, (0.0, -side * 0.43 * offset, 0.0), (0.0, -side * 0.012, 0.0))
+    dresser.cylinder(body, _ACCENT, 0.057, (0.0, -side * 0.030, 0.0), (0.0, -side * 0.024, 0.0))
+    dresser.cylinder(body, _METAL, 0.030, (0.0, 0.0, 0.0), (0.0, side * 0.026, 0.0))
+    blade = _down_z(
+        (0.060, 0.000, 0.012, 0.010),
+        (0.048, 0.000, 0.040, 0.017),
+        (0.000, 0.000, 0.060, 0.019),
+        (-0.25 * length, -0.004, 0.052, 0.020),
+        (-0.60 * length, -0.002, 0.034, 0.018),
+        (-0.92 * length, 0.000, 0.026, 0.016),
+        (-1.06 * length, 0.000, 0.018, 0.012),
+    )
+    dresser.mesh(body, "thigh", _GRAPHITE, blade, *_DOWN_Z)
+
+
+def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
+    """Knee hub, a bowed carbon shin, and a foot with three claws."""
+    length, radius = robot.mechanics.shank_length, robot.foot_radius
+    dresser.cylinder(f"{leg}_knee", _METAL, 0.029, (0.0, -0.020, 0.0), (0.0, 0.020, 0.0))
+    dresser.cylinder(f"{leg}_knee", _ACCENT, 0.018, (0.0, -0.023, 0.0), (0.0, 0.023, 0.0))
+    body = f"{leg}_shank"
+    shin = _down_z(
+        (0.022, -0.004, 0.014, 0.008),
+        (0.000, -0.006, 0.024, 0.012),
+        (-0.30 * length, -0.022, 0.017, 0.011),
+        (-0.60 * length, -0.020, 0.012, 0.009),
+        (-0.85 * length, -0.008, 0.010, 0.008),
+        (-0.98 * length, 0.000, 0.012, 0.010),
+    )
+    dresser.mesh(body, "shin", _CARBON, shin, *_DOWN_Z)
+    dresser.ellipsoid(body, _RUBBER, (0.0, 0.0, -length), (1.0 * radius, 0.75 * radius, 0.98 * radius))
+    for name, y in (("claw_left", 0.45), ("claw_middle", 0.0), ("claw_right", -0.45)):
+        dresser.mesh(
+            body, name, _ACCENT if y == 0.0 else _RUBBER, _claw(length, radius, y * radius), *_ALONG_X
+        )
+
+
+def _claw(length: float, radius: float, y: float) -> list[_Section]:
+    """A claw that grips forward and down from the front of the foot."""
+    rows = ((0.2, 0.1, 0.30), (0.8, 0.05, 0.26), (1.3, -0.2, 0.17), (1.7, -0.55, 0.04))
+    return [
+        _Section((x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * size * radius, size * radius)
+        for x, z, size in rows
+    ]
