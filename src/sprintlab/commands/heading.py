@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from sprintlab.commands.state import limit_yaw_rate
 from sprintlab.control.arrays import Array, as_array, clip, namespace
 
