@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,9 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     temporary = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as handle:
+        with tempfile.NamedTemporaryFile(
+            dir=target.parent, prefix=f".{target.name}.", delete=False
+        ) as handle:
             temporary = Path(handle.name)
             handle.write(data)
             handle.flush()
@@ -52,7 +54,7 @@ def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
 
 
 @contextmanager
-def atomic_directory(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Yield a temporary folder that becomes ``path`` only if the block ends without an error.
 
     An existing ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
+import array_api_compat
 import numpy as np
-from array_api_compat import array_namespace, is_array_api_obj, is_numpy_array
 
 Array: TypeAlias = Any
 """A Python number, a NumPy array, or a tensor of another array-API library."""
+
+_compat: Any = array_api_compat  # its guards are typed by libraries that need not be installed
 
 
 def _is_number(value: Array) -> bool:
@@ -17,14 +19,14 @@ def _is_number(value: Array) -> bool:
 
 def _reference(values: tuple[Array, ...]) -> Array:
     """The array that decides library, type and device: the first tensor, else the first NumPy array."""
-    arrays = [value for value in values if not _is_number(value) and is_array_api_obj(value)]
-    foreign = [value for value in arrays if not is_numpy_array(value)]
+    arrays = [value for value in values if not _is_number(value) and _compat.is_array_api_obj(value)]
+    foreign = [value for value in arrays if not _compat.is_numpy_array(value)]
     return (foreign or arrays or [np.zeros(())])[0]
 
 
 def _floating(xp: Any, reference: Array, values: tuple[Array, ...]) -> Any:
     """The floating type in which to calculate."""
-    if is_numpy_array(reference):
+    if _compat.is_numpy_array(reference):
         arrays = [value for value in values if not _is_number(value)]
         return np.result_type(np.float32, *arrays) if arrays else np.float64
     return reference.dtype if xp.isdtype(reference.dtype, "real floating") else xp.asarray(0.0).dtype
@@ -43,9 +45,9 @@ def as_arrays(*values: Array) -> tuple[Any, list[Array]]:
         The array-API namespace and the values as arrays, in order, not broadcast.
     """
     reference = _reference(values)
-    xp = array_namespace(reference)
+    xp = _compat.array_namespace(reference)
     dtype = _floating(xp, reference, values)
-    device = None if is_numpy_array(reference) else reference.device
+    device = None if _compat.is_numpy_array(reference) else reference.device
 
     def convert(value: Array) -> Array:
         if _is_number(value):

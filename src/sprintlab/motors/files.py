@@ -77,7 +77,7 @@ def _check_names(table: Mapping[str, Any]) -> None:
 
 
 def _from_toml(value: Any) -> Any:
-    return np.asarray(value) if isinstance(value, list) else value
+    return np.asarray(cast("list[Any]", value)) if isinstance(value, list) else value
 
 
 def _to_toml(name: str, value: Any) -> Any:
