@@ -190,7 +190,7 @@ def _knee_spring(table: ParameterTable) -> KneeSpring:
 
 
 def _leg_height(mechanics: Mechanics, pose: FloatArray) -> float:
-    """Height of the trunk's middle over the foot sphere's middle with joints (abad, hip, knee) at ``pose``."""
+    """Height of the trunk's middle over the foot sphere's, joints (abad, hip, knee) at ``pose``."""
     abad, hip, knee = (float(angle) for angle in pose)
     in_plane = mechanics.thigh_length * math.cos(hip) + mechanics.shank_length * math.cos(hip + knee)
     return in_plane * math.cos(abad) - mechanics.abad_offset * math.sin(abad)

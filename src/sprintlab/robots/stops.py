@@ -14,8 +14,8 @@ Array = TypeVar("Array")
 def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop: SoftStop) -> Array:
     """Torque of the elastic end stops on the joints [N m]; zero outside the last zone before the limits.
 
-    With ``d`` the depth in the zone, ``k`` and ``c`` the stop's stiffness and damping: ``k d + c d'`` directed
-    away from the limit, never below zero, since a stop pushes and cannot pull.
+    With ``d`` the depth in the zone, ``k`` and ``c`` the stop's stiffness and damping: ``k d + c d'``
+    directed away from the limit, never below zero, since a stop pushes and cannot pull.
 
     Args:
         position: joint positions ``(..., n)`` [rad].

@@ -141,7 +141,8 @@ def _entries(section: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 def _row(quantity: str, entry: Mapping[str, Any]) -> ParameterRow:
     if set(entry) != set(_ENTRY_FIELDS):
         raise RobotModelError(
-            f"{quantity} has the fields {', '.join(sorted(entry))}; it needs exactly {', '.join(_ENTRY_FIELDS)}"
+            f"{quantity} has the fields {', '.join(sorted(entry))}; "
+            f"it needs exactly {', '.join(_ENTRY_FIELDS)}"
         )
     words = {field: entry[field] for field in _ENTRY_FIELDS[1:]}
     for field, text in words.items():

@@ -14,29 +14,23 @@ import numpy as np
 from sprintlab.robots.description import FloatArray, RobotDescription
 
 _RING_POINTS = 32
-_GRAPHITE, _CARBON, _METAL, _ACCENT, _GLOW, _RUBBER = (
-    "graphite",
-    "carbon",
-    "metal",
-    "accent",
-    "glow",
-    "rubber",
-)
+_GRAPHITE, _CARBON, _METAL = "graphite", "carbon", "metal"
+_ACCENT, _GLOW, _RUBBER = "accent", "glow", "rubber"
 _MATERIALS = {
-    # name: (rgba, specular, shininess, reflectance, emission)
-    _GRAPHITE: ((0.16, 0.17, 0.19, 1.0), 0.7, 0.6, 0.05, 0.0),
-    _CARBON: ((0.06, 0.06, 0.07, 1.0), 0.9, 0.8, 0.08, 0.0),
-    _METAL: ((0.62, 0.64, 0.67, 1.0), 0.9, 0.7, 0.10, 0.0),
-    _ACCENT: ((0.95, 0.36, 0.06, 1.0), 0.6, 0.5, 0.02, 0.1),
-    _GLOW: ((0.35, 0.90, 1.00, 1.0), 0.3, 0.3, 0.0, 0.9),
-    _RUBBER: ((0.03, 0.03, 0.03, 1.0), 0.1, 0.1, 0.0, 0.0),
+    # name: (rgba, specular, shininess, emission)
+    _GRAPHITE: ((0.20, 0.21, 0.24, 1.0), 0.7, 0.6, 0.0),
+    _CARBON: ((0.07, 0.07, 0.08, 1.0), 0.9, 0.8, 0.0),
+    _METAL: ((0.62, 0.64, 0.67, 1.0), 0.9, 0.7, 0.0),
+    _ACCENT: ((0.95, 0.36, 0.06, 1.0), 0.6, 0.5, 0.1),
+    _GLOW: ((0.35, 0.90, 1.00, 1.0), 0.3, 0.3, 0.9),
+    _RUBBER: ((0.03, 0.03, 0.03, 1.0), 0.1, 0.1, 0.0),
 }
 _TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
 
 
 @dataclass(frozen=True)
 class _Section:
-    """One cross-section of a loft: centre, half sizes along its two directions, corner exponent (2 = oval)."""
+    """Cross-section of a loft: centre, half sizes along its two directions, corner exponent (2: oval)."""
 
     center: tuple[float, float, float]
     half_u: float
@@ -91,7 +85,7 @@ def _loft_triangles(rings: int, points: int) -> FloatArray:
 def add_scenery(spec: mujoco.MjSpec) -> None:
     """Sky, sunlight, and a 100 m running track on the geom ``floor``."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
-    spec.visual.quality.shadowsize = 4096
+    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 8192, 2.0
     spec.visual.headlight.ambient = (0.35, 0.35, 0.38)
     spec.visual.headlight.diffuse = (0.35, 0.35, 0.35)
     spec.visual.headlight.specular = (0.1, 0.1, 0.1)
@@ -99,9 +93,7 @@ def add_scenery(spec: mujoco.MjSpec) -> None:
     spec.stat.center, spec.stat.extent = (0.0, 0.0, 0.4), 1.5
     _add_texture(spec, "sky", mujoco.mjtTexture.mjTEXTURE_SKYBOX, (0.32, 0.52, 0.78), (0.90, 0.94, 0.98))
     _add_texture(spec, "track", mujoco.mjtTexture.mjTEXTURE_2D, (0.60, 0.27, 0.20), (0.56, 0.245, 0.18))
-    track = spec.add_material(
-        name="track", texrepeat=(1.0, 1.0), texuniform=True, reflectance=0.02, specular=0.1
-    )
+    track = spec.add_material(name="track", texrepeat=(1.0, 1.0), texuniform=True, specular=0.1)
     track.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "track"
     spec.geom("floor").material = "track"
     _add_track_lines(spec)
@@ -139,10 +131,9 @@ def _add_line(spec: mujoco.MjSpec, center: tuple[float, float], half_size: tuple
 
 
 def add_robot_visuals(spec: mujoco.MjSpec, robot: RobotDescription, group: int) -> None:
-    """Dress the bodies of a robot's spec; every geom is massless, collides with nothing, and is in ``group``."""
-    for name, (rgba, specular, shininess, reflectance, emission) in _MATERIALS.items():
-        material = spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess)
-        material.reflectance, material.emission = reflectance, emission
+    """Dress the bodies of a robot's spec: every geom is massless, touches nothing, and is in ``group``."""
+    for name, (rgba, specular, shininess, emission) in _MATERIALS.items():
+        spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission)
     dresser = _Dresser(spec, group)
     _dress_trunk(dresser, robot)
     for leg in robot.leg_names:
