@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -59,6 +59,7 @@ class PmsmParameters:
             check_range(name, getattr(self, name), low, high, unit)
         _check_whole("pole_pairs", self.pole_pairs)
         _check_saturation(self.saturation)
+        _check_shapes({field.name: getattr(self, field.name) for field in fields(self)})
         _check_units(self)
 
     @property
@@ -105,6 +106,17 @@ def _check_saturation(value: Any) -> None:
     below = value < 0.5
     if not bool(below.all() if hasattr(below, "all") else below):
         raise InvalidValueError("saturation", value, "must lie in [0, 0.5)")
+
+
+def _check_shapes(values: Mapping[str, Any]) -> None:
+    shapes = {name: tuple(getattr(value, "shape", ())) for name, value in values.items()}
+    for name, shape in shapes.items():
+        if 0 in shape:
+            raise InvalidValueError(name, values[name], "give at least one motor")
+    try:
+        np.broadcast_shapes(*shapes.values())
+    except ValueError as error:
+        raise InvalidValueError("shapes", shapes, "the fields must broadcast") from error
 
 
 def _check_units(motor: PmsmParameters) -> None:

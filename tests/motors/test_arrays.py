@@ -1,0 +1,130 @@
+"""One implementation for NumPy and PyTorch: equal numbers, kept types, nothing that waits for a device."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Gear,
+    PmsmParameters,
+    copper_loss,
+    critical_speed,
+    desaturate,
+    drive_torque,
+    electrical_power,
+    motor_like,
+    no_load_speed,
+    saturate,
+    stack_motors,
+    torque_limits,
+    voltage_infeasible,
+)
+
+GEAR = Gear(ratio=6.0, efficiency=0.95)
+SPEEDS = np.linspace(-400.0, 400.0, 41)
+TORQUES = np.linspace(-40.0, 40.0, 41)
+
+FUNCTIONS = {
+    "limits": lambda motor, torque, speed, model: torque_limits(motor, speed, 60.0, model),
+    "infeasible": lambda motor, torque, speed, model: (voltage_infeasible(motor, speed, 60.0),),
+    "critical": lambda motor, torque, speed, model: (critical_speed(motor, torque, 60.0, model),),
+    "no-load": lambda motor, torque, speed, model: (no_load_speed(motor, torque * torque),),
+    "saturate": lambda motor, torque, speed, model: (saturate(motor, torque),),
+    "desaturate": lambda motor, torque, speed, model: (desaturate(motor, torque),),
+    "copper": lambda motor, torque, speed, model: (copper_loss(motor, torque),),
+    "power": lambda motor, torque, speed, model: (electrical_power(motor, torque, speed),),
+    "drive": lambda motor, torque, speed, model: drive_torque(motor, GEAR, torque, speed / 6, 60.0, model),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+@given(motor=st.from_type(PmsmParameters), model=st.sampled_from(MOTOR_MODELS))
+def test_numpy_and_torch_agree(name, motor, model):
+    function = FUNCTIONS[name]
+    expected = function(motor, TORQUES, SPEEDS, model)
+    actual = function(motor, torch.tensor(TORQUES), torch.tensor(SPEEDS), model)
+    for one, other in zip(expected, actual, strict=True):
+        assert isinstance(other, torch.Tensor)
+        np.testing.assert_allclose(other.numpy(), one, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+def test_nothing_looks_into_a_tensor(name, model, surrogate):
+    """Tensors of the meta device hold no values: whatever asks for one raises."""
+    tensor = torch.zeros(41, device="meta")
+    for result in FUNCTIONS[name](surrogate, tensor, tensor, model):
+        assert result.device.type == "meta"
+        assert result.shape == (41,)
+
+
+@pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - {"infeasible"}))
+def test_single_precision_stays_single_precision_and_close(name, surrogate):
+    single = torch.tensor(SPEEDS, dtype=torch.float32), torch.tensor(TORQUES, dtype=torch.float32)
+    actual = FUNCTIONS[name](surrogate, single[1], single[0], "refined")
+    expected = FUNCTIONS[name](surrogate, TORQUES, SPEEDS, "refined")
+    for one, other in zip(expected, actual, strict=True):
+        assert other.dtype == torch.float32
+        np.testing.assert_allclose(other.numpy(), one, rtol=2e-5, atol=2e-4)
+
+
+def test_no_nan_at_absurd_speeds_in_single_precision(surrogate):
+    speeds = torch.tensor([0.0, 1e-30, 1.0, 1e3, 1e6, 1e9, -1e12], dtype=torch.float32)
+    for model in MOTOR_MODELS:
+        for bound in torque_limits(surrogate, speeds, 60.0, model):
+            assert bound.isfinite().all()
+
+
+def test_numpy_single_precision_is_kept(surrogate):
+    lower, upper = torque_limits(surrogate, SPEEDS.astype(np.float32), 60.0)
+    assert lower.dtype == upper.dtype == np.float32
+
+
+def test_whole_numbers_are_calculated_as_real_numbers(surrogate):
+    whole = torque_limits(surrogate, np.array([200]), 60)
+    assert whole == torque_limits(surrogate, np.array([200.0]), 60.0)
+    assert torque_limits(surrogate, torch.tensor([200]), 60)[1].item() == pytest.approx(
+        whole[1].item(), rel=1e-5
+    )
+
+
+def test_stacked_motors_give_each_joint_its_own_limits(surrogate):
+    weak = PmsmParameters(
+        pole_pairs=21,
+        stator_resistance=0.158,
+        q_axis_inductance=84e-6,
+        flux_linkage=6.08e-3,
+        peak_torque=12.0,
+        saturation=0.1,
+        rotor_inertia=5.5e-4,
+    )
+    both = stack_motors([surrogate, weak])
+    speeds = np.random.default_rng(0).uniform(-300, 300, (7, 2))
+    lower, upper = torque_limits(both, speeds, 60.0)
+    for column, motor in enumerate((surrogate, weak)):
+        one_lower, one_upper = torque_limits(motor, speeds[:, column], 60.0)
+        np.testing.assert_array_equal(lower[:, column], one_lower)
+        np.testing.assert_array_equal(upper[:, column], one_upper)
+
+
+def test_motor_like_moves_every_field(surrogate):
+    stacked = stack_motors([surrogate] * 12)
+    reference = torch.zeros(3, dtype=torch.float32)
+    moved = motor_like(stacked, reference)
+    assert moved.peak_torque.dtype == torch.float32
+    assert moved.stator_resistance.shape == (12,)
+    speeds = torch.linspace(-200, 200, 12)
+    for one, other in zip(
+        torque_limits(moved, speeds, 60.0), torque_limits(stacked, speeds, 60.0), strict=True
+    ):
+        torch.testing.assert_close(one, other)
+
+
+def test_every_environment_may_have_its_own_bus(surrogate):
+    buses = torch.tensor([[48.0], [60.0]])
+    _, upper = torque_limits(surrogate, torch.full((2, 12), 180.0), buses)
+    assert upper.shape == (2, 12)
+    assert (upper[0] < upper[1]).all()

@@ -1,0 +1,63 @@
+import math
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Gear,
+    PmsmParameters,
+    drive_torque,
+    joint_torque,
+    motor_speed,
+    reflected_inertia,
+    saturate,
+    torque_limits,
+)
+
+MOTORS = st.from_type(PmsmParameters)
+GEARS = st.builds(Gear, ratio=st.floats(1.0, 50.0), efficiency=st.floats(0.5, 1.0))
+
+
+@given(MOTORS, GEARS, st.floats(-500, 500), st.floats(-80, 80), st.sampled_from(MOTOR_MODELS))
+def test_drive_clips_then_saturates_then_gears_up(motor, gear, desired, velocity, model):
+    output = drive_torque(motor, gear, desired, velocity, 60.0, model)
+    lower, upper = torque_limits(motor, velocity * gear.ratio, 60.0, model)
+    clipped = min(max(desired / gear.ratio, lower), upper)
+    assert (output.lower, output.upper) == (lower, upper)
+    assert output.motor_torque == clipped
+    assert output.torque == pytest.approx(
+        gear.ratio * gear.efficiency * float(saturate(motor, clipped)), rel=1e-12
+    )
+
+
+@given(MOTORS, GEARS, st.floats(-30, 30))
+def test_more_desired_torque_never_gives_less(motor, gear, velocity):
+    desired = np.linspace(-1000.0, 1000.0, 400)
+    assert (np.diff(drive_torque(motor, gear, desired, velocity, 60.0).torque) >= 0).all()
+
+
+def test_surrogate_joint_gives_its_published_peak(surrogate):
+    gear = Gear(ratio=6.0, efficiency=1.0)
+    output = drive_torque(surrogate, gear, 500.0, 0.0, 60.0)
+    assert output.torque == pytest.approx(76.5)
+    assert output.motor_torque == output.upper == 15.0
+
+
+def test_gear_turns_speed_torque_and_inertia():
+    gear = Gear(ratio=np.array([6.0, 10.0]), efficiency=np.array([1.0, 0.9]))
+    np.testing.assert_allclose(motor_speed(gear, 2.0), [12.0, 20.0])
+    np.testing.assert_allclose(joint_torque(gear, 3.0), [18.0, 27.0])
+    np.testing.assert_allclose(reflected_inertia(gear, 1e-3), [0.036, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("ratio", 0.5), ("ratio", -6.0), ("ratio", math.nan), ("efficiency", 0.0), ("efficiency", 95.0)],
+)
+def test_impossible_gear_is_refused(field, value):
+    with pytest.raises(InvalidValueError, match=field):
+        Gear(**{"ratio": 6.0, "efficiency": 0.95, field: value})

@@ -1,0 +1,28 @@
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given
+
+from sprintlab.motors import PmsmParameters, copper_loss, electrical_power, no_load_speed
+
+MOTORS = st.from_type(PmsmParameters)
+
+
+@given(MOTORS, st.floats(-1.0, 1.0), st.floats(-1.5, 1.5))
+def test_terminal_power_is_mechanical_power_plus_copper_loss(motor, torque_share, speed_share):
+    torque = torque_share * motor.peak_torque
+    speed = speed_share * float(no_load_speed(motor, 60.0))
+    current = torque / (1.5 * motor.pole_pairs * motor.flux_linkage)
+    voltage = motor.stator_resistance * current + motor.pole_pairs * speed * motor.flux_linkage
+    terminal = 1.5 * voltage * current  # v_d meets i_d = 0
+    scale = abs(torque * speed) + copper_loss(motor, torque) + 1e-12
+    assert electrical_power(motor, torque, speed) == pytest.approx(terminal, abs=1e-9 * scale)
+    assert torque * speed + copper_loss(motor, torque) == pytest.approx(terminal, abs=1e-9 * scale)
+
+
+def test_copper_loss_of_the_surrogate_at_its_peak(surrogate):
+    current = 15.0 / (1.5 * 21 * 6.08e-3)
+    assert copper_loss(surrogate, -15.0) == pytest.approx(1.5 * 0.1163 * current**2)
+
+
+def test_gentle_braking_at_speed_feeds_the_bus(surrogate):
+    assert electrical_power(surrogate, -3.0, 200.0) < 0
