@@ -109,7 +109,9 @@ def _check_saturation(value: Any) -> None:
 
 
 def _check_shapes(values: Mapping[str, Any]) -> None:
-    shapes = {name: tuple(getattr(value, "shape", ())) for name, value in values.items()}
+    shapes: dict[str, tuple[int, ...]] = {
+        name: tuple(getattr(value, "shape", ())) for name, value in values.items()
+    }
     for name, shape in shapes.items():
         if 0 in shape:
             raise InvalidValueError(name, values[name], "give at least one motor")
