@@ -1,0 +1,180 @@
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sprintlab import robots
+from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.robots import (
+    Link,
+    SoftStop,
+    load_robot,
+    load_robot_file,
+    parameter_table,
+    robot_fingerprint,
+    robot_names,
+)
+
+TABLE = Path(robots.__file__).parent / "bp2" / "parameters.toml"
+
+
+@pytest.fixture(scope="module")
+def bp2():
+    return load_robot("bp2")
+
+
+@pytest.fixture
+def edited_table(tmp_path):
+    """A function that writes BP2's table with one text replaced by another."""
+
+    def edit(old: str, new: str) -> Path:
+        text = TABLE.read_text(encoding="utf-8")
+        assert text.count(old) == 1
+        path = tmp_path / "robot.toml"
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        return path
+
+    return edit
+
+
+def test_bp2_is_known():
+    assert "bp2" in robot_names()
+
+
+def test_an_unknown_robot_lists_the_known_ones():
+    with pytest.raises(RobotModelError, match=r"'bp3' is unknown; known robots: .*bp2"):
+        load_robot("bp3")
+
+
+@pytest.mark.parametrize("name", ["../robots/bp2", "", "bp2/parameters.toml"])
+def test_a_name_is_no_path(name):
+    with pytest.raises(RobotModelError, match="is unknown"):
+        load_robot(name)
+
+
+def test_joints_stand_in_policy_order(bp2):
+    assert bp2.leg_names == ("FL", "FR", "RL", "RR")
+    assert bp2.joint_names[:4] == ("FL_abad", "FL_hip", "FL_knee", "FR_abad")
+    assert bp2.spring_joint_names == ("FL_spring", "FR_spring", "RL_spring", "RR_spring")
+
+
+def test_gains_are_those_of_the_paper(bp2):
+    np.testing.assert_array_equal(bp2.stiffness, np.tile([60.0, 160.0, 160.0], 4))
+    np.testing.assert_array_equal(bp2.damping, np.full(12, 4.9))
+
+
+def test_motors_differ_between_abduction_and_the_sagittal_joints(bp2):
+    np.testing.assert_array_equal(bp2.motors.peak_torque, np.tile([12.0, 15.0, 15.0], 4))
+    np.testing.assert_allclose(bp2.armature, np.tile([0.0200, 0.0250, 0.0250], 4), rtol=2e-3)
+
+
+def test_standing_height_is_the_height_of_the_bent_leg(bp2):
+    expected = 0.31 * np.cos(0.7) + 0.32 * np.cos(0.5) + 0.03
+    assert bp2.standing_height == pytest.approx(expected, abs=1e-12)
+
+
+def test_arrays_cannot_be_changed(bp2):
+    with pytest.raises(ValueError, match="read-only"):
+        bp2.default_pose[0] = 1.0
+
+
+def test_every_number_has_unit_uncertainty_and_basis():
+    rows = parameter_table("bp2")
+    assert len({row.quantity for row in rows}) == len(rows)
+    assert all(row.unit and row.uncertainty and row.basis for row in rows)
+    values = {row.quantity: row.value for row in rows}
+    assert values["thigh.length"] == 0.31
+    assert values["joint.hip.range"] == (-1.2, 2.6)
+    assert values["trunk.mass"] == pytest.approx(21.06, abs=1e-9)
+
+
+def test_a_missing_quantity_is_named(edited_table):
+    path = edited_table('length = { value = 0.31, unit = "m"', 'long = { value = 0.31, unit = "m"')
+    with pytest.raises(RobotModelError, match=r"unknown quantity thigh\.long"):
+        load_robot_file(path)
+
+
+def test_a_deleted_section_is_named(tmp_path):
+    text = re.sub(r"\[soft_stop\].*?(?=\[joint\.abad\])", "", TABLE.read_text(encoding="utf-8"), flags=re.S)
+    path = tmp_path / "robot.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RobotModelError, match=r"missing quantity soft_stop\.zone, soft_stop\.stiffness"):
+        load_robot_file(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("name = ", "# name = ", "name is missing"),
+        ("zone = { value = 0.08", "zone = { value = nan", r"soft_stop\.zone\.value = nan"),
+        ("zone = { value = 0.08", "zone = { value = true", r"soft_stop\.zone\.value = True"),
+        ("zone = { value = 0.08", "zone = { value = [0.08]", r"must be a finite number"),
+        ("[-1.2, 2.6]", "[-1.2]", r"joint\.hip\.range\.value .* list of 2 finite numbers"),
+        ("[-1.2, 2.6]", "[2.6, -1.2]", r"joint\.hip\.range .* lower first"),
+        ("[-0.70, 0.70]", "[-0.60, 0.70]", r"joint\.abad\.range .* symmetric"),
+        (
+            'unit = "rad", uncertainty = "x or / 3"',
+            'uncertainty = "x or / 3"',
+            r"soft_stop\.zone has the fields",
+        ),
+        ("[soft_stop]", "[soft_stop]\nextra = 3", r"soft_stop\.extra must be a table"),
+        ("pole_pairs = { value = 21", "pole_pairs = { value = 21.5", r"motor\.pole_pairs = 21\.5"),
+        ("value = 84.0e-6", "value = 84.0", "q_axis_inductance = 84.0"),
+        ("total_mass = { value = 36.5", "total_mass = { value = 15.0", "must exceed the legs' mass"),
+        ("[0.1299, 0.7196, 0.7596]", "[0.1299, 0.7196, 0.9596]", "no moment may exceed"),
+        ("default_angle = { value = -1.20", "default_angle = { value = -2.59", r"default_pose\[FL_knee\]"),
+        ("[body]", "[body", "not valid TOML"),
+    ],
+)
+def test_a_broken_table_is_refused_with_what_is_wrong(edited_table, old, new, message):
+    path = edited_table(old, new)
+    with pytest.raises(RobotModelError, match=message) as caught:
+        load_robot_file(path)
+    assert str(path) in str(caught.value)
+
+
+def test_an_absent_table_is_refused(tmp_path):
+    with pytest.raises(RobotModelError, match="cannot read robot table"):
+        load_robot_file(tmp_path / "none.toml")
+
+
+def test_the_fingerprint_is_repeatable(bp2):
+    assert robot_fingerprint(load_robot("bp2")) == robot_fingerprint(bp2)
+    assert re.fullmatch("[0-9a-f]{64}", robot_fingerprint(bp2))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[0.0, -0.02, -0.062]", "[0.0, -0.02, -0.063]"),
+        ("value = 0.1163", "value = 0.1164"),
+        ("zone = { value = 0.08", "zone = { value = 0.09"),
+        ('name = "bp2"', 'name = "bp3"'),
+    ],
+)
+def test_any_changed_number_changes_the_fingerprint(bp2, edited_table, old, new):
+    changed = load_robot_file(edited_table(old, new))
+    assert robot_fingerprint(changed) != robot_fingerprint(bp2)
+
+
+def test_words_in_the_table_do_not_change_the_fingerprint(bp2, edited_table):
+    same = load_robot_file(edited_table("BPX ±0.873", "somewhere else"))
+    assert robot_fingerprint(same) == robot_fingerprint(bp2)
+
+
+def test_wrong_shapes_and_values_are_refused(bp2):
+    with pytest.raises(InvalidValueError, match=r"stiffness = \(11,\) .* \(12,\)"):
+        replace(bp2, stiffness=np.ones(11))
+    with pytest.raises(InvalidValueError, match="dry_friction"):
+        replace(bp2, dry_friction=-np.ones(12))
+    with pytest.raises(InvalidValueError, match="bus_voltage"):
+        replace(bp2, bus_voltage=0.0)
+
+
+def test_impossible_parts_are_refused():
+    with pytest.raises(InvalidValueError, match="zone"):
+        SoftStop(zone=0.0, stiffness=1.0, damping=1.0)
+    with pytest.raises(InvalidValueError, match="mass"):
+        Link(mass=-1.0, inertia=(1.0, 1.0, 1.0))

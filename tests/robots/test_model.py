@@ -1,0 +1,307 @@
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.motors import drive_torque
+from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque
+
+PLANT = ModelOptions(collisions="full", cone="elliptic", impratio=10.0, contact_time_constant=0.002)
+
+
+@pytest.fixture(scope="module")
+def bp2():
+    return load_robot("bp2")
+
+
+@pytest.fixture(scope="module")
+def plant(bp2):
+    return build_model(bp2, PLANT)
+
+
+def joint_addresses(model, names):
+    """Addresses of hinge joints in ``qpos`` and ``qvel``."""
+    joints = [model.joint(name) for name in names]
+    return np.array([j.qposadr[0] for j in joints]), np.array([j.dofadr[0] for j in joints])
+
+
+def standing(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def run_standing(robot, model, seconds):
+    """Hold the default pose through the motor law; returns the data and the smallest trunk height."""
+    data, lowest = standing(model), np.inf
+    position, velocity = joint_addresses(model, robot.joint_names)
+    for _ in range(round(seconds / model.opt.timestep)):
+        error = robot.default_pose - data.qpos[position]
+        desired = robot.stiffness * error - robot.damping * data.qvel[velocity]
+        drive = drive_torque(robot.motors, robot.gear, desired, data.qvel[velocity], robot.bus_voltage)
+        data.ctrl[:] = drive.torque
+        mujoco.mj_step(model, data)
+        lowest = min(lowest, data.body("trunk").xpos[2])
+    return data, lowest
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ModelOptions(),
+        PLANT,
+        ModelOptions(visuals=True),
+        ModelOptions(visuals=True, collisions="full"),
+        ModelOptions(knee_spring=False, dry_friction=False, joint_limits=False, integrator="euler"),
+    ],
+    ids=["feet", "full", "visuals", "visuals-full", "bare"],
+)
+def test_the_mass_is_exactly_36_5_kg(bp2, options):
+    model = build_model(bp2, options)
+    assert model.body_mass.sum() == pytest.approx(36.5, abs=1e-9)
+    assert bp2.total_mass == 36.5
+
+
+def test_mass_properties_survive_visuals(bp2):
+    plain, dressed = build_model(bp2), build_model(bp2, ModelOptions(visuals=True))
+    for field in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
+        np.testing.assert_array_equal(getattr(plain, field), getattr(dressed, field))
+    assert dressed.ngeom > plain.ngeom
+
+
+def test_names_follow_the_architecture(bp2, plant):
+    for leg in bp2.leg_names:
+        for link in ("abad", "thigh", "knee", "shank"):
+            assert plant.body(f"{leg}_{link}").id > 0
+        for geom in ("foot", "thigh", "shank"):
+            assert plant.geom(f"{leg}_{geom}").id >= 0
+    assert plant.joint("root").type == mujoco.mjtJoint.mjJNT_FREE
+    assert tuple(plant.actuator(i).name for i in range(plant.nu)) == bp2.joint_names
+    assert (plant.nq, plant.nv, plant.nu) == (7 + 16, 6 + 16, 12)
+
+
+def test_actuators_are_unlimited_torques_in_policy_order(bp2, plant):
+    data = standing(plant)
+    data.ctrl[:] = np.arange(1.0, 13.0) * 1000.0
+    mujoco.mj_forward(plant, data)
+    _, velocity = joint_addresses(plant, bp2.joint_names)
+    np.testing.assert_allclose(data.qfrc_actuator[velocity], data.ctrl)
+
+
+def test_joint_properties_come_from_the_description(bp2, plant):
+    _, dof = joint_addresses(plant, bp2.joint_names)
+    np.testing.assert_allclose(plant.dof_armature[dof], bp2.armature)
+    np.testing.assert_allclose(plant.dof_damping[dof], bp2.viscous_friction)
+    np.testing.assert_allclose(plant.dof_frictionloss[dof], bp2.dry_friction)
+    limits = np.array([plant.joint(name).range for name in bp2.joint_names])
+    np.testing.assert_allclose(limits, bp2.position_limits)
+    springs = [plant.joint(name) for name in bp2.spring_joint_names]
+    assert [float(np.ravel(s.stiffness)[0]) for s in springs] == [800.0] * 4
+    assert [float(np.ravel(s.damping)[0]) for s in springs] == [2.0] * 4
+
+
+def test_switches_remove_what_they_name(bp2):
+    bare = build_model(bp2, ModelOptions(dry_friction=False, joint_limits=False, knee_spring=False))
+    assert not bare.dof_frictionloss.any()
+    assert not bare.jnt_limited.any()
+    assert (bare.nq, bare.nv) == (7 + 12, 6 + 12)
+    assert bare.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_options_reach_the_solver(bp2):
+    options = ModelOptions(timestep=0.002, cone="elliptic", impratio=7.0, integrator="euler")
+    option = build_model(bp2, options).opt
+    assert (option.timestep, option.impratio) == (0.002, 7.0)
+    assert option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+    assert option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    assert option.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+
+
+def test_the_robot_is_its_own_mirror_image(bp2, plant):
+    """Mirrored positions (abduction negated, sides swapped) give a mirrored robot."""
+    random = np.random.default_rng(3)
+    left = random.uniform(*bp2.position_limits[:3].T, size=(2, 3))
+    mirror = np.array([-1.0, 1.0, 1.0])
+    position, _ = joint_addresses(plant, bp2.joint_names)
+
+    def centers(front_left, front_right):
+        data = standing(plant)
+        data.qpos[position[:6]] = [*front_left, *front_right]
+        mujoco.mj_forward(plant, data)
+        return (
+            data.body("FL_shank").xipos.copy(),
+            data.body("FR_shank").xipos.copy(),
+            data.subtree_com[1].copy(),
+        )
+
+    one, other = centers(left[0], left[1]), centers(mirror * left[1], mirror * left[0])
+    flip = np.array([1.0, -1.0, 1.0])
+    np.testing.assert_allclose(one[0], flip * other[1], atol=1e-12)
+    np.testing.assert_allclose(one[1], flip * other[0], atol=1e-12)
+    np.testing.assert_allclose(one[2], flip * other[2], atol=1e-12)
+
+
+def test_positive_angles_turn_about_the_same_axes_on_all_legs(bp2, plant):
+    data = standing(plant)
+    for name, axis in (("abad", [1, 0, 0]), ("hip", [0, 1, 0]), ("knee", [0, 1, 0]), ("spring", [0, 1, 0])):
+        for leg in bp2.leg_names:
+            np.testing.assert_allclose(data.joint(f"{leg}_{name}").xaxis, axis, atol=1e-12)
+
+
+def test_shank_and_foot_are_one_body_with_their_common_inertia(bp2, plant):
+    shank, foot_mass = bp2.mechanics.shank, bp2.mechanics.foot_mass
+    about_knee = shank.inertia[1] + shank.mass * shank.center_of_mass[2] ** 2
+    about_knee += foot_mass * (0.32**2 + 0.4 * 0.03**2)
+    body = plant.body("FL_shank")
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, body.iquat)
+    rotation = rotation.reshape(3, 3)
+    inertia = rotation @ np.diag(body.inertia) @ rotation.T
+    assert inertia[1, 1] + body.mass[0] * body.ipos[2] ** 2 == pytest.approx(about_knee, rel=1e-9)
+
+
+def test_feet_collisions_are_the_feet_on_the_floor_only(bp2):
+    model = build_model(bp2)
+    data = standing(model)
+    position, _ = joint_addresses(model, bp2.joint_names)
+    data.qpos[position] = np.random.default_rng(0).uniform(*bp2.position_limits.T)
+    data.qpos[2] = -1.0
+    mujoco.mj_forward(model, data)
+    pairs = {frozenset((model.geom(int(c.geom1)).name, model.geom(int(c.geom2)).name)) for c in data.contact}
+    assert pairs == {frozenset(("floor", f"{leg}_foot")) for leg in bp2.leg_names}
+
+
+def test_the_feet_decide_friction_and_stiffness(bp2, plant):
+    data = standing(plant)
+    data.qpos[2] -= 0.005
+    mujoco.mj_forward(plant, data)
+    assert data.ncon == 4
+    for contact in data.contact:
+        assert contact.friction[0] == bp2.foot_friction
+        np.testing.assert_allclose(contact.solref, (PLANT.contact_time_constant, 1.0))
+
+
+def test_the_default_pose_touches_nothing_but_the_ground(plant):
+    data = standing(plant)
+    data.qpos[2] += 0.5
+    mujoco.mj_forward(plant, data)
+    assert data.ncon == 0
+
+
+def test_one_leg_never_meets_itself_or_the_trunk(bp2, plant):
+    data = standing(plant)
+    position, _ = joint_addresses(plant, bp2.joint_names)
+    random = np.random.default_rng(1)
+    trunk_and_leg = {"trunk", "FL_thigh", "FL_shank", "FL_foot"}
+    for _ in range(3000):
+        data.qpos[2] = 5.0
+        data.qpos[position[:3]] = random.uniform(*bp2.position_limits[:3].T)
+        mujoco.mj_kinematics(plant, data)
+        mujoco.mj_collision(plant, data)
+        for contact in data.contact:
+            pair = {plant.geom(int(contact.geom1)).name, plant.geom(int(contact.geom2)).name}
+            assert not pair <= trunk_and_leg, (pair, data.qpos[position[:3]])
+
+
+def test_legs_cannot_pass_through_each_other(bp2, plant):
+    data = standing(plant)
+    position, _ = joint_addresses(plant, bp2.joint_names)
+    data.qpos[2] = 5.0
+    data.qpos[position[[0, 3]]] = [-0.5, 0.5]
+    mujoco.mj_forward(plant, data)
+    pairs = {
+        frozenset((plant.geom(int(c.geom1)).name[:2], plant.geom(int(c.geom2)).name[:2]))
+        for c in data.contact
+    }
+    assert frozenset(("FL", "FR")) in pairs
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        PLANT,
+        ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler"),
+        ModelOptions(timestep=0.004, contact_time_constant=0.008),
+        ModelOptions(timestep=0.002, knee_spring=False, dry_friction=False),
+    ],
+    ids=["plant", "training", "coarse", "stiff-knee"],
+)
+def test_the_robot_stands_for_two_seconds(bp2, options):
+    model = build_model(bp2, options)
+    data, lowest = run_standing(bp2, model, 2.0)
+    assert lowest > 0.50
+    assert data.body("trunk").xmat[8] > 0.999
+    assert np.abs(data.qvel).max() < 0.1
+    assert abs(data.contact.dist).max() < 0.001
+    assert data.qfrc_constraint[2] == pytest.approx(36.5 * 9.81, rel=0.01)
+
+
+def test_the_knee_springs_give_way_under_the_robot(bp2, plant):
+    """Deflection times stiffness is the torque that the knee motor holds."""
+    data, _ = run_standing(bp2, plant, 2.0)
+    spring, _ = joint_addresses(plant, bp2.spring_joint_names)
+    _, knee = joint_addresses(plant, bp2.joint_names[2::3])
+    torque = data.qfrc_actuator[knee]
+    assert (np.abs(data.qpos[spring]) > 0.01).all()
+    np.testing.assert_allclose(np.abs(800.0 * data.qpos[spring]), np.abs(torque), atol=1.5)
+
+
+def test_the_soft_stop_holds_a_leg_inside_its_limits(bp2):
+    """A hip thrown at 20 rad/s at its stop turns round before the hard limit's far side."""
+    model = build_model(bp2, ModelOptions(joint_limits=False))
+    model.opt.gravity[:] = 0.0
+    data = standing(model)
+    position, velocity = joint_addresses(model, bp2.joint_names)
+    data.qvel[velocity[1]] = 20.0
+    highest = -np.inf
+    for _ in range(300):
+        stop = soft_stop_torque(data.qpos[position], data.qvel[velocity], bp2.position_limits, bp2.soft_stop)
+        data.qfrc_applied[velocity] = stop
+        mujoco.mj_step(model, data)
+        highest = max(highest, data.qpos[position[1]])
+    assert bp2.position_limits[1, 1] - bp2.soft_stop.zone < highest < bp2.position_limits[1, 1] + 0.25
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"timestep": 0.0}, "timestep"),
+        ({"timestep": 0.1}, "timestep"),
+        ({"collisions": "all"}, "choose one of feet, full"),
+        ({"cone": "round"}, "choose one of pyramidal, elliptic"),
+        ({"integrator": "rk4"}, "choose one of implicitfast, euler"),
+        ({"impratio": 0.5}, "impratio"),
+        ({"timestep": 0.004, "contact_time_constant": 0.005}, "at least two time steps, 0.008 s"),
+        ({"contact_time_constant": float("nan")}, "contact_time_constant"),
+    ],
+)
+def test_bad_options_are_refused(fields, message):
+    with pytest.raises(InvalidValueError, match=message):
+        ModelOptions(**fields)
+
+
+def test_a_description_that_does_not_compile_is_one_clear_error(bp2):
+    weightless = replace(bp2.mechanics, knee_carrier=Link(mass=1e-20, inertia=(1e-20,) * 3))
+    with pytest.raises(RobotModelError, match=r"robot 'bp2' does not compile: .*mass and inertia"):
+        build_model(replace(bp2, mechanics=weightless), ModelOptions(knee_spring=True))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ModelOptions(timestep=0.0025, contact_time_constant=0.005, integrator="euler"),
+        ModelOptions(timestep=0.002),
+        PLANT,
+    ],
+    ids=["training", "implicitfast", "full"],
+)
+def test_mujoco_warp_accepts_the_model(bp2, options):
+    mujoco_warp = pytest.importorskip("mujoco_warp")
+    warp = pytest.importorskip("warp")
+    model = build_model(bp2, options)
+    with warp.ScopedDevice("cpu"):
+        device_model = mujoco_warp.put_model(model)
+    assert device_model.nv == model.nv

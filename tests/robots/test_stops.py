@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.robots import SoftStop, load_robot, soft_stop_torque
+
+STOP = SoftStop(zone=0.1, stiffness=500.0, damping=5.0)
+LIMITS = np.array([[-1.0, 2.0]])
+
+
+def torque(position: float, velocity: float) -> float:
+    return float(soft_stop_torque(np.array([position]), np.array([velocity]), LIMITS, STOP)[0])
+
+
+@given(position=st.floats(-0.9, 1.9), velocity=st.floats(-50.0, 50.0))
+def test_nothing_acts_outside_the_zones(position, velocity):
+    assert torque(position, velocity) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "expected"),
+    [
+        (1.95, 0.0, -25.0),
+        (1.95, 2.0, -35.0),
+        (1.95, -2.0, -15.0),
+        (2.10, 0.0, -100.0),
+        (-0.95, 0.0, 25.0),
+        (-0.95, -2.0, 35.0),
+    ],
+)
+def test_spring_and_damper_act_inside_a_zone(position, velocity, expected):
+    assert torque(position, velocity) == pytest.approx(expected)
+
+
+@given(position=st.floats(-2.0, 3.0), velocity=st.floats(-50.0, 50.0))
+def test_a_stop_never_pulls_and_both_stops_mirror_each_other(position, velocity):
+    value = torque(position, velocity)
+    assert value >= 0.0 if position < 0.5 else value <= 0.0
+    assert torque(1.0 - position, -velocity) == pytest.approx(-value, abs=1e-9)
+
+
+def test_numpy_and_pytorch_agree():
+    torch = pytest.importorskip("torch")
+    robot = load_robot("bp2")
+    random = np.random.default_rng(0)
+    position = random.uniform(-3.0, 3.0, (64, 12))
+    velocity = random.normal(0.0, 20.0, (64, 12))
+    expected = soft_stop_torque(position, velocity, robot.position_limits, robot.soft_stop)
+    tensors = [torch.tensor(array) for array in (position, velocity, robot.position_limits)]
+    np.testing.assert_allclose(soft_stop_torque(*tensors, robot.soft_stop).numpy(), expected, rtol=1e-12)
+    assert np.count_nonzero(expected) > 100
