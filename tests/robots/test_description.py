@@ -159,6 +159,13 @@ def test_any_changed_number_changes_the_fingerprint(bp2, edited_table, old, new)
     assert robot_fingerprint(changed) != robot_fingerprint(bp2)
 
 
+def test_the_last_digit_of_a_cosine_does_not_change_the_fingerprint(bp2):
+    height = bp2.standing_height
+    same = replace(bp2, standing_height=float(np.nextafter(height, 1.0)))
+    assert robot_fingerprint(same) == robot_fingerprint(bp2)
+    assert robot_fingerprint(replace(bp2, standing_height=height + 1e-9)) != robot_fingerprint(bp2)
+
+
 def test_words_in_the_table_do_not_change_the_fingerprint(bp2, edited_table):
     same = load_robot_file(edited_table("BPX ±0.873", "somewhere else"))
     assert robot_fingerprint(same) == robot_fingerprint(bp2)

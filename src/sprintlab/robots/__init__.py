@@ -9,7 +9,7 @@ from sprintlab.robots.description import (
     robot_fingerprint,
 )
 from sprintlab.robots.loader import load_robot, load_robot_file, parameter_table, robot_names
-from sprintlab.robots.model import ModelOptions, build_model
+from sprintlab.robots.model import ModelOptions, build_model, robot_spec
 from sprintlab.robots.stops import soft_stop_torque
 from sprintlab.robots.table import ParameterRow
 
@@ -27,5 +27,6 @@ __all__ = [
     "parameter_table",
     "robot_fingerprint",
     "robot_names",
+    "robot_spec",
     "soft_stop_torque",
 ]

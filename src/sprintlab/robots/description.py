@@ -251,6 +251,8 @@ class RobotDescription:
 def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 
+    Numbers count to twelve digits, because cosines differ in the last one between machines.
+
     Returns:
         64 hexadecimal digits.
     """
@@ -259,11 +261,11 @@ def robot_fingerprint(robot: RobotDescription) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Names and numbers only; every number as the same kind of float, so that 21 and 21.0 hash alike."""
+    """Names, and numbers as texts, so that 21 and 21.0 hash alike."""
     if is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, str):
         return value
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
-    return np.asarray(value, dtype=np.float64).tolist()
+    return [f"{number:.12g}" for number in np.asarray(value, dtype=np.float64).ravel()]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any
 
 from array_api_compat import array_namespace
 
+from sprintlab.motors import Array
 from sprintlab.robots.description import SoftStop
-
-Array = TypeVar("Array")
 
 
 def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop: SoftStop) -> Array:
@@ -32,7 +31,7 @@ def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop:
     return _push(xp, below, -velocity, soft_stop) - _push(xp, above, velocity, soft_stop)
 
 
-def _push(xp, depth, depth_rate, soft_stop: SoftStop):
+def _push(xp: Any, depth: Array, depth_rate: Array, soft_stop: SoftStop) -> Array:
     """Size of one stop's push: spring and damper while in the zone, else zero."""
     push = soft_stop.stiffness * depth + soft_stop.damping * depth_rate
     nothing = xp.zeros_like(push)

@@ -159,7 +159,7 @@ def _value(quantity: str, value: Any) -> float | tuple[float, ...]:
     if not right_form or not all(_is_finite_number(number) for number in numbers):
         wanted = "a finite number" if size == 1 else f"a list of {size} finite numbers"
         raise RobotModelError(f"{quantity}.value = {value!r} is not allowed: must be {wanted}")
-    return float(value) if size == 1 else tuple(float(number) for number in numbers)
+    return float(numbers[0]) if size == 1 else tuple(float(number) for number in numbers)
 
 
 def _is_finite_number(number: object) -> bool:

@@ -3,6 +3,9 @@
 The shapes are decoration scaled to the robot's lengths; no physical number comes from this file.
 """
 
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,6 +13,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from sprintlab.robots.description import FloatArray, RobotDescription
 
@@ -29,7 +33,7 @@ _TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
 
 
 @dataclass(frozen=True)
-class _Section:
+class Section:
     """Cross-section of a loft: centre, half sizes along its two directions, corner exponent (2: oval)."""
 
     center: tuple[float, float, float]
@@ -39,8 +43,8 @@ class _Section:
 
 
 def loft(
-    sections: Sequence[_Section], u: Sequence[float], v: Sequence[float]
-) -> tuple[FloatArray, FloatArray]:
+    sections: Sequence[Section], u: Sequence[float], v: Sequence[float]
+) -> tuple[FloatArray, NDArray[np.int_]]:
     """Closed surface through cross-sections that follow each other along ``u x v``.
 
     Args:
@@ -58,7 +62,7 @@ def loft(
     return vertices, _loft_triangles(len(sections), _RING_POINTS)
 
 
-def _ring(section: _Section, u: FloatArray, v: FloatArray, angle: FloatArray) -> FloatArray:
+def _ring(section: Section, u: FloatArray, v: FloatArray, angle: FloatArray) -> FloatArray:
     """Points ``(n, 3)`` of a superellipse."""
     cosine, sine = (
         np.sign(f) * np.abs(f) ** (2.0 / section.exponent) for f in (np.cos(angle), np.sin(angle))
@@ -68,7 +72,7 @@ def _ring(section: _Section, u: FloatArray, v: FloatArray, angle: FloatArray) ->
     )
 
 
-def _loft_triangles(rings: int, points: int) -> FloatArray:
+def _loft_triangles(rings: int, points: int) -> NDArray[np.int_]:
     index = np.arange(rings * points).reshape(rings, points)
     here, beside = index[:-1], np.roll(index, -1, axis=1)[:-1]
     above, diagonal = index[1:], np.roll(index, -1, axis=1)[1:]
@@ -174,7 +178,7 @@ class _Dresser:
         body: str,
         name: str,
         material: str,
-        sections: Sequence[_Section],
+        sections: Sequence[Section],
         u: Sequence[float],
         v: Sequence[float],
     ) -> None:
@@ -209,14 +213,14 @@ _ALONG_X = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _DOWN_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _along_x(*rows: tuple[float, float, float, float]) -> list[_Section]:
+def _along_x(*rows: tuple[float, float, float, float]) -> list[Section]:
     """Sections along +x from rows ``(x, z of centre, half width y, half height z)``."""
-    return [_Section((x, 0.0, z), width, height) for x, z, width, height in rows]
+    return [Section((x, 0.0, z), width, height) for x, z, width, height in rows]
 
 
-def _down_z(*rows: tuple[float, float, float, float]) -> list[_Section]:
+def _down_z(*rows: tuple[float, float, float, float]) -> list[Section]:
     """Sections along -z from rows ``(z, x of centre, half depth x, half width y)``."""
-    return [_Section((x, 0.0, z), width, depth) for z, x, depth, width in rows]
+    return [Section((x, 0.0, z), width, depth) for z, x, depth, width in rows]
 
 
 def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
@@ -329,10 +333,10 @@ def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
         )
 
 
-def _claw(length: float, radius: float, y: float) -> list[_Section]:
+def _claw(length: float, radius: float, y: float) -> list[Section]:
     """A claw that grips forward and down from the front of the foot."""
     rows = ((0.2, 0.1, 0.30), (0.8, 0.05, 0.26), (1.3, -0.2, 0.17), (1.7, -0.55, 0.04))
     return [
-        _Section((x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * size * radius, size * radius)
+        Section((x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * size * radius, size * radius)
         for x, z, size in rows
     ]
