@@ -1,6 +1,18 @@
-"""What stands between a policy and the joints: observation, filters, action mapping."""
+"""What stands between a policy and the joints: observation, filters, action mapping, policy contract."""
 
 from sprintlab.control.action import joint_targets, pd_torque
+from sprintlab.control.contract import (
+    CONTRACT_KEY,
+    MOTOR_RATE_HZ,
+    POLICY_RATE_HZ,
+    PolicyContract,
+    TrainingRecord,
+    check_contract,
+    decode_contract,
+    encode_contract,
+    make_contract,
+    software_versions,
+)
 from sprintlab.control.filters import LowPass, low_pass, low_pass_coefficient
 from sprintlab.control.observation import (
     FRAME_SIZE,
@@ -18,25 +30,41 @@ from sprintlab.control.observation import (
     split_proprioception,
     update_history,
 )
+from sprintlab.control.policy import Measurement, Policy, PolicyRuntime, load_policy, shipped_policy
 
 __all__ = [
+    "CONTRACT_KEY",
     "FRAME_SIZE",
     "JOINT_COUNT",
+    "MOTOR_RATE_HZ",
+    "POLICY_RATE_HZ",
     "PROPRIOCEPTION_SIZE",
     "LowPass",
+    "Measurement",
     "ObservationLayout",
     "ObservationTerm",
+    "Policy",
+    "PolicyContract",
+    "PolicyRuntime",
     "Proprioception",
+    "TrainingRecord",
+    "check_contract",
+    "decode_contract",
+    "encode_contract",
     "fill_history",
     "join_proprioception",
     "joint_targets",
+    "load_policy",
     "low_pass",
     "low_pass_coefficient",
+    "make_contract",
     "network_input",
     "observation_frame",
     "pd_torque",
     "projected_gravity",
     "push_history",
+    "shipped_policy",
+    "software_versions",
     "split_proprioception",
     "update_history",
 ]

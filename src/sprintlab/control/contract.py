@@ -1,0 +1,351 @@
+"""The policy contract: everything that must be the same on both sides of a policy file.
+
+It travels as JSON in the ONNX metadata under ``CONTRACT_KEY``; whoever runs the policy compares it with
+the robot before the first step.
+"""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import fields
+from importlib import metadata
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from sprintlab.control.filters import LowPass
+from sprintlab.control.observation import ObservationLayout
+from sprintlab.core.checks import check_finite, check_positive
+from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
+from sprintlab.robots import RobotDescription, robot_fingerprint
+
+CONTRACT_KEY = "sprintlab_contract"
+FORMAT_VERSION = 1
+HISTORY_ORDER = "oldest-first"
+POLICY_RATE_HZ = 50.0
+MOTOR_RATE_HZ = 1000.0
+ACTION_LIMIT = 10.0
+
+Vector = tuple[float, ...]
+
+
+def check_vector(field: str, vector: Vector, size: int) -> None:
+    """Refuse a vector of another length or with a number that is not finite."""
+    if len(vector) != size:
+        raise InvalidValueError(field, vector, f"{size} numbers, one a joint")
+    for value in vector:
+        check_finite(field, value)
+
+
+class TermContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One term of the observation frame: its name and the factor of each of its numbers."""
+
+    name: str
+    scales: Vector
+
+
+class ObservationContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Terms of a frame in order, and how frames are stacked.
+
+    Attributes:
+        terms: in the order of the frame.
+        history_length: frames in the network input.
+        history_order: ``"oldest-first"``.
+    """
+
+    terms: tuple[TermContract, ...]
+    history_length: int
+    history_order: str = HISTORY_ORDER
+
+
+class FilterContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Low-pass filters in front of the network.
+
+    Attributes:
+        proprioception_cutoff_hz: on angular velocity, gravity, joint position and velocity [Hz].
+    """
+
+    proprioception_cutoff_hz: float
+
+    def __post_init__(self) -> None:
+        check_positive("proprioception_cutoff_hz", self.proprioception_cutoff_hz, "Hz")
+
+
+class MotorTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Motors and gears, one entry a joint (12), and the bus; units as in ``PmsmParameters``, ``Gear``."""
+
+    pole_pairs: Vector
+    stator_resistance: Vector
+    q_axis_inductance: Vector
+    flux_linkage: Vector
+    peak_torque: Vector
+    saturation: Vector
+    rotor_inertia: Vector
+    gear_ratio: Vector
+    gear_efficiency: Vector
+    bus_voltage: float
+
+
+class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the policy came to be: enough to make it again.
+
+    Attributes:
+        method: name of the training method.
+        actuator_model: motor model in training, one of ``sprintlab.motors.MOTOR_MODELS``.
+        command_line: as typed.
+        config_hash: SHA-256 of the whole configuration.
+        seed: of every random generator.
+        iterations: policy updates.
+        environment_steps: policy steps of all environments together.
+        device: the accelerator, in words.
+        date: end of the training, ISO 8601.
+    """
+
+    method: str
+    actuator_model: str
+    command_line: str
+    config_hash: str
+    seed: int
+    iterations: int
+    environment_steps: int
+    device: str
+    date: str
+
+
+class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a policy was made for; joints in policy order, SI units.
+
+    Attributes:
+        format_version: of this structure.
+        robot_name: the robot's name.
+        joint_names: 12 names in policy order.
+        default_pose: joint positions of a zero action [rad] (12).
+        action_scale: radians for an action of one (12).
+        action_limit: greatest magnitude of an action that is used.
+        stiffness: proportional gains [N m/rad] (12).
+        damping: derivative gains [N m s/rad] (12).
+        observation: what the network sees.
+        filters: what lies between the sensors and the network.
+        policy_rate_hz: rate of the policy [Hz].
+        motor_rate_hz: rate of the motor loop that the policy is meant for [Hz].
+        motors: the motors behind the joints.
+        robot_fingerprint: of the whole robot description, masses and lengths included.
+        software: versions of the packages that made the policy.
+        training: how it was trained.
+
+    Raises:
+        InvalidValueError: a vector has not one number a joint, or a number is not finite or positive.
+    """
+
+    format_version: int = FORMAT_VERSION
+    robot_name: str
+    joint_names: tuple[str, ...]
+    default_pose: Vector
+    action_scale: Vector
+    action_limit: float
+    stiffness: Vector
+    damping: Vector
+    observation: ObservationContract
+    filters: FilterContract
+    policy_rate_hz: float
+    motor_rate_hz: float
+    motors: MotorTable
+    robot_fingerprint: str
+    software: dict[str, str]
+    training: TrainingRecord
+
+    def __post_init__(self) -> None:
+        joints = len(self.joint_names)
+        for field in ("default_pose", "action_scale", "stiffness", "damping"):
+            check_vector(field, getattr(self, field), joints)
+        for field in MotorTable.__struct_fields__:
+            if field != "bus_voltage":
+                check_vector(f"motors.{field}", getattr(self.motors, field), joints)
+        for field in ("action_limit", "policy_rate_hz", "motor_rate_hz"):
+            check_positive(field, getattr(self, field))
+
+    @property
+    def layout(self) -> ObservationLayout:
+        """The observation layout with this contract's scales and history.
+
+        Raises:
+            ContractMismatchError: the frame is not one that this version builds.
+        """
+        return layout_from_contract(self.observation)
+
+    @property
+    def proprioception_filter(self) -> LowPass:
+        """The low-pass on proprioception at the policy's rate."""
+        return LowPass(cutoff_hz=self.filters.proprioception_cutoff_hz, rate_hz=self.policy_rate_hz)
+
+
+def observation_contract(layout: ObservationLayout) -> ObservationContract:
+    """What the contract says of a layout."""
+    terms = tuple(TermContract(name=term.name, scales=term.scales) for term in layout.terms)
+    return ObservationContract(terms=terms, history_length=layout.history_length)
+
+
+def layout_from_contract(observation: ObservationContract) -> ObservationLayout:
+    """Inverse of ``observation_contract``.
+
+    Raises:
+        ContractMismatchError: terms, sizes or order differ from what this version builds.
+    """
+    standard = observation_contract(ObservationLayout())
+    sizes = [f"{term.name} {len(term.scales)}" for term in observation.terms]
+    _require_equal(
+        "observation.terms", sizes, [f"{t.name} {len(t.scales)}" for t in standard.terms], "this version"
+    )
+    _require_equal("observation.history_order", observation.history_order, HISTORY_ORDER, "this version")
+    scales = [term.scales for term in observation.terms]
+    layout = ObservationLayout(
+        angular_velocity_scale=scales[0][0],
+        projected_gravity_scale=scales[1][0],
+        command_scale=(scales[2][0], scales[2][1], scales[2][2]),
+        joint_position_scale=scales[3][0],
+        joint_velocity_scale=scales[4][0],
+        previous_action_scale=scales[5][0],
+        history_length=observation.history_length,
+    )
+    for term, possible in zip(observation.terms, layout.terms, strict=True):
+        _require_equal(f"observation.{term.name} scales", term.scales, possible.scales, "this version")
+    return layout
+
+
+def robot_section(robot: RobotDescription) -> dict[str, Any]:
+    """The fields of a contract that a robot decides, in the order in which they are compared."""
+    return {
+        "robot_name": robot.name,
+        "joint_names": tuple(robot.joint_names),
+        "default_pose": _vector(robot.default_pose),
+        "action_scale": _vector(robot.action_scale),
+        "stiffness": _vector(robot.stiffness),
+        "damping": _vector(robot.damping),
+        "motors": _motor_table(robot),
+        "robot_fingerprint": robot_fingerprint(robot),
+    }
+
+
+def make_contract(
+    robot: RobotDescription,
+    *,
+    layout: ObservationLayout,
+    training: TrainingRecord,
+    software: dict[str, str],
+    proprioception_filter: LowPass,
+    action_limit: float = ACTION_LIMIT,
+) -> PolicyContract:
+    """The contract of a policy trained for ``robot``.
+
+    Args:
+        robot: what the policy drives.
+        layout: what the policy sees.
+        training: how it was trained.
+        software: package versions, see ``software_versions``.
+        proprioception_filter: the low-pass used in training; its rate is the policy's.
+        action_limit: greatest magnitude of an action that is used.
+
+    Raises:
+        InvalidValueError: a number is not finite or not positive.
+    """
+    return PolicyContract(
+        **robot_section(robot),
+        action_limit=action_limit,
+        observation=observation_contract(layout),
+        filters=FilterContract(proprioception_cutoff_hz=proprioception_filter.cutoff_hz),
+        policy_rate_hz=proprioception_filter.rate_hz,
+        motor_rate_hz=MOTOR_RATE_HZ,
+        software=software,
+        training=training,
+    )
+
+
+def check_contract(contract: PolicyContract, robot: RobotDescription) -> None:
+    """Refuse a policy that was not made for ``robot``, or that this version would run differently.
+
+    Raises:
+        ContractMismatchError: names the first field that differs, with both values.
+    """
+    _require_equal("format_version", contract.format_version, FORMAT_VERSION, "this version")
+    _require_equal("policy_rate_hz", contract.policy_rate_hz, POLICY_RATE_HZ, "this version")
+    _require_equal("motor_rate_hz", contract.motor_rate_hz, MOTOR_RATE_HZ, "this version")
+    layout_from_contract(contract.observation)
+    for field, value in robot_section(robot).items():
+        _compare_robot_field(field, getattr(contract, field), value, robot)
+
+
+def encode_contract(contract: PolicyContract) -> str:
+    """JSON text for the ONNX metadata."""
+    return msgspec.json.encode(contract).decode("utf-8")
+
+
+def decode_contract(text: str) -> PolicyContract:
+    """Inverse of ``encode_contract``.
+
+    Raises:
+        PolicyFileError: not JSON, another format version, a missing, unknown or impossible field.
+    """
+    try:
+        version = msgspec.json.decode(text, type=_Header).format_version
+        if version != FORMAT_VERSION:
+            raise PolicyFileError(
+                f"its contract has format {version}, this version reads format {FORMAT_VERSION}"
+            )
+        return msgspec.json.decode(text, type=PolicyContract)
+    except msgspec.DecodeError as error:
+        raise PolicyFileError(f"its contract cannot be read: {error}") from error
+
+
+def software_versions(*packages: str) -> dict[str, str]:
+    """Versions of Python, sprintlab and the named packages.
+
+    Raises:
+        InvalidValueError: a package is not installed.
+    """
+    versions = {"python": platform.python_version()}
+    for package in ("sprintlab", *packages):
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError as error:
+            raise InvalidValueError("package", package, "an installed package") from error
+    return versions
+
+
+def _term_sizes(observation: ObservationContract) -> list[str]:
+    return [f"{term.name} {len(term.scales)}" for term in observation.terms]
+
+
+class _Header(msgspec.Struct, frozen=True):
+    format_version: int
+
+
+def _vector(values: Any) -> Vector:
+    return tuple(float(value) for value in np.asarray(values, dtype=np.float64).reshape(-1))
+
+
+def _motor_table(robot: RobotDescription) -> MotorTable:
+    motors, joints = robot.motors, len(robot.joint_names)
+    columns = {field.name: getattr(motors, field.name) for field in fields(motors)}
+    columns |= {"gear_ratio": robot.gear.ratio, "gear_efficiency": robot.gear.efficiency}
+    vectors = {name: _vector(np.broadcast_to(column, (joints,))) for name, column in columns.items()}
+    return MotorTable(**vectors, bus_voltage=float(robot.bus_voltage))
+
+
+def _compare_robot_field(field: str, value: Any, expected: Any, robot: RobotDescription) -> None:
+    """Compare one field of ``robot_section``; in a motor table or a vector, name the entry that differs."""
+    owner = f"robot {robot.name}"
+    if isinstance(expected, MotorTable):
+        for column in MotorTable.__struct_fields__:
+            name = f"motors.{column}"
+            _compare_robot_field(name, getattr(value, column), getattr(expected, column), robot)
+    elif isinstance(expected, tuple) and field != "joint_names":
+        for joint, here, there in zip(robot.joint_names, value, expected, strict=True):
+            _require_equal(f"{field}[{joint}]", here, there, owner)
+    else:
+        _require_equal(field, value, expected, owner)
+
+
+def _require_equal(field: str, value: object, expected: object, owner: str) -> None:
+    if value != expected:
+        raise ContractMismatchError(f"{field} differs: the policy has {value!r}, {owner} has {expected!r}")
