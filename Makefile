@@ -1,0 +1,49 @@
+# make race   run the shipped policy over 100 m and through the protocol; needs Python and nothing else
+# make test   every check and test, on the CPU
+# make lint   style and types only
+# make venv   the environment of `make test`, without running it
+# Settings: PYTHON (interpreter that makes the environment), RACE_ARGS (passed on), WORKERS (pytest processes).
+
+PYTHON ?= python3
+WORKERS ?= 2
+RACE_ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+REQUIREMENTS := pyproject.toml constraints.txt
+
+.PHONY: race test lint venv clean
+.DEFAULT_GOAL := test
+
+race: $(VENV)/.race-installed
+	@$(BIN)/sprintlab race $(RACE_ARGS)
+
+test: lint
+	@$(BIN)/python -m pytest -n $(WORKERS)
+
+lint: $(VENV)/.dev-installed
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/lint-imports
+	@$(BIN)/pyright --pythonpath $(BIN)/python
+
+venv: $(VENV)/.dev-installed
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13) and "sprintlab needs Python 3.10 to 3.13; set PYTHON")'
+	@$(PYTHON) -m venv $(VENV)
+
+# A stamp is written only after its install succeeded, so an interrupted one is taken up again.
+$(VENV)/.race-installed: $(REQUIREMENTS) | $(BIN)/python
+	@echo "installing the base packages into $(VENV)"
+	@$(INSTALL) -e '.[video]'
+	@touch $@
+
+$(VENV)/.dev-installed: $(REQUIREMENTS) | $(BIN)/python
+	@echo "installing the base, training and test packages into $(VENV)"
+	@$(INSTALL) -e '.[dev,video]'
+	@touch $@ $(VENV)/.race-installed
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,63 @@
+"""The house rules: floors, no PyTorch below training, short functions, no code in ``__init__``."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "sprintlab"
+FILES = sorted(SOURCE.rglob("*.py"))
+BASE_PACKAGES = ["core", "motors", "robots", "control", "commands", "evaluation", "cli"]
+LONGEST_FUNCTION = 100  # lines
+
+IMPORT_WITHOUT_LEARNING = """
+import importlib, pkgutil, sys
+for name in ("torch", "warp", "mujoco_warp", "rsl_rl", "tensordict", "onnx", "onnxscript"):
+    sys.modules[name] = None  # importing it now raises ImportError
+package = importlib.import_module("sprintlab." + sys.argv[1])
+for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+    importlib.import_module(module.name)
+"""
+
+
+def identity(path):
+    return str(path.relative_to(SOURCE))
+
+
+def test_every_package_keeps_to_its_floor():
+    status = lint_imports(config_filename=str(ROOT / "pyproject.toml"), cache_dir=None)
+    assert status == EXIT_STATUS_SUCCESS
+
+
+@pytest.mark.parametrize("package", BASE_PACKAGES)
+def test_base_package_imports_without_the_training_extra(package):
+    command = [sys.executable, "-c", IMPORT_WITHOUT_LEARNING, package]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("path", FILES, ids=identity)
+def test_no_function_is_long(path):
+    functions = [
+        node
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    long = [node.name for node in functions if node.end_lineno - node.lineno >= LONGEST_FUNCTION]
+    assert not long
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("__init__.py")), ids=identity)
+def test_init_files_only_pass_names_on(path):
+    allowed = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr)
+    statements = ast.parse(path.read_text(encoding="utf-8")).body
+    assert all(isinstance(statement, allowed) for statement in statements)
+    assert all(
+        statement.targets[0].id.startswith("__")
+        for statement in statements
+        if isinstance(statement, ast.Assign)
+    )
