@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -57,7 +58,7 @@ def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
 def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Yield a temporary folder that becomes ``path`` only if the block ends without an error.
 
-    An existing ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses.
+    An existing folder ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses.
     """
     target = Path(path)
     temporary = None
@@ -66,11 +67,26 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
         temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
         yield temporary
         os.chmod(temporary, 0o755)
-        if target.exists():
-            shutil.rmtree(target)
-        os.replace(temporary, target)
+        _swap_in(temporary, target)
     except OSError as error:
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         if temporary is not None and temporary.exists():
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _swap_in(temporary: Path, target: Path) -> None:
+    """Give ``temporary`` the name ``target``; an older folder of that name stays until this has worked."""
+    if not target.exists():
+        os.replace(temporary, target)
+        return
+    if not target.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(target))
+    aside = temporary.with_name(temporary.name + ".old")
+    os.replace(target, aside)
+    try:
+        os.replace(temporary, target)
+    except OSError:
+        os.replace(aside, target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)

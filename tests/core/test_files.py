@@ -1,0 +1,168 @@
+"""Atomic writing on a disk that fails at each possible step."""
+
+import errno
+import json
+import math
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_directory, atomic_write_bytes, atomic_write_json, atomic_write_text
+
+FAILING_STEPS = ["fsync", "replace", "chmod"]
+
+
+def full_disk(*_args, **_kwargs):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_text_is_written_as_utf8_in_new_folders(tmp_path):
+    target = tmp_path / "a" / "b" / "note.txt"
+    atomic_write_text(target, "τ ≤ τ_m\n")
+    assert target.read_bytes() == "τ ≤ τ_m\n".encode()
+
+
+def test_existing_file_is_replaced(tmp_path):
+    target = tmp_path / "data"
+    target.write_bytes(b"old")
+    atomic_write_bytes(target, b"new")
+    assert target.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_written_file_may_be_read_by_others(tmp_path):
+    atomic_write_bytes(tmp_path / "data", b"x")
+    assert (tmp_path / "data").stat().st_mode & 0o777 == 0o644
+
+
+def test_json_is_read_back(tmp_path):
+    atomic_write_json(tmp_path / "x.json", {"speed": 10.5, "falls": [0, 1]})
+    assert json.loads((tmp_path / "x.json").read_text()) == {"speed": 10.5, "falls": [0, 1]}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_json_refuses_what_is_no_number(tmp_path, value):
+    with pytest.raises(SprintlabError, match=r"cannot write .*x\.json"):
+        atomic_write_json(tmp_path / "x.json", {"speed": value})
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("step", FAILING_STEPS)
+def test_full_disk_keeps_the_old_file_and_leaves_nothing_behind(tmp_path, monkeypatch, step):
+    target = tmp_path / "data"
+    target.write_bytes(b"old")
+    monkeypatch.setattr(os, step, full_disk)
+    with pytest.raises(SprintlabError, match=r"cannot write .*data: No space left on device"):
+        atomic_write_bytes(target, b"new")
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_disk_that_fills_while_writing_leaves_nothing_behind(tmp_path, monkeypatch):
+    original = tempfile.NamedTemporaryFile
+
+    def with_full_disk(*args, **kwargs):
+        handle = original(*args, **kwargs)
+        handle.write = full_disk
+        return handle
+
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", with_full_disk)
+    with pytest.raises(SprintlabError, match="No space left"):
+        atomic_write_bytes(tmp_path / "data", b"new")
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_that_is_a_file_is_told_in_one_sentence(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(SprintlabError, match="cannot write"):
+        atomic_write_bytes(tmp_path / "file" / "data", b"new")
+
+
+def test_directory_appears_only_when_complete(tmp_path):
+    target = tmp_path / "runs" / "race"
+    with atomic_directory(target) as folder:
+        (folder / "result.json").write_text("{}")
+        assert not target.exists()
+    assert [path.name for path in target.iterdir()] == ["result.json"]
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_directory_replaces_an_older_one(tmp_path):
+    target = tmp_path / "race"
+    for name in ("first", "second"):
+        with atomic_directory(target) as folder:
+            (folder / name).touch()
+    assert [path.name for path in target.iterdir()] == ["second"]
+
+
+@pytest.mark.parametrize("failure", [ValueError("broken"), KeyboardInterrupt()])
+def test_failed_block_leaves_no_directory_and_keeps_its_error(tmp_path, failure):
+    with pytest.raises(type(failure)) as caught, atomic_directory(tmp_path / "race") as folder:
+        (folder / "half").touch()
+        raise failure
+    assert caught.value is failure
+    assert not list(tmp_path.iterdir())
+
+
+def test_failed_block_keeps_the_older_directory(tmp_path):
+    target = tmp_path / "race"
+    target.mkdir()
+    (target / "result.json").write_text("old")
+    with pytest.raises(ValueError, match="broken"), atomic_directory(target):
+        raise ValueError("broken")
+    assert (target / "result.json").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("step", ["replace", "chmod"])
+def test_full_disk_at_the_end_of_a_directory_leaves_nothing_new(tmp_path, monkeypatch, step):
+    target = tmp_path / "race"
+    target.mkdir()
+    (target / "result.json").write_text("old")
+    monkeypatch.setattr(os, step, full_disk)
+    with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
+        (folder / "half").touch()
+    monkeypatch.undo()
+    assert (target / "result.json").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_older_directory_comes_back_when_the_new_one_cannot_take_its_name(tmp_path, monkeypatch):
+    target = tmp_path / "race"
+    target.mkdir()
+    (target / "result.json").write_text("old")
+    replace = os.replace
+
+    def refuse_the_new_one(source, destination):
+        if (Path(source) / "new").exists():
+            full_disk()
+        replace(source, destination)
+
+    monkeypatch.setattr(os, "replace", refuse_the_new_one)
+    with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
+        (folder / "new").touch()
+    assert (target / "result.json").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_directory_does_not_replace_a_file(tmp_path):
+    (tmp_path / "race").write_text("precious")
+    with pytest.raises(SprintlabError, match="Not a directory"), atomic_directory(tmp_path / "race"):
+        pass
+    assert (tmp_path / "race").read_text() == "precious"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_full_disk_inside_the_block_is_told_in_one_sentence(tmp_path):
+    with pytest.raises(SprintlabError, match=r"race: No space left"), atomic_directory(tmp_path / "race"):
+        full_disk()
+    assert not list(tmp_path.iterdir())
+
+
+def test_error_of_an_inner_write_passes_unchanged(tmp_path):
+    with pytest.raises(SprintlabError, match=r"x\.json"), atomic_directory(tmp_path / "race") as folder:
+        atomic_write_json(folder / "x.json", math.nan)
+    assert not list(Path(tmp_path).iterdir())
