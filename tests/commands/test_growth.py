@@ -1,0 +1,114 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.commands import RangeGrowth, StageBlend, fastest_speed
+from sprintlab.core.errors import InvalidValueError
+
+
+def test_range_grows_while_the_fastest_are_near_its_top():
+    growth = RangeGrowth()
+    growth.update(0.25, top=6.0)
+    assert growth.upper == 1.0
+    growth.update(0.26, top=6.0)
+    assert growth.upper == pytest.approx(1.1)
+
+
+def test_range_stops_at_the_stage_top_and_never_shrinks():
+    growth = RangeGrowth()
+    for _ in range(100):
+        growth.update(20.0, top=6.0)
+    assert growth.upper == 6.0
+    growth.update(20.0, top=3.0)
+    assert growth.upper == 6.0
+    growth.update(float("nan"), top=12.0)
+    assert growth.upper == 6.0
+
+
+@given(st.floats(0.1, 30.0))
+def test_lower_end_follows_the_upper(upper):
+    lower = RangeGrowth(upper=upper).lower
+    assert lower == max(-2.0, -max(1.0, upper / 3))
+    assert -2.0 <= lower <= -1.0
+
+
+def test_fastest_speed_ignores_a_few_outliers_and_is_the_same_in_torch():
+    speed = np.random.default_rng(0).normal(size=8192)
+    reference = np.quantile(speed, 0.999, method="inverted_cdf")
+    assert fastest_speed(speed) == reference
+    assert float(fastest_speed(torch.from_numpy(speed))) == reference
+
+
+def test_growth_goes_on_from_a_checkpoint():
+    growth = RangeGrowth()
+    for _ in range(13):
+        growth.update(9.0, top=6.0)
+    other = RangeGrowth()
+    other.load_state_dict(json.loads(json.dumps(growth.state_dict())))
+    assert (other.upper, other.lower) == (growth.upper, growth.lower)
+    with pytest.raises(InvalidValueError, match="upper"):
+        other.load_state_dict({})
+
+
+def test_blend_waits_for_the_top_and_for_the_earliest_iteration():
+    blend = StageBlend(first_top=6.0, earliest_iteration=10, ramp_iterations=4)
+    for _ in range(20):
+        blend.update(5.9)
+    assert (blend.weight, blend.top) == (0.0, 6.0)
+    blend.update(6.0)
+    assert (blend.weight, blend.top) == (0.25, 12.0)
+    early = StageBlend(earliest_iteration=10)
+    for _ in range(10):
+        early.update(6.0)
+    assert early.weight == 0.0
+    early.update(6.0)
+    assert early.weight > 0.0
+
+
+def test_blend_ramps_linearly_and_never_goes_back():
+    blend = StageBlend(earliest_iteration=0, ramp_iterations=8)
+    blend.update(6.0)
+    weights = [blend.weight]
+    for _ in range(12):
+        blend.update(1.0)
+        weights.append(blend.weight)
+    assert weights == [min(1.0, k / 8) for k in range(1, 14)]
+
+
+def test_grown_floats_reach_the_top_of_the_stage_for_the_blend():
+    growth, blend = RangeGrowth(), StageBlend(earliest_iteration=0, ramp_iterations=10)
+    for _ in range(200):
+        growth.update(99.0, top=blend.top)
+        blend.update(growth.upper)
+    assert (growth.upper, blend.weight) == (12.0, 1.0)
+
+
+def test_blend_goes_on_from_a_checkpoint():
+    blend = StageBlend(earliest_iteration=3)
+    for _ in range(9):
+        blend.update(6.0)
+    other = StageBlend(earliest_iteration=3)
+    other.load_state_dict(json.loads(json.dumps(blend.state_dict())))
+    assert other == blend
+    with pytest.raises(InvalidValueError, match="progress"):
+        other.load_state_dict({"iteration": 3})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: RangeGrowth(upper=0.0),
+        lambda: RangeGrowth(increment=-0.1),
+        lambda: RangeGrowth(lowest=0.0),
+        lambda: StageBlend(first_top=6.0, second_top=5.0),
+        lambda: StageBlend(ramp_iterations=0),
+        lambda: StageBlend(earliest_iteration=-1),
+    ],
+)
+def test_impossible_settings_are_refused(make):
+    with pytest.raises(InvalidValueError):
+        make()

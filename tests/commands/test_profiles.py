@@ -1,0 +1,131 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from sprintlab.commands import (
+    SpeedProfile,
+    SprintProfile,
+    heading_angle,
+    heading_command,
+    self_paced,
+    wrap_angle,
+)
+from sprintlab.core.errors import InvalidValueError
+
+
+def test_profile_of_twelve_metres_a_second():
+    profile = SpeedProfile(top_speed=12.0)
+    assert [phase.name for phase in profile.phases] == ["stand", "rise", "hold", "fall", "stand"]
+    assert profile.duration == 12.0
+    assert profile.hold_interval == (4.0, 8.0)
+    times = np.array([-1.0, 0.0, 1.0, 2.5, 4.0, 6.0, 8.0, 9.0, 11.0, 12.0, 99.0])
+    expected = [0.0, 0.0, 0.0, 6.0, 12.0, 12.0, 12.0, 8.0, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(profile.command(times), expected, atol=1e-12)
+    assert float(profile.command(2.5)) == 6.0
+
+
+@given(top=st.floats(0.25, 20), acceleration=st.floats(0.5, 10), hold=st.floats(0, 10), stand=st.floats(0, 3))
+def test_profile_respects_its_bounds_and_covers_its_distance(top, acceleration, hold, stand):
+    profile = SpeedProfile(top_speed=top, acceleration=acceleration, hold=hold, stand=stand)
+    times = np.linspace(0.0, profile.duration, 4001)
+    speed = profile.command(times)
+    assert speed.min() >= 0.0 and speed.max() <= top
+    steepest = np.max(np.abs(np.diff(speed))) / (times[1] - times[0])
+    assert steepest <= acceleration * (1 + 1e-6)
+    distance = np.sum((speed[1:] + speed[:-1]) / 2) * (times[1] - times[0])
+    assert distance == pytest.approx(top * hold + top**2 / acceleration, rel=2e-2, abs=1e-3)
+    assert [phase.end for phase in profile.phases[:-1]] == [phase.start for phase in profile.phases[1:]]
+
+
+def test_sprint_holds_until_the_distance_is_reported():
+    sprint = SprintProfile(top_speed=12.0)
+    times = np.array([0.0, 1.0, 2.0, 4.0, 50.0])
+    np.testing.assert_allclose(sprint.command(times), [0.0, 0.0, 4.0, 12.0, 12.0])
+    np.testing.assert_allclose(
+        sprint.command(np.array([9.9, 10.0, 11.0, 13.0, 20.0]), 10.0), [12, 12, 8, 0, 0]
+    )
+    assert sprint.end_time(10.0) == 13.0
+
+
+def test_sprint_that_ends_while_it_still_accelerates_falls_from_there():
+    sprint = SprintProfile(top_speed=12.0)
+    times = np.array([1.5, 2.0, 2.5, 3.0])
+    np.testing.assert_allclose(sprint.command(times, finish_time=2.0), [2.0, 4.0, 2.0, 0.0])
+    assert sprint.end_time(2.0) == 3.0
+
+
+@given(command=st.floats(-15, 15), speed=st.floats(-15, 15), window=st.floats(0.1, 3))
+def test_self_paced_command_neither_leads_nor_lags(command, speed, window):
+    paced = float(self_paced(command, speed, window))
+    assert abs(paced - speed) <= window * (1 + 1e-9)
+    if abs(command - speed) <= window * (1 - 1e-9):
+        assert paced == command
+    tensors = (torch.tensor(value, dtype=torch.float64) for value in (command, speed))
+    assert float(self_paced(*tensors, window)) == paced
+
+
+@given(angle=st.floats(-50, 50))
+def test_wrapped_angle_is_the_same_direction(angle):
+    wrapped = float(wrap_angle(np.asarray(angle)))
+    assert abs(wrapped) <= math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0)
+
+
+def test_heading_of_a_turn_about_the_vertical():
+    angles = np.linspace(-3.1, 3.1, 9)
+    zero = np.zeros_like(angles)
+    quaternions = np.stack([np.cos(angles / 2), zero, zero, np.sin(angles / 2)], axis=-1)
+    np.testing.assert_allclose(heading_angle(quaternions), angles, atol=1e-12)
+    np.testing.assert_allclose(heading_angle(torch.from_numpy(quaternions)).numpy(), angles, atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0, 12.0, -2.0])
+def test_heading_loop_is_critically_damped(speed):
+    """Double pole at -1 1/s: the offset falls as (1 + t) exp(-t) while nothing saturates."""
+
+    def derivative(_, state):
+        offset, heading = state
+        return [speed * heading, float(heading_command(heading, offset, speed))]
+
+    times = np.linspace(0.0, 8.0, 81)
+    run = solve_ivp(derivative, (0.0, 8.0), [0.05, 0.0], t_eval=times, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(run.y[0], 0.05 * (1 + times) * np.exp(-times), atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [2.0, 12.0])
+def test_heading_loop_recovers_from_far_off_with_nonlinear_kinematics(speed):
+    def derivative(_, state):
+        offset, heading = state
+        return [speed * math.sin(heading), float(heading_command(heading, offset, speed))]
+
+    run = solve_ivp(derivative, (0.0, 30.0), [2.0, 1.0], max_step=0.05)
+    assert np.max(np.abs(run.y[:, -1])) < 1e-2
+
+
+@given(heading=st.floats(-7, 7), offset=st.floats(-20, 20), speed=st.floats(-15, 15))
+def test_heading_command_obeys_its_limits(heading, offset, speed):
+    rate = float(heading_command(heading, offset, speed, limit=0.8, friction=0.7))
+    assert abs(rate) <= 0.8
+    assert abs(rate * speed) <= 0.7 * 9.81 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: SpeedProfile(top_speed=0.0), "top_speed"),
+        (lambda: SpeedProfile(top_speed=float("nan")), "top_speed"),
+        (lambda: SpeedProfile(top_speed=3.0, acceleration=-4.0), "acceleration"),
+        (lambda: SpeedProfile(top_speed=3.0, hold=-1.0), "hold"),
+        (lambda: SprintProfile(top_speed=-1.0), "top_speed"),
+        (lambda: SprintProfile(top_speed=1.0, stand=-1.0), "stand"),
+    ],
+)
+def test_impossible_profiles_are_refused(make, field):
+    with pytest.raises(InvalidValueError) as caught:
+        make()
+    assert caught.value.field == field

@@ -1,0 +1,245 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sprintlab.commands import (
+    AdaptiveSchedule,
+    CommandState,
+    FixedAccelerationSchedule,
+    TargetSampling,
+    UniformSchedule,
+    initial_state,
+    limit_yaw_rate,
+)
+from sprintlab.core.errors import InvalidValueError
+
+SCHEDULES = (AdaptiveSchedule(), UniformSchedule(), FixedAccelerationSchedule())
+DT = 0.02
+
+
+def draw_inputs(generator, n, lower=-2.0, upper=9.0, fresh_share=0.0):
+    return {
+        "speed": generator.uniform(lower, upper, n),
+        "friction": generator.uniform(0.3, 1.0, n),
+        "fresh": generator.random(n) < fresh_share,
+        "random": generator.random((n, 8)),
+    }
+
+
+def advance(schedule, state, inputs, lower=-2.0, upper=9.0):
+    return schedule.advance(state, dt=DT, lower=lower, upper=upper, **inputs)
+
+
+def as_torch(inputs):
+    return {name: torch.from_numpy(value) for name, value in inputs.items()}
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
+def test_numpy_equals_torch(schedule):
+    generator = np.random.default_rng(1)
+    here, there = initial_state(200, np.zeros(1)), initial_state(200, torch.zeros(1, dtype=torch.float64))
+    for _ in range(120):
+        inputs = draw_inputs(generator, 200, fresh_share=0.05)
+        here, there = advance(schedule, here, inputs), advance(schedule, there, as_torch(inputs))
+        for mine, other in zip(here, there, strict=True):
+            assert isinstance(other, torch.Tensor)
+            np.testing.assert_allclose(mine, other.numpy(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
+def test_zero_dimensional_range_equals_python_floats(schedule):
+    generator = np.random.default_rng(2)
+    inputs = as_torch(draw_inputs(generator, 50))
+    state = initial_state(50, torch.zeros(1, dtype=torch.float64))
+    lower, upper = torch.tensor(-2.0, dtype=torch.float64), torch.tensor(9.0, dtype=torch.float64)
+    for mine, other in zip(
+        advance(schedule, state, inputs), advance(schedule, state, inputs, lower, upper), strict=True
+    ):
+        assert torch.equal(mine, other)
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
+def test_float32_stays_float32(schedule):
+    inputs = {
+        name: value.float() if value.dtype == torch.float64 else value
+        for name, value in as_torch(draw_inputs(np.random.default_rng(3), 20)).items()
+    }
+    state = advance(schedule, initial_state(20, torch.zeros(1)), inputs)
+    assert {field.dtype for field in state} == {torch.float32}
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
+def test_no_value_leaves_the_device(schedule):
+    """On the meta device there are no values: reading one, branching on one or masking by one raises."""
+    n = 16
+    inputs = {
+        name: torch.empty(value.shape, dtype=value.dtype, device="meta")
+        for name, value in as_torch(draw_inputs(np.random.default_rng(4), n)).items()
+    }
+    state = advance(schedule, initial_state(n, torch.empty(1, dtype=torch.float64, device="meta")), inputs)
+    assert all(field.device.type == "meta" for field in state)
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    upper=st.floats(1.0, 14.0),
+    window=st.floats(0.2, 2.0),
+    fresh_share=st.sampled_from([0.0, 0.2, 1.0]),
+)
+def test_adaptive_command_is_in_the_neighbourhood_and_the_range(seed, upper, window, fresh_share):
+    generator = np.random.default_rng(seed)
+    lower = max(-2.0, -max(1.0, upper / 3))
+    schedule = AdaptiveSchedule(window=window)
+    state = initial_state(40, np.zeros(1))
+    for _ in range(30):
+        inputs = draw_inputs(generator, 40, lower - 2, upper + 2, fresh_share)
+        before, state = state, advance(schedule, state, inputs, lower, upper)
+        command, speed = state.command[:, 0], inputs["speed"]
+        updated = state.time_to_update != before.time_to_update - DT
+        nearest = np.clip(speed, lower, upper)
+        assert np.all(command >= lower) and np.all(command <= upper)
+        assert np.all(np.abs(command - nearest)[updated] <= window + 1e-12)
+        assert np.all(command[~updated] == before.command[~updated, 0])
+        assert np.all(updated[inputs["fresh"]])
+        assert np.all(np.abs(command * state.command[:, 2]) <= inputs["friction"] * 9.81 + 1e-9)
+        assert np.all(state.command[:, 1] == 0.0)
+
+
+def test_adaptive_command_walks_a_perfect_robot_to_its_target():
+    generator = np.random.default_rng(5)
+    schedule = AdaptiveSchedule(targets=TargetSampling(persistence=(60.0, 60.0), yaw_share=0.0))
+    state, speed = initial_state(300, np.zeros(1)), np.zeros(300)
+    distances = []
+    for _ in range(1000):
+        inputs = draw_inputs(generator, 300) | {"speed": speed}
+        state = advance(schedule, state, inputs)
+        speed = speed + np.clip(state.command[:, 0] - speed, -4 * DT, 4 * DT)
+        distances.append(np.mean(np.abs(state.target_speed - speed)))
+    assert distances[0] > 3.0
+    assert np.mean(distances[-200:]) < 0.3
+
+
+def test_adaptive_hold_times_lie_in_their_interval():
+    generator = np.random.default_rng(6)
+    state = initial_state(400, np.zeros(1))
+    since, intervals = np.zeros(400), []
+    for step in range(300):
+        before, state = state, advance(AdaptiveSchedule(), state, draw_inputs(generator, 400))
+        redrawn = state.time_to_target > before.time_to_target
+        updated = state.time_to_update > before.time_to_update
+        if step > 0:
+            intervals.extend(since[updated & ~redrawn])
+        since = np.where(updated, 0.0, since) + DT
+    assert 0.4 - 1e-9 <= min(intervals) < 0.45
+    assert 0.95 < max(intervals) <= 1.0 + DT + 1e-9
+
+
+def test_share_of_biased_updates():
+    generator = np.random.default_rng(7)
+    inputs = draw_inputs(generator, 20000) | {"speed": np.full(20000, 3.0)}
+    state = advance(AdaptiveSchedule(), initial_state(20000, np.zeros(1)), inputs)
+    biased = state.command[:, 0] == np.clip(state.target_speed, 2.0, 4.0)
+    assert np.mean(biased) == pytest.approx(0.75, abs=0.01)
+
+
+def test_target_distribution():
+    targets = TargetSampling()
+    random = np.random.default_rng(8).random((100_000, 8))
+    speed = targets.speed(random, -2.0, 10.0)
+    assert speed.min() >= -2.0 and speed.max() <= 10.0
+    assert np.mean(speed == 0.0) == pytest.approx(0.04, abs=0.003)
+    uniform_share = 0.46
+    assert np.mean(speed >= 7.0) == pytest.approx(0.5 + uniform_share * 3 / 12, abs=0.006)
+    yaw_rate = targets.yaw_rate(random)
+    assert np.mean(yaw_rate == 0.0) == pytest.approx(0.5, abs=0.006)
+    assert -1.0 <= yaw_rate.min() < -0.99 and 0.99 < yaw_rate.max() <= 1.0
+    duration = targets.duration(random)
+    assert 3.0 <= duration.min() < 3.01 and 6.99 < duration.max() <= 7.0
+
+
+def test_targets_persist_until_their_time_is_over():
+    generator = np.random.default_rng(9)
+    schedule = UniformSchedule(targets=TargetSampling(zero_share=0.0))
+    state = initial_state(100, np.zeros(1))
+    for _ in range(400):
+        before, state = state, advance(schedule, state, draw_inputs(generator, 100))
+        over = before.time_to_target - DT <= 0.0
+        assert np.all(state.target_speed[~over] == before.target_speed[~over])
+        assert np.all(state.target_speed[over] != before.target_speed[over])
+
+
+def test_fresh_environments_redraw_and_the_others_do_not():
+    generator = np.random.default_rng(10)
+    schedule = AdaptiveSchedule(targets=TargetSampling(zero_share=0.0))
+    state = advance(schedule, initial_state(10, np.zeros(1)), draw_inputs(generator, 10))
+    fresh = np.arange(10) % 2 == 0
+    after = advance(schedule, state, draw_inputs(generator, 10) | {"fresh": fresh})
+    assert np.all((after.target_speed != state.target_speed) == fresh)
+    assert np.all((after.command[:, 0] != state.command[:, 0]) == fresh)
+
+
+def test_uniform_command_is_the_target_at_once():
+    inputs = draw_inputs(np.random.default_rng(11), 5000)
+    state = advance(UniformSchedule(), initial_state(5000, np.zeros(1)), inputs)
+    assert np.array_equal(state.command[:, 0], state.target_speed)
+    nonzero = state.target_speed[state.target_speed != 0.0]
+    assert np.mean(nonzero) == pytest.approx((9.0 - 2.0) / 2, abs=0.15)
+
+
+def test_fixed_acceleration_moves_steadily_to_the_target():
+    generator = np.random.default_rng(12)
+    schedule = FixedAccelerationSchedule(targets=TargetSampling(persistence=(6.0, 6.0)))
+    fresh = {"fresh": np.ones(200, dtype=bool), "speed": np.full(200, 1.0)}
+    state = advance(schedule, initial_state(200, np.zeros(1)), draw_inputs(generator, 200) | fresh)
+    assert np.all((state.acceleration >= 2.0) & (state.acceleration <= 4.0))
+    assert np.all(np.abs(state.command[:, 0] - 1.0) <= state.acceleration * DT + 1e-12)
+    for _ in range(250):
+        before, state = state, advance(schedule, state, draw_inputs(generator, 200))
+        step = np.abs(state.command[:, 0] - before.command[:, 0])
+        left = np.abs(before.target_speed - before.command[:, 0])
+        np.testing.assert_allclose(step, np.minimum(left, state.acceleration * DT), atol=1e-12)
+    np.testing.assert_allclose(state.command[:, 0], state.target_speed, atol=1e-9)
+
+
+@given(
+    yaw_rate=st.floats(-5, 5),
+    speed=st.floats(-20, 20),
+    friction=st.floats(0.05, 2.0),
+)
+def test_yaw_rate_never_asks_for_more_than_friction(yaw_rate, speed, friction):
+    limited = limit_yaw_rate(np.array([yaw_rate]), np.array([speed]), friction)[0]
+    assert abs(limited * speed) <= friction * 9.81 * (1 + 1e-12)
+    assert abs(limited) <= abs(yaw_rate) and limited * yaw_rate >= 0.0
+    if abs(yaw_rate * speed) <= friction * 9.81 * (1 - 1e-12):
+        assert limited == yaw_rate
+
+
+@pytest.mark.parametrize(
+    ("make", "field"),
+    [
+        (lambda: AdaptiveSchedule(window=0.0), "window"),
+        (lambda: AdaptiveSchedule(hold=(1.0, 0.4)), "hold"),
+        (lambda: AdaptiveSchedule(biased_share=1.1), "biased_share"),
+        (lambda: TargetSampling(persistence=(-1.0, 2.0)), "persistence"),
+        (lambda: TargetSampling(top_share=0.99), "top_share + zero_share"),
+        (lambda: TargetSampling(yaw_limit=float("nan")), "yaw_limit"),
+        (lambda: FixedAccelerationSchedule(acceleration=(4.0, 2.0)), "acceleration"),
+    ],
+)
+def test_impossible_settings_are_refused(make, field):
+    with pytest.raises(InvalidValueError) as caught:
+        make()
+    assert caught.value.field == field
+
+
+def test_state_fields_are_those_of_the_interface():
+    assert CommandState._fields[:5] == (
+        "command",
+        "target_speed",
+        "target_yaw_rate",
+        "time_to_target",
+        "time_to_update",
+    )
