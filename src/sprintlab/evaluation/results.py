@@ -1,6 +1,6 @@
 """What an evaluation hands back: trajectories, trials, protocol, race. Plain data, no simulator.
 
-Shapes: ``T`` samples (500 Hz unless ``TrialOptions.record_rate`` says otherwise), 12 joints in policy
+Shapes: ``T`` samples (500 Hz unless ``PlantOptions.record_rate`` says otherwise), 12 joints in policy
 order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL, RR``. SI units.
 """
 
@@ -111,14 +111,19 @@ class TrialMetrics:
         angular_cost: J, integral of pitch rate^2 + roll rate^2 over the profile [rad^2/s].
         lateral_deviation: largest distance from the line through the start along x [m].
         envelope_share: (12,) share of time, while commanded to move, that the torque sits on a limit.
-        mechanical_power: mean power delivered to the joints over the motion [W], signed.
+        mechanical_power: mean power delivered to the joints [W], signed. This and the following powers,
+            the gait and the cost of transport are means over the last 2 s of the hold.
         positive_power: mean of the positive part, summed over joints [W].
         copper_power: mean copper loss of all motors [W].
-        cost_of_transport: (mechanical + copper energy) / (mass g distance).
+        electrical_power: mean power drawn from the bus by all motors, shaft power + copper loss [W].
+        cost_of_transport: electrical_power / (mass g held_speed).
         distance: forward way of the base [m].
         stride_frequency: strides a second during the last 2 s of the hold [Hz].
         duty_factor: (4,) share of time on the ground, same interval.
         joint_speed_ratio: (12,) highest motor speed over no-load speed.
+        deepest_penetration: of a foot into the ground [m].
+        smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
+        slip_per_step: mean way that a foot slides in one stance [m].
     """
 
     held_speed: float
@@ -129,11 +134,15 @@ class TrialMetrics:
     mechanical_power: float
     positive_power: float
     copper_power: float
+    electrical_power: float
     cost_of_transport: float
     distance: float
     stride_frequency: float
     duty_factor: tuple[float, ...]
     joint_speed_ratio: tuple[float, ...]
+    deepest_penetration: float
+    smallest_leg_distance: float
+    slip_per_step: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -403,6 +412,7 @@ def _speed_summary(result: SpeedResult) -> dict[str, Any]:
         "cost_of_transport": result.mean("cost_of_transport"),
         "mechanical_power_W": result.mean("mechanical_power"),
         "copper_power_W": result.mean("copper_power"),
+        "electrical_power_W": result.mean("electrical_power"),
         "stride_frequency_Hz": result.mean("stride_frequency"),
         "duty_factor": result.mean("duty_factor"),
         "lateral_deviation_m": result.mean("lateral_deviation"),

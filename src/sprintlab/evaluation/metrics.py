@@ -1,0 +1,198 @@
+"""What a trajectory amounts to: speeds, J, motor use, power, gait, and what the exploit audit looks at."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.evaluation.plant import PlantOptions
+from sprintlab.evaluation.results import Trajectory, TrialMetrics
+from sprintlab.motors import copper_loss, electrical_power, no_load_speed
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""[m/s^2]"""
+
+STEADY_WINDOW = 2.0
+"""Speed, power and gait are means over this last part of the hold [s]."""
+
+PEAK_WINDOW = 0.5
+"""The peak speed is a mean over this time [s]."""
+
+_LONGEST_BOUNCE = 0.02  # a foot that is off the ground for less is still in the same stance [s]
+
+
+def trial_metrics(
+    trajectory: Trajectory,
+    robot: RobotDescription,
+    hold_interval: tuple[float, float],
+    *,
+    payload: float = 0.0,
+    plant: PlantOptions | None = None,
+) -> TrialMetrics:
+    """Summarize one trajectory.
+
+    Args:
+        trajectory: ``T`` samples at an even rate.
+        robot: for motors, gears and mass.
+        hold_interval: start and end of the hold [s]; what happens in its last 2 s is the steady state.
+        payload: mass added to the robot [kg].
+        plant: for the bus voltage; the robot's own when left out.
+    """
+    window = steady_window(trajectory, hold_interval)
+    gait = _gait(trajectory, window)
+    return TrialMetrics(
+        held_speed=_mean(trajectory.velocity[window, 0]),
+        peak_speed=peak_speed(trajectory),
+        angular_cost=angular_cost(trajectory),
+        lateral_deviation=float(np.abs(trajectory.qpos[:, 1]).max()),
+        envelope_share=tuple(envelope_share(trajectory).tolist()),
+        distance=float(trajectory.qpos[-1, 0] - trajectory.qpos[0, 0]),
+        joint_speed_ratio=tuple(_joint_speed_ratio(trajectory, robot, plant).tolist()),
+        deepest_penetration=float(trajectory.foot_penetration.max()),
+        smallest_leg_distance=float(trajectory.leg_distance.min()),
+        slip_per_step=slip_per_step(trajectory),
+        **_powers(trajectory, robot, window, robot.total_mass + payload),
+        **gait,
+    )
+
+
+def steady_window(trajectory: Trajectory, hold_interval: tuple[float, float]) -> NDArray[np.bool_]:
+    """Samples ``(T,)`` in the last 2 s of the hold; none when the run ended before the hold did."""
+    start, end = hold_interval
+    if trajectory.time[-1] < end - 0.1:
+        return np.zeros(len(trajectory.time), dtype=bool)
+    return (trajectory.time >= max(start, end - STEADY_WINDOW) - 1e-9) & (trajectory.time < end - 1e-9)
+
+
+def peak_speed(trajectory: Trajectory) -> float:
+    """Highest mean forward speed over 0.5 s [m/s]; ``nan`` for a shorter trajectory."""
+    count = round(PEAK_WINDOW / sample_time(trajectory))
+    if len(trajectory.time) < count:
+        return math.nan
+    total = np.concatenate(([0.0], np.cumsum(trajectory.velocity[:, 0])))
+    return float((total[count:] - total[:-count]).max() / count)
+
+
+def angular_cost(trajectory: Trajectory) -> float:
+    """J: integral of pitch rate^2 + roll rate^2 over the whole trajectory [rad^2/s], trapezoid rule."""
+    rate = trajectory.angular_velocity
+    squared = rate[:, 0] ** 2 + rate[:, 1] ** 2
+    return float(np.sum(0.5 * (squared[1:] + squared[:-1]) * np.diff(trajectory.time)))
+
+
+def moving(trajectory: Trajectory) -> NDArray[np.bool_]:
+    """Samples ``(T,)`` at which the robot is asked to move."""
+    return np.abs(trajectory.command[:, 0]) > 1e-9
+
+
+def envelope_share(trajectory: Trajectory) -> FloatArray:
+    """Share of the time asked to move ``(12,)`` at which the clipped torque sits on a limit.
+
+    The clip returns the limit itself, so the comparison is exact.
+    """
+    active = moving(trajectory)
+    if not active.any():
+        return np.zeros(trajectory.motor_torque.shape[1])
+    torque = trajectory.motor_torque[active]
+    limited = (torque >= trajectory.torque_upper[active]) | (torque <= trajectory.torque_lower[active])
+    return limited.mean(axis=0)
+
+
+def sample_time(trajectory: Trajectory) -> float:
+    """Time between two samples [s]."""
+    span = float(trajectory.time[-1] - trajectory.time[0])
+    return span / max(1, len(trajectory.time) - 1) or 1.0
+
+
+def stances(contact: NDArray[np.bool_], shortest_flight: int) -> list[tuple[int, int]]:
+    """Stance phases of one foot as ``[start, end)`` samples; flights of fewer samples are bridged.
+
+    Args:
+        contact: ``(T,)``.
+        shortest_flight: in samples.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], contact.astype(np.int8), [0]))))
+    phases: list[tuple[int, int]] = []
+    for start, end in edges.reshape(-1, 2).tolist():
+        if phases and start - phases[-1][1] < shortest_flight:
+            phases[-1] = (phases[-1][0], end)
+        else:
+            phases.append((start, end))
+    return phases
+
+
+def slip_per_step(trajectory: Trajectory) -> float:
+    """Mean way that a foot slides in one stance, while asked to move [m]; ``nan`` without a step."""
+    step = sample_time(trajectory)
+    flight = round(_LONGEST_BOUNCE / step)
+    active = moving(trajectory)
+    slid = trajectory.foot_slip_speed * trajectory.foot_contact * step
+    ways = [
+        slid[start:end, foot].sum()
+        for foot in range(slid.shape[1])
+        for start, end in stances(trajectory.foot_contact[:, foot], flight)
+        if active[start] and end < len(slid)
+    ]
+    return _mean(np.array(ways))
+
+
+def _gait(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, float | tuple[float, ...]]:
+    """Stride frequency and duty factors in the steady window; ``nan`` where there is no stride."""
+    contact = trajectory.foot_contact[window]
+    feet = trajectory.foot_contact.shape[1]
+    if len(contact) == 0:
+        return {"stride_frequency": math.nan, "duty_factor": (math.nan,) * feet}
+    step = sample_time(trajectory)
+    flight = round(_LONGEST_BOUNCE / step)
+    frequencies = [_touchdown_frequency(contact[:, foot], flight, step) for foot in range(feet)]
+    known = [frequency for frequency in frequencies if math.isfinite(frequency)]
+    return {"stride_frequency": _mean(np.array(known)), "duty_factor": tuple(contact.mean(axis=0).tolist())}
+
+
+def _touchdown_frequency(contact: NDArray[np.bool_], flight: int, step: float) -> float:
+    """Strides a second from the first touchdown to the last; ``nan`` with fewer than two."""
+    touchdowns = [start for start, _ in stances(contact, flight) if start > 0]
+    if len(touchdowns) < 2:
+        return math.nan
+    return (len(touchdowns) - 1) / ((touchdowns[-1] - touchdowns[0]) * step)
+
+
+def _powers(
+    trajectory: Trajectory, robot: RobotDescription, window: NDArray[np.bool_], mass: float
+) -> dict[str, float]:
+    """Mean powers of all motors in the steady window, and the cost of transport that follows."""
+    names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
+    if not window.any():
+        return dict.fromkeys(names, math.nan)
+    torque, speed = trajectory.motor_torque[window], trajectory.joint_velocity[window]
+    mechanical = trajectory.joint_torque[window] * speed
+    drawn = electrical_power(robot.motors, torque, speed * robot.gear.ratio).sum(axis=1)
+    # The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
+    electrical = float(np.maximum(drawn, 0.0).mean())
+    forward = float(trajectory.velocity[window, 0].mean())
+    return {
+        "mechanical_power": float(mechanical.sum(axis=1).mean()),
+        "positive_power": float(np.maximum(mechanical, 0.0).sum(axis=1).mean()),
+        "copper_power": float(copper_loss(robot.motors, torque).sum(axis=1).mean()),
+        "electrical_power": electrical,
+        "cost_of_transport": electrical / (mass * GRAVITY * forward) if forward > 0.1 else math.nan,
+    }
+
+
+def _joint_speed_ratio(
+    trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None
+) -> FloatArray:
+    """Highest motor speed over the no-load speed ``(12,)``."""
+    voltage = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
+    fastest = np.abs(trajectory.joint_velocity).max(axis=0) * robot.gear.ratio
+    return fastest / no_load_speed(robot.motors, voltage)
+
+
+def _mean(values: NDArray) -> float:
+    """Mean, ``nan`` of nothing without a warning."""
+    return float(values.mean()) if values.size else math.nan

@@ -1,0 +1,274 @@
+"""The robot that every policy is measured on: MuJoCo C, small steps, true motor limits.
+
+It shares no code with the stepping of any training environment. One motor step (1 kHz) is: controller
+torque -> motor envelope, saturation and gear (``sprintlab.motors.drive_torque``) -> physics. End stops,
+viscous and dry friction act on the joints themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.control import Measurement, pd_torque
+from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.evaluation.recorder import Recorder
+from sprintlab.evaluation.results import TrialSettings
+from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, drive_torque
+from sprintlab.robots import ModelOptions, RobotDescription, build_model, soft_stop_torque
+
+FloatArray = NDArray[np.float64]
+
+_LOWEST_UPRIGHT = math.cos(math.radians(60.0))
+_FALLS = ("", "trunk contact", "knee contact")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantOptions:
+    """How the robot is simulated.
+
+    Attributes:
+        timestep: physics step [s]; a whole number of them makes one motor step.
+        motor_rate: rate of the motor loop [Hz].
+        record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
+        contact_time_constant: of the ground contact [s]; 3 ms keeps feet less than 5 mm in the ground.
+        impratio: friction over normal impedance; 10 keeps stance feet from creeping.
+        motor_model: the envelope. ``"refined"`` for every published number.
+        bus_voltage: [V]; ``None`` takes the robot's.
+
+    Raises:
+        InvalidValueError: a field is out of range, or the rates do not divide.
+    """
+
+    timestep: float = 0.001
+    motor_rate: float = 1000.0
+    record_rate: float = 500.0
+    contact_time_constant: float = 0.003
+    impratio: float = 10.0
+    motor_model: MotorModel = "refined"
+    bus_voltage: float | None = None
+
+    def __post_init__(self) -> None:
+        check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
+        check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
+        check_choice("plant.motor_model", self.motor_model, MOTOR_MODELS)
+        if self.bus_voltage is not None:
+            check_positive("plant.bus_voltage", self.bus_voltage, "V")
+        _check_whole("plant.timestep", self.timestep, 1.0 / (self.motor_rate * self.timestep))
+        _check_whole("plant.record_rate", self.record_rate, self.motor_rate / self.record_rate)
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in one motor step."""
+        return round(1.0 / (self.motor_rate * self.timestep))
+
+    @property
+    def record_every(self) -> int:
+        """Motor steps between two samples."""
+        return round(self.motor_rate / self.record_rate)
+
+    def model_options(self) -> ModelOptions:
+        """How the robot's model is compiled for this plant."""
+        return ModelOptions(
+            timestep=self.timestep,
+            collisions="full",
+            contact_time_constant=self.contact_time_constant,
+            cone="elliptic",
+            impratio=self.impratio,
+            dry_friction=True,
+            joint_limits=True,
+            visuals=False,
+            knee_spring=True,
+        )
+
+
+def _check_whole(name: str, value: float, quotient: float) -> None:
+    """Refuse rates that do not divide each other."""
+    if quotient < 0.5 or abs(quotient - round(quotient)) > 1e-6:
+        raise InvalidValueError(name, value, "the motor step must hold a whole number of them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseState:
+    """The trunk, as the command loop sees it.
+
+    Attributes:
+        forward_speed: in the heading frame [m/s].
+        heading: yaw angle [rad], in (-pi, pi].
+        lateral_offset: distance to the left of the line through the start along x [m].
+        distance: way along x since the start [m].
+    """
+
+    forward_speed: float
+    heading: float
+    lateral_offset: float
+    distance: float
+
+
+class Plant:
+    """One robot in one simulation.
+
+    Args:
+        robot: what to simulate.
+        options: how.
+        settings: friction, payload and initial joint noise of this trial.
+
+    Raises:
+        RobotModelError: the robot's model does not compile.
+    """
+
+    def __init__(self, robot: RobotDescription, options: PlantOptions, settings: TrialSettings) -> None:
+        self.robot = robot
+        self.options = options
+        self.fall_reason = ""
+        self.model = build_model(robot, options.model_options())
+        self._apply_settings(settings)
+        self.data = mujoco.MjData(self.model)
+        self._bind()
+        self._place(settings)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    def measurement(self) -> Measurement:
+        """What the robot's own sensors say now: gyro, gravity direction, encoders on the motor side.
+
+        Raises:
+            SimulationError: the simulated state is no longer finite.
+        """
+        if not (np.isfinite(self._position).all() and np.isfinite(self._velocity).all()):
+            raise SimulationError(f"the simulated state is no longer finite at {self.time:.2f} s")
+        return Measurement(
+            angular_velocity=self._velocity[3:6].copy(),
+            projected_gravity=np.asarray(gravity_in_body(self._position[3:7])),
+            joint_position=self._position[self._joint_position],
+            joint_velocity=self._velocity[self._joint_velocity],
+        )
+
+    def base_state(self) -> BaseState:
+        """Speed, heading and place of the trunk, from the simulator's state."""
+        w, x, y, z = self._position[3:7].tolist()
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        vx, vy = self._velocity[:2].tolist()
+        return BaseState(
+            forward_speed=vx * math.cos(heading) + vy * math.sin(heading),
+            heading=heading,
+            lateral_offset=float(self._position[1]),
+            distance=float(self._position[0]),
+        )
+
+    def advance(self, targets: FloatArray, motor_steps: int, recorder: Recorder) -> bool:
+        """Hold joint targets for some motor steps.
+
+        Args:
+            targets: ``(12,)`` [rad].
+            motor_steps: how many.
+            recorder: takes a sample every ``options.record_every`` motor steps.
+
+        Returns:
+            False once the robot has fallen; ``fall_reason`` tells why.
+
+        Raises:
+            SimulationError: the targets are not finite numbers.
+        """
+        if not np.isfinite(targets).all():
+            raise SimulationError(f"the policy's joint targets are not finite at {self.time:.2f} s")
+        for _ in range(motor_steps):
+            self._motor_step(targets, recorder)
+            if self.fall_reason:
+                return False
+        return True
+
+    def _motor_step(self, targets: FloatArray, recorder: Recorder) -> None:
+        position = self._position[self._joint_position]
+        velocity = self._velocity[self._joint_velocity]
+        wanted = pd_torque(self.robot.stiffness, self.robot.damping, targets, position, velocity)
+        drive = self._drive(wanted, velocity)
+        self.data.ctrl[:] = drive.torque
+        mujoco.mj_step1(self.model, self.data)
+        if self._motor_steps % self.options.record_every == 0:
+            recorder.sample(self.data, drive, targets)
+        self._motor_steps += 1
+        self.fall_reason = self._find_fall()
+        self._apply_stops()
+        mujoco.mj_step2(self.model, self.data)
+        for _ in range(self.options.substeps - 1):
+            self._apply_stops()
+            mujoco.mj_step(self.model, self.data)
+
+    def _drive(self, wanted: FloatArray, velocity: FloatArray) -> DriveOutput:
+        voltage = self.options.bus_voltage or self.robot.bus_voltage
+        return drive_torque(
+            self.robot.motors, self.robot.gear, wanted, velocity, voltage, self.options.motor_model
+        )
+
+    def _apply_stops(self) -> None:
+        """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
+        position = self._position[self._joint_position]
+        if np.all((position > self._free_lower) & (position < self._free_upper)):
+            torque = 0.0
+        else:
+            velocity = self._velocity[self._joint_velocity]
+            torque = soft_stop_torque(position, velocity, self.robot.position_limits, self.robot.soft_stop)
+        self.data.qfrc_applied[self._joint_velocity] = torque
+
+    def _find_fall(self) -> str:
+        x, y = self._position[4:6].tolist()
+        if 1.0 - 2.0 * (x * x + y * y) < _LOWEST_UPRIGHT:
+            return "tilt"
+        if self.data.ncon == 0:
+            return ""
+        geoms = self.data.contact.geom
+        return _FALLS[int(self._fall_table[geoms[:, 0], geoms[:, 1]].max())]
+
+    def _apply_settings(self, settings: TrialSettings) -> None:
+        model = self.model
+        # A diverging state must raise an error, not silently start anew.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        model.geom_friction[:, 0] = settings.friction
+        # The payload sits at the trunk's centre of mass, so its moments of inertia stay.
+        model.body_mass[model.body("trunk").id] += settings.payload
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _bind(self) -> None:
+        """Views into the simulator's state and the index tables of this robot."""
+        model, robot = self.model, self.robot
+        self._position, self._velocity = self.data.qpos, self.data.qvel
+        self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
+        self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
+        lower, upper = robot.position_limits.T
+        self._free_lower, self._free_upper = lower + robot.soft_stop.zone, upper - robot.soft_stop.zone
+        self._fall_table = _fall_table(model, robot)
+        self._motor_steps = 0
+
+    def _place(self, settings: TrialSettings) -> None:
+        """Stand in the default pose, joints displaced by the trial's noise, feet on the ground."""
+        mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key("stand").id)
+        random = np.random.default_rng(settings.seed)
+        noise = random.uniform(-settings.joint_noise, settings.joint_noise, len(self.robot.joint_names))
+        self._position[self._joint_position] += noise
+        mujoco.mj_kinematics(self.model, self.data)
+        feet = [self.data.geom(f"{leg}_foot").xpos[2] for leg in self.robot.leg_names]
+        self._position[2] += self.robot.foot_radius - min(feet)
+
+
+def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.int8]:
+    """Index into ``_FALLS`` for each pair of geoms: trunk or thigh on the floor is a fall.
+
+    The lower end of a thigh's capsule is the knee.
+    """
+    table = np.zeros((model.ngeom, model.ngeom), dtype=np.int8)
+    floor = model.geom("floor").id
+    fatal = {"trunk": 1, **{f"{leg}_thigh": 2 for leg in robot.leg_names}}
+    for name, code in fatal.items():
+        geom = model.geom(name).id
+        table[floor, geom] = table[geom, floor] = code
+    return table

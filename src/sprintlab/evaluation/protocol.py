@@ -1,0 +1,172 @@
+"""The protocol that makes speeds comparable: seeded trials, highest speed, J, step-size check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.evaluation.plant import PlantOptions
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck, TrialSettings
+from sprintlab.evaluation.trial import TrialRequest
+
+Progress = Callable[[SpeedResult], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProtocolSettings:
+    """How the highest speed is searched.
+
+    Attributes:
+        trials: seeded trials a speed.
+        required: how many must complete.
+        grid: step between speeds [m/s].
+        start: lowest speed [m/s].
+        top: the search ends here even if every speed passed [m/s].
+        hold: duration of the hold [s].
+        seed: decides every trial's settings.
+        joint_noise: half-width of the initial joint noise [rad].
+        friction: range of the sliding friction.
+        payload: half-width of the mass added to the trunk [kg].
+        plant: how the robot is simulated.
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    trials: int = 10
+    required: int = 9
+    grid: float = 0.25
+    start: float = 1.0
+    top: float = 16.0
+    hold: float = 4.0
+    seed: int = 0
+    joint_noise: float = 0.05
+    friction: tuple[float, float] = (0.7, 1.0)
+    payload: float = 1.0
+    plant: PlantOptions = field(default_factory=PlantOptions)
+
+    def __post_init__(self) -> None:
+        check_range("protocol.trials", self.trials, 1, 10_000)
+        check_range("protocol.required", self.required, 1, self.trials)
+        check_positive("protocol.grid", self.grid, "m/s")
+        check_positive("protocol.start", self.start, "m/s")
+        check_range("protocol.top", self.top, self.start, 50.0, "m/s")
+        check_range("protocol.seed", self.seed, 0, 2**31)
+        check_range("protocol.friction", np.asarray(self.friction), 0.1, 2.0)
+        check_range("protocol.payload", self.payload, 0.0, 5.0, "kg")
+
+    def speeds(self) -> tuple[float, ...]:
+        """Every v* of the search, rising [m/s]."""
+        count = int((self.top - self.start) / self.grid + 1e-9) + 1
+        return tuple(self.start + self.grid * index for index in range(count))
+
+    def trial_settings(self) -> tuple[TrialSettings, ...]:
+        """Settings of the seeded trials: the same at every speed, for every policy."""
+        return tuple(self._draw(self.seed + index) for index in range(self.trials))
+
+    def _draw(self, seed: int) -> TrialSettings:
+        random = np.random.default_rng((seed, 1))
+        return TrialSettings(
+            seed=seed,
+            joint_noise=self.joint_noise,
+            friction=float(random.uniform(*self.friction)),
+            payload=float(random.uniform(-self.payload, self.payload)),
+        )
+
+    def requests(self, top_speed: float, self_paced: bool) -> list[TrialRequest]:
+        """The trials of one speed; the first one keeps its trajectory."""
+        return [
+            TrialRequest(
+                top_speed=top_speed,
+                settings=settings,
+                self_paced=self_paced,
+                hold=self.hold,
+                plant=self.plant,
+                keep_trajectory=index == 0,
+            )
+            for index, settings in enumerate(self.trial_settings())
+        ]
+
+
+def run_speed(
+    pool: TrialPool, top_speed: float, *, self_paced: bool, settings: ProtocolSettings | None = None
+) -> SpeedResult:
+    """All seeded trials of one v* [m/s]. Raises ``SimulationError`` as ``run_trial`` does."""
+    settings = settings or ProtocolSettings()
+    trials = pool.trials(settings.requests(top_speed, self_paced))
+    return SpeedResult(
+        top_speed=top_speed,
+        self_paced=self_paced,
+        trials=tuple(trials),
+        required=min(settings.required, len(trials)),
+    )
+
+
+def run_protocol(
+    pool: TrialPool,
+    *,
+    self_paced: bool,
+    settings: ProtocolSettings | None = None,
+    common_speed: float | None = None,
+    progress: Progress | None = None,
+) -> ProtocolResult:
+    """Search the highest speed: rising v*, stop at the first that fails.
+
+    Args:
+        pool: policy, robot and processes.
+        self_paced: hold the command within 1 m/s of the measured speed.
+        settings: grid, seeds, number of trials.
+        common_speed: v* [m/s] at which J is compared between methods; ``None`` leaves it out.
+        progress: called with the result of every speed.
+
+    Raises:
+        SimulationError: as ``run_trial``.
+    """
+    settings = settings or ProtocolSettings()
+    speeds: list[SpeedResult] = []
+    for top_speed in settings.speeds():
+        speeds.append(run_speed(pool, top_speed, self_paced=self_paced, settings=settings))
+        if progress is not None:
+            progress(speeds[-1])
+        if not speeds[-1].passed:
+            break
+    common = None
+    if common_speed is not None:
+        common = run_speed(pool, common_speed, self_paced=self_paced, settings=settings)
+    return ProtocolResult(self_paced=self_paced, speeds=tuple(speeds), common=common)
+
+
+def step_size_requests(
+    top_speed: float, plant: PlantOptions | None = None, fine_step: float = 0.00025, hold: float = 4.0
+) -> tuple[TrialRequest, TrialRequest]:
+    """The same nominal trial with coarse and with fine physics steps; the motor loop stays at its rate."""
+    plant = plant or PlantOptions()
+    coarse = TrialRequest(top_speed=top_speed, plant=plant, hold=hold)
+    return coarse, replace(coarse, plant=replace(plant, timestep=fine_step))
+
+
+def check_step_size(
+    pool: TrialPool,
+    top_speed: float,
+    *,
+    plant: PlantOptions | None = None,
+    fine_step: float = 0.00025,
+    hold: float = 4.0,
+) -> StepSizeCheck:
+    """Run one nominal trial with 1 ms and with 0.25 ms steps (raw command).
+
+    Raises:
+        SimulationError: as ``run_trial``.
+    """
+    requests = step_size_requests(top_speed, plant, fine_step, hold)
+    coarse, fine = pool.trials(requests)
+    return StepSizeCheck(
+        coarse_step=requests[0].plant.timestep,
+        fine_step=requests[1].plant.timestep,
+        coarse=coarse,
+        fine=fine,
+    )

@@ -1,0 +1,165 @@
+"""The main job: 100 m and the protocol at the policy's top speed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sprintlab.core.checks import check_positive
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, step_size_requests
+from sprintlab.evaluation.results import (
+    RaceResult,
+    SpeedResult,
+    SprintResult,
+    StepSizeCheck,
+    TrialResult,
+)
+from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.robots import RobotDescription
+
+COARSE_GRID = 1.0
+"""Step of the first pass of ``find_top_speed`` [m/s]."""
+
+
+def evaluate_race(
+    policy: str | Path,
+    robot: RobotDescription,
+    *,
+    top_speed: float | None = None,
+    distance: float = 100.0,
+    settings: ProtocolSettings | None = None,
+    step_check: bool = False,
+    workers: int | None = None,
+) -> RaceResult:
+    """Run a policy over a distance and through the seeded trials at its top speed, raw and self-paced.
+
+    Args:
+        policy: path of the policy file.
+        robot: the robot it drives.
+        top_speed: v* [m/s]; ``None`` looks for it with ``find_top_speed``.
+        distance: [m].
+        settings: trials, seeds, plant.
+        step_check: also run one trial with 1 ms and 0.25 ms steps.
+        workers: processes; ``None`` takes one a core.
+
+    Raises:
+        PolicyFileError: the file is no policy.
+        ContractMismatchError: the policy was made for another robot.
+        SimulationError: the simulation left the realm of finite numbers.
+        InvalidValueError: a speed or distance is not positive.
+    """
+    started = time.perf_counter()
+    settings = settings or ProtocolSettings()
+    check_positive("distance", distance, "m")
+    with TrialPool(policy, robot, workers) as pool:
+        notes = ()
+        if top_speed is None:
+            top_speed = find_top_speed(pool, settings)
+            notes = (f"top speed {top_speed:g} m/s found by a search with single trials",)
+        outcome = _run_all(pool, top_speed, distance, settings, step_check)
+    return RaceResult(
+        robot=robot.name,
+        policy=Path(policy).stem,
+        top_speed=top_speed,
+        sprint=outcome.sprints[0],
+        sprint_self_paced=outcome.sprints[1],
+        raw=outcome.speeds[0],
+        self_paced=outcome.speeds[1],
+        audit=audit_trials([trial.metrics for trial in outcome.all_trials()]),
+        mass=robot.total_mass,
+        wall_time=time.perf_counter() - started,
+        step_check=outcome.step_check,
+        notes=notes,
+    )
+
+
+def find_top_speed(pool: TrialPool, settings: ProtocolSettings | None = None) -> float:
+    """Look for the highest v* [m/s] that passes, with few trials: a short cut, not the protocol.
+
+    One trial a speed on a 1 m/s grid up to the first fall, then on the fine grid in between; then
+    the seeded trials, going down one step of the grid until enough of them complete.
+
+    Raises:
+        SimulationError: as ``run_trial``.
+    """
+    settings = settings or ProtocolSettings()
+    coarse = replace(settings, grid=COARSE_GRID)
+    reached = _last_completed(pool, coarse.speeds(), settings)
+    if reached is None:
+        return settings.start
+    between = [reached + settings.grid * step for step in range(1, round(COARSE_GRID / settings.grid))]
+    finer = _last_completed(pool, [speed for speed in between if speed <= settings.top], settings)
+    speed = finer or reached
+    while speed > settings.start and not run_speed(pool, speed, self_paced=False, settings=settings).passed:
+        speed -= settings.grid
+    return speed
+
+
+def _last_completed(
+    pool: TrialPool, speeds: list[float] | tuple[float, ...], settings: ProtocolSettings
+) -> float | None:
+    """Highest speed before the first at which a single nominal trial falls."""
+    requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
+    completed = [trial.completed for trial in pool.trials(requests)]
+    passed = completed.index(False) if False in completed else len(completed)
+    return speeds[passed - 1] if passed else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Outcome:
+    sprints: tuple[SprintResult, SprintResult]
+    speeds: tuple[SpeedResult, SpeedResult]
+    step_check: StepSizeCheck | None
+
+    def all_trials(self) -> list[TrialResult]:
+        """The trials that the audit looks at."""
+        trials = [sprint.trial for sprint in self.sprints]
+        return trials + [trial for speed in self.speeds for trial in speed.trials]
+
+
+def _run_all(
+    pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
+) -> _Outcome:
+    """Everything in one batch, longest first, so that no core waits for another."""
+    step_requests = list(reversed(step_size_requests(top_speed, settings.plant, hold=settings.hold)))
+    sprint_requests = [
+        TrialRequest(
+            top_speed=top_speed,
+            distance=distance,
+            self_paced=paced,
+            plant=settings.plant,
+            keep_trajectory=True,
+        )
+        for paced in (False, True)
+    ]
+    raw, paced = (settings.requests(top_speed, self_paced) for self_paced in (False, True))
+    steps = step_requests if step_check else []
+    results = pool.run([*steps, *sprint_requests, *raw, *paced])
+    sprints = [result for result in results if isinstance(result, SprintResult)]
+    trials = [result for result in results if isinstance(result, TrialResult)]
+    checks, trials = trials[: len(steps)], trials[len(steps) :]
+    return _Outcome(
+        sprints=(sprints[0], sprints[1]),
+        speeds=(
+            _speed_result(top_speed, False, trials[: settings.trials], settings),
+            _speed_result(top_speed, True, trials[settings.trials :], settings),
+        ),
+        step_check=_step_check(settings, step_requests[0], checks) if step_check else None,
+    )
+
+
+def _speed_result(
+    top_speed: float, self_paced: bool, trials: list[TrialResult], settings: ProtocolSettings
+) -> SpeedResult:
+    return SpeedResult(
+        top_speed=top_speed, self_paced=self_paced, trials=tuple(trials), required=settings.required
+    )
+
+
+def _step_check(settings: ProtocolSettings, fine: TrialRequest, trials: list[TrialResult]) -> StepSizeCheck:
+    return StepSizeCheck(
+        coarse_step=settings.plant.timestep, fine_step=fine.plant.timestep, coarse=trials[1], fine=trials[0]
+    )

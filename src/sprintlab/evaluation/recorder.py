@@ -1,0 +1,157 @@
+"""Keeps what a trial needs: raw copies while it runs, everything else computed at the end at once."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.errors import SimulationError
+from sprintlab.evaluation.geometry import leg_distance
+from sprintlab.evaluation.results import Trajectory
+from sprintlab.motors import DriveOutput
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+_CAPSULES = ("thigh", "shank")
+
+
+class Recorder:
+    """Samples of one trial.
+
+    Args:
+        model: the compiled model that is simulated.
+        robot: its description.
+        capacity: greatest number of samples.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robot: RobotDescription, capacity: int) -> None:
+        self._robot = robot
+        self._count = 0
+        self.command = np.zeros(3)
+        self.profile_speed = 0.0
+        joints, legs = len(robot.joint_names), robot.leg_names
+        self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
+        self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._feet = np.array([model.geom(f"{leg}_foot").id for leg in legs])
+        self._capsules = np.array([[model.geom(f"{leg}_{name}").id for name in _CAPSULES] for leg in legs])
+        self._capsule_size = model.geom_size[self._capsules, :2].copy()
+        self._shanks = np.array([model.body(f"{leg}_shank").id for leg in legs])
+        self._trunk = model.body("trunk").id
+        shapes = {
+            "time": (),
+            "profile_speed": (),
+            "command": (3,),
+            "qpos": (model.nq,),
+            "qvel": (model.nv,),
+            "joint_target": (joints,),
+            "motor_torque": (joints,),
+            "torque_lower": (joints,),
+            "torque_upper": (joints,),
+            "joint_torque": (joints,),
+            "foot_position": (len(legs), 3),
+            "shank_velocity": (len(legs), 6),
+            "center_of_mass": (3,),
+            "capsule_position": (*self._capsules.shape, 3),
+            "capsule_frame": (*self._capsules.shape, 9),
+        }
+        self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
+
+    def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
+        """Copy one sample. ``data`` must hold the kinematics of its present state (after ``mj_step1``)."""
+        raw, index = self._raw, self._count
+        raw["time"][index] = data.time
+        raw["profile_speed"][index] = self.profile_speed
+        raw["command"][index] = self.command
+        raw["qpos"][index] = data.qpos
+        raw["qvel"][index] = data.qvel
+        raw["joint_target"][index] = targets
+        raw["motor_torque"][index] = drive.motor_torque
+        raw["torque_lower"][index] = drive.lower
+        raw["torque_upper"][index] = drive.upper
+        raw["joint_torque"][index] = drive.torque
+        positions = data.geom_xpos
+        raw["foot_position"][index] = positions[self._feet]
+        raw["shank_velocity"][index] = data.cvel[self._shanks]
+        raw["center_of_mass"][index] = data.subtree_com[self._trunk]
+        raw["capsule_position"][index] = positions[self._capsules]
+        raw["capsule_frame"][index] = data.geom_xmat[self._capsules]
+        self._count += 1
+
+    def trajectory(self) -> Trajectory:
+        """Everything recorded so far.
+
+        Raises:
+            SimulationError: an array holds a value that is not finite; the message names it and the time.
+        """
+        raw = {name: values[: self._count] for name, values in self._raw.items()}
+        trajectory = Trajectory(**_copied(raw), **self._base(raw), **self._joints(raw), **self._contacts(raw))
+        check_trajectory(trajectory)
+        return trajectory
+
+    def _joints(self, raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {
+            "joint_position": raw["qpos"][:, self._joint_position],
+            "joint_velocity": raw["qvel"][:, self._joint_velocity],
+        }
+
+    def _base(self, raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        w, x, y, z = raw["qpos"][:, 3:7].T
+        heading = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+        vx, vy = raw["qvel"][:, :2].T
+        cosine, sine = np.cos(heading), np.sin(heading)
+        return {
+            "velocity": np.stack((vx * cosine + vy * sine, vy * cosine - vx * sine), axis=-1),
+            "height": raw["qpos"][:, 2],
+            "angular_velocity": raw["qvel"][:, 3:6],
+            "tilt": np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)),
+            "heading": heading,
+        }
+
+    def _contacts(self, raw: dict[str, FloatArray]) -> dict[str, NDArray]:
+        radius = self._robot.foot_radius
+        depth = radius - raw["foot_position"][..., 2]
+        return {
+            "foot_contact": depth > 0.0,
+            "foot_penetration": np.maximum(depth, 0.0),
+            "foot_slip_speed": np.linalg.norm(_lowest_point_velocity(raw, radius)[..., :2], axis=-1),
+            "leg_distance": self._leg_distance(raw),
+        }
+
+    def _leg_distance(self, raw: dict[str, FloatArray]) -> FloatArray:
+        """Smallest surface distance between two legs ``(T,)``, from the axes of their capsules."""
+        radius, half_length = self._capsule_size[..., 0], self._capsule_size[..., 1]
+        axis = raw["capsule_frame"][..., [2, 5, 8]] * half_length[..., None]
+        start, end = raw["capsule_position"] - axis, raw["capsule_position"] + axis
+        return leg_distance(start, end, radius)
+
+
+def _copied(raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """The arrays that are recorded as they are."""
+    names = Trajectory.__dataclass_fields__
+    return {name: values for name, values in raw.items() if name in names}
+
+
+def _lowest_point_velocity(raw: dict[str, FloatArray], radius: float) -> FloatArray:
+    """World velocity ``(T, 4, 3)`` of the point of each foot that is nearest to the ground.
+
+    MuJoCo's ``cvel`` is the spatial velocity (rotation first) about the robot's centre of mass.
+    """
+    point = raw["foot_position"] - np.array([0.0, 0.0, radius])
+    lever = point - raw["center_of_mass"][:, None, :]
+    rotation, translation = raw["shank_velocity"][..., :3], raw["shank_velocity"][..., 3:]
+    return translation + np.cross(rotation, lever)
+
+
+def check_trajectory(trajectory: Trajectory) -> None:
+    """Refuse a trajectory that holds values that are not finite.
+
+    Raises:
+        SimulationError: names the array and the time of the first such value.
+    """
+    for name, values in trajectory.arrays().items():
+        bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        if bad.any():
+            moment = trajectory.time[int(bad.argmax())]
+            raise SimulationError(f"the trajectory's {name} is not finite from {moment:.3f} s on")

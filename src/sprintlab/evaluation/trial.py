@@ -1,0 +1,216 @@
+"""One run of one policy on one plant: a speed profile, or a sprint over a distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from sprintlab.commands import SpeedProfile, SprintProfile, heading_command, self_paced
+from sprintlab.control import Policy, PolicyRuntime
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SimulationError
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.metrics import trial_metrics
+from sprintlab.evaluation.plant import BaseState, Plant, PlantOptions
+from sprintlab.evaluation.recorder import Recorder
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, TrialSettings
+from sprintlab.robots import RobotDescription
+
+POLICY_RATE = 50.0
+"""Rate of policy and command [Hz]."""
+
+PACE_WINDOW = 1.0
+"""Self-paced: the command stays within this distance of the measured speed [m/s]."""
+
+_SLOWEST_USEFUL_SHARE = 0.25  # a sprint slower than this share of its command is given up
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialRequest:
+    """One trial to run; small enough to send to another process.
+
+    Attributes:
+        top_speed: v* of the profile [m/s].
+        settings: friction, payload, initial joint noise.
+        self_paced: hold the command within 1 m/s of the measured speed.
+        distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
+        hold: duration of the profile's hold [s].
+        plant: how the robot is simulated.
+        keep_trajectory: whether the result carries its arrays.
+
+    Raises:
+        InvalidValueError: a speed, distance or duration is not positive.
+    """
+
+    top_speed: float
+    settings: TrialSettings = field(default_factory=TrialSettings)
+    self_paced: bool = False
+    distance: float | None = None
+    hold: float = 4.0
+    plant: PlantOptions = field(default_factory=PlantOptions)
+    keep_trajectory: bool = False
+
+    def __post_init__(self) -> None:
+        check_positive("trial.top_speed", self.top_speed, "m/s")
+        check_range("trial.hold", self.hold, 0.5, 600.0, "s")
+        if self.distance is not None:
+            check_positive("trial.distance", self.distance, "m")
+
+    def __str__(self) -> str:
+        pacing = "self-paced" if self.self_paced else "raw"
+        return f"{pacing} trial at {self.top_speed:g} m/s with seed {self.settings.seed}"
+
+
+class _Course(Protocol):
+    """What asks for a speed, and says when the run is over."""
+
+    @property
+    def longest(self) -> float:
+        """The run lasts no longer [s]."""
+        ...
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        """Speed asked for [m/s]; ``None`` ends the run."""
+        ...
+
+
+@dataclass
+class _ProfileCourse:
+    profile: SpeedProfile
+
+    @property
+    def longest(self) -> float:
+        return self.profile.duration
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        return float(self.profile.command(time)) if time < self.longest - 1e-9 else None
+
+
+@dataclass
+class _SprintCourse:
+    """Rise and hold until the distance is run, then brake and stand for a second."""
+
+    profile: SprintProfile
+    distance: float
+    finish_time: float | None = None
+
+    @property
+    def longest(self) -> float:
+        slowest = self.distance / (_SLOWEST_USEFUL_SHARE * self.profile.top_speed)
+        return self.profile.stand + 2.0 * self.profile.top_speed / self.profile.acceleration + slowest
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        if self.finish_time is None and base.distance >= self.distance:
+            self.finish_time = time
+        end = self.longest
+        if self.finish_time is not None:
+            end = self.profile.end_time(self.finish_time) + self.profile.stand
+        return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
+
+
+def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) -> TrialResult:
+    """Run the profile ``P(v*)`` once.
+
+    Raises:
+        SimulationError: the simulation left the realm of finite numbers; names trial, moment and quantity.
+        ContractMismatchError: the policy was made for another robot.
+    """
+    profile = SpeedProfile(top_speed=request.top_speed, hold=request.hold)
+    run = _simulate(policy, robot, request, _ProfileCourse(profile))
+    return _trial_result(run, robot, request, profile.hold_interval)
+
+
+def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -> SprintResult:
+    """Run ``request.distance`` once; errors as in ``run_trial``.
+
+    The time counts from the first non-zero command to the moment the base has covered the distance along x.
+    """
+    distance = request.distance or 100.0
+    profile = SprintProfile(top_speed=request.top_speed)
+    run = _simulate(policy, robot, request, _SprintCourse(profile, distance))
+    start, finish = _start_and_finish(run.trajectory, distance)
+    full_speed = profile.stand + profile.top_speed / profile.acceleration
+    end = finish if np.isfinite(finish) else float(run.trajectory.time[-1])
+    trial = _trial_result(run, robot, request, (min(full_speed, end), end))
+    return SprintResult(distance=distance, time=finish - start, trial=trial)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    trajectory: Trajectory
+    fall_reason: str
+    fall_time: float | None
+
+
+def _simulate(policy: Policy, robot: RobotDescription, request: TrialRequest, course: _Course) -> _Run:
+    try:
+        return _run_course(policy, robot, request, course)
+    except SimulationError as error:
+        raise SimulationError(f"{request}: {error}") from error
+
+
+def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, course: _Course) -> _Run:
+    plant = Plant(robot, request.plant, request.settings)
+    runtime = PolicyRuntime(policy, robot)
+    runtime.reset()
+    samples = int(np.ceil(course.longest * request.plant.record_rate)) + 2
+    recorder = Recorder(plant.model, robot, samples)
+    motor_steps = round(request.plant.motor_rate / POLICY_RATE)
+    upright = True
+    while upright:
+        base = plant.base_state()
+        asked = course.speed(plant.time, base)
+        if asked is None:
+            break
+        recorder.profile_speed = asked
+        recorder.command = _command(asked, base, request.self_paced)
+        targets = runtime.step(plant.measurement(), recorder.command)
+        upright = plant.advance(np.asarray(targets, dtype=float), motor_steps, recorder)
+    return _Run(
+        trajectory=recorder.trajectory(),
+        fall_reason=plant.fall_reason,
+        fall_time=None if upright else plant.time,
+    )
+
+
+def _command(asked: float, base: BaseState, paced: bool) -> np.ndarray:
+    """Command ``(3,)``: forward speed, no sideways speed, the heading loop's yaw rate."""
+    speed = float(self_paced(asked, base.forward_speed, PACE_WINDOW)) if paced else asked
+    yaw_rate = float(heading_command(base.heading, base.lateral_offset, speed))
+    return np.array([speed, 0.0, yaw_rate])
+
+
+def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, float]:
+    """Time of the first non-zero command, and of the distance (``nan`` when it was not reached)."""
+    start = float(trajectory.time[int((trajectory.profile_speed > 0.0).argmax())])
+    way = trajectory.qpos[:, 0] - trajectory.qpos[0, 0]
+    reached = way >= distance
+    if not reached.any():
+        return start, float("nan")
+    after = int(reached.argmax())
+    share = (distance - way[after - 1]) / (way[after] - way[after - 1])
+    before, then = trajectory.time[after - 1], trajectory.time[after]
+    return start, float(before + share * (then - before))
+
+
+def _trial_result(
+    run: _Run, robot: RobotDescription, request: TrialRequest, hold_interval: tuple[float, float]
+) -> TrialResult:
+    metrics = trial_metrics(
+        run.trajectory, robot, hold_interval, payload=request.settings.payload, plant=request.plant
+    )
+    result = TrialResult(
+        settings=request.settings,
+        top_speed=request.top_speed,
+        self_paced=request.self_paced,
+        completed=not run.fall_reason,
+        fall_time=run.fall_time,
+        fall_reason=run.fall_reason,
+        hold_interval=hold_interval,
+        metrics=metrics,
+        audit=audit_trials([metrics]),
+        trajectory=run.trajectory,
+    )
+    return result if request.keep_trajectory else replace(result, trajectory=None)
