@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sprintlab.commands.state import limit_yaw_rate
-from sprintlab.control.arrays import Array, as_array, clip, namespace
+from sprintlab.control.arrays import Array, as_array, clip, filled, namespace
 
 HEADING_GAIN = 2.0
 """Yaw rate for a heading error [1/s]."""
@@ -56,7 +56,8 @@ def heading_command(
     """
     angle, offset, forward = as_array(heading), as_array(lateral_offset), as_array(speed)
     xp = namespace(angle, offset, forward)
-    pace = xp.where(xp.abs(forward) < 1.0, xp.where(forward < 0.0, -1.0, 1.0), forward)
+    direction = xp.where(forward < 0.0, filled(-1.0, forward), filled(1.0, forward))
+    pace = direction * xp.maximum(xp.abs(forward), filled(1.0, forward))
     course = clip(-lateral_gain * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
     yaw_rate = clip(heading_gain * wrap_angle(course - angle), -limit, limit)
     return limit_yaw_rate(yaw_rate, forward, friction)

@@ -71,12 +71,13 @@ class TargetSampling:
         value, kind = random[:, 0], random[:, 1]
         top = upper * (1.0 - self.top_fraction + self.top_fraction * value)
         drawn = xp.where(kind < self.top_share, top, lower + (upper - lower) * value)
-        return xp.where(kind >= 1.0 - self.zero_share, 0.0, drawn)
+        return xp.where(kind >= 1.0 - self.zero_share, xp.zeros_like(drawn), drawn)
 
     def yaw_rate(self, random: Array) -> Array:
         """Yaw-rate targets [rad/s] ``(n,)``."""
         xp = namespace(random)
-        return xp.where(random[:, 3] < self.yaw_share, self.yaw_limit * (2.0 * random[:, 2] - 1.0), 0.0)
+        turning = self.yaw_limit * (2.0 * random[:, 2] - 1.0)
+        return xp.where(random[:, 3] < self.yaw_share, turning, xp.zeros_like(turning))
 
     def duration(self, random: Array) -> Array:
         """Times for which the targets persist [s] ``(n,)``."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sprintlab.control.arrays import Array, clip, namespace
+from sprintlab.control.arrays import Array, clip, filled, namespace
 
 GRAVITY = 9.81
 """Standard gravity, rounded as in the paper [m/s^2]."""
@@ -53,5 +53,5 @@ def limit_yaw_rate(yaw_rate: Array, speed: Array, friction: Array | float) -> Ar
     """
     xp = namespace(yaw_rate, speed)
     magnitude = xp.abs(speed)
-    limit = friction * GRAVITY / xp.where(magnitude < 1e-3, 1e-3, magnitude)
+    limit = friction * GRAVITY / xp.maximum(magnitude, filled(1e-3, magnitude))
     return clip(yaw_rate, -limit, limit)

@@ -1,8 +1,8 @@
 """The few array helpers shared by control and commands.
 
 Everything here stays on the device: no host copies, no branches on values, so a caller may capture
-it in a CUDA graph. ``array_api_compat``'s own ``clip`` indexes with boolean masks and its ``minimum``
-may copy a Python scalar to the device, hence these forms.
+it in a CUDA graph. ``array_api_compat``'s own ``clip`` indexes with boolean masks, and ``torch.where`` with
+a Python scalar copies that scalar to the device, which a capture refuses; ``full_like`` does not.
 """
 
 from __future__ import annotations
@@ -28,11 +28,15 @@ def as_array(value: Array | float) -> Array:
     return np.asarray(value, dtype=np.float64) if isinstance(value, (int, float)) else value
 
 
+def filled(value: Array | float, like: Array) -> Array:
+    """A Python scalar as an array like ``like``, made on its device; an array as it is."""
+    return namespace(like).full_like(like, value) if isinstance(value, (int, float)) else value
+
+
 def clip(value: Array, lower: Array | float, upper: Array | float) -> Array:
     """``value`` limited to ``[lower, upper]``, which broadcast against it; NaN stays NaN."""
-    xp = namespace(value, lower, upper)
-    raised = xp.where(value < lower, lower, value)
-    return xp.where(raised > upper, upper, raised)
+    xp = namespace(value)
+    return xp.minimum(xp.maximum(value, filled(lower, value)), filled(upper, value))
 
 
 def where_rows(mask: Array, chosen: Array, other: Array) -> Array:

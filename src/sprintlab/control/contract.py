@@ -9,7 +9,7 @@ from __future__ import annotations
 import platform
 from dataclasses import fields
 from importlib import metadata
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -193,10 +193,7 @@ def layout_from_contract(observation: ObservationContract) -> ObservationLayout:
         ContractMismatchError: terms, sizes or order differ from what this version builds.
     """
     standard = observation_contract(ObservationLayout())
-    sizes = [f"{term.name} {len(term.scales)}" for term in observation.terms]
-    _require_equal(
-        "observation.terms", sizes, [f"{t.name} {len(t.scales)}" for t in standard.terms], "this version"
-    )
+    _require_equal("observation.terms", _term_sizes(observation), _term_sizes(standard), "this version")
     _require_equal("observation.history_order", observation.history_order, HISTORY_ORDER, "this version")
     scales = [term.scales for term in observation.terms]
     layout = ObservationLayout(
@@ -340,10 +337,10 @@ def _compare_robot_field(field: str, value: Any, expected: Any, robot: RobotDesc
             name = f"motors.{column}"
             _compare_robot_field(name, getattr(value, column), getattr(expected, column), robot)
     elif isinstance(expected, tuple) and field != "joint_names":
-        for joint, here, there in zip(robot.joint_names, value, expected, strict=True):
+        for joint, here, there in zip(robot.joint_names, value, cast("Vector", expected), strict=True):
             _require_equal(f"{field}[{joint}]", here, there, owner)
     else:
-        _require_equal(field, value, expected, owner)
+        _require_equal(field, value, cast("object", expected), owner)
 
 
 def _require_equal(field: str, value: object, expected: object, owner: str) -> None:

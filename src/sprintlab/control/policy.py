@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
+import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
@@ -185,12 +185,13 @@ def _open_session(path: Path) -> Any:
         content = path.read_bytes()
     except OSError as error:
         raise PolicyFileError(f"cannot read policy file {path}: {error.strerror or error}") from error
-    options = onnxruntime.SessionOptions()
+    runtime: Any = onnxruntime
+    options = runtime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
     try:
-        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions share no other base
         raise PolicyFileError(f"{path} is damaged or no ONNX file ({type(error).__name__})") from error
 

@@ -1,0 +1,67 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy import signal
+
+from sprintlab.control import LowPass, joint_targets, low_pass, low_pass_coefficient, pd_torque
+from sprintlab.core.errors import InvalidValueError
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), [(10.0, 50.0), (3.0, 50.0), (10.0, 1000.0)])
+def test_filter_equals_scipy(cutoff, rate):
+    """The step-invariant discretization of w / (s + w), run by ``scipy.signal.lfilter``."""
+    values = np.random.default_rng(0).normal(size=300)
+    omega = 2 * math.pi * cutoff
+    numerator, denominator, _ = signal.cont2discrete(([omega], [1.0, omega]), 1 / rate, method="zoh")
+    coefficient = low_pass_coefficient(cutoff, rate)
+    np.testing.assert_allclose(denominator, [1.0, coefficient - 1.0], atol=1e-12)
+    np.testing.assert_allclose(numerator.ravel(), [0.0, coefficient], atol=1e-12)
+    # lfilter's numerator without the pure delay: our output already holds the newest sample
+    expected = signal.lfilter([coefficient], denominator, values)
+    state, outputs = np.zeros(()), []
+    for value in values:
+        state = low_pass(state, value, coefficient)
+        outputs.append(float(state))
+    np.testing.assert_allclose(outputs, expected, atol=1e-12)
+
+
+def test_cutoff_passes_half_the_power_at_a_high_rate():
+    rate, cutoff = 100_000.0, 10.0
+    coefficient = low_pass_coefficient(cutoff, rate)
+    _, response = signal.freqz([coefficient], [1.0, coefficient - 1.0], worN=[cutoff], fs=rate)
+    assert abs(response[0]) == pytest.approx(1 / math.sqrt(2), rel=1e-3)
+
+
+def test_fresh_rows_start_from_their_value_in_both_libraries():
+    generator = np.random.default_rng(1)
+    previous, value = generator.normal(size=(6, 30)), generator.normal(size=(6, 30))
+    fresh = np.array([True, False, True, False, False, False])
+    filtered = LowPass().step(previous, value, fresh)
+    np.testing.assert_array_equal(filtered[fresh], value[fresh])
+    np.testing.assert_allclose(filtered[~fresh], low_pass(previous, value, LowPass().coefficient)[~fresh])
+    tensors = (torch.from_numpy(array) for array in (previous, value, fresh))
+    np.testing.assert_allclose(LowPass().step(*tensors).numpy(), filtered, atol=1e-15)
+
+
+@pytest.mark.parametrize("settings", [{"cutoff_hz": 0.0}, {"rate_hz": -1.0}, {"cutoff_hz": 26.0}])
+def test_impossible_filters_are_refused(settings):
+    with pytest.raises(InvalidValueError):
+        LowPass(**settings)
+
+
+def test_joint_targets_are_limited_scaled_and_offset():
+    pose, scale = np.linspace(-1, 1, 12), np.linspace(0.2, 0.5, 12)
+    action = np.random.default_rng(2).normal(scale=5, size=(100, 12))
+    expected = pose + scale * np.clip(action, -4.0, 4.0)
+    np.testing.assert_allclose(joint_targets(action, pose, scale, 4.0), expected, atol=1e-12)
+    tensors = (torch.from_numpy(array) for array in (action, pose, scale))
+    np.testing.assert_allclose(joint_targets(*tensors, 4.0).numpy(), expected, atol=1e-12)
+    np.testing.assert_array_equal(joint_targets(np.zeros(12), pose, scale, 4.0), pose)
+
+
+def test_pd_torque_pulls_to_the_target_and_brakes():
+    stiffness, damping = np.array([60.0, 160.0]), np.array([4.9, 4.9])
+    torque = pd_torque(stiffness, damping, np.array([0.5, 0.0]), np.zeros(2), np.array([0.0, 2.0]))
+    np.testing.assert_allclose(torque, [30.0, -9.8])

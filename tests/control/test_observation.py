@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from sprintlab.control import (
+    ObservationLayout,
+    Proprioception,
+    fill_history,
+    join_proprioception,
+    network_input,
+    observation_frame,
+    projected_gravity,
+    push_history,
+    split_proprioception,
+    update_history,
+)
+from sprintlab.core.errors import InvalidValueError
+
+SIZES = {
+    "angular_velocity": 3,
+    "projected_gravity": 3,
+    "command": 3,
+    "joint_position": 12,
+    "joint_velocity": 12,
+    "previous_action": 12,
+}
+
+
+def draw_terms(n=6):
+    generator = np.random.default_rng(0)
+    return {name: generator.normal(size=(n, size)) for name, size in SIZES.items()}
+
+
+def as_torch(terms):
+    return {name: torch.from_numpy(value) for name, value in terms.items()}
+
+
+def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
+    layout, terms = ObservationLayout(), draw_terms()
+    frame = observation_frame(layout, **terms)
+    assert frame.shape == (6, 45) and layout.frame_size == 45 and layout.input_size == 225
+    start = 0
+    for term in layout.terms:
+        size = SIZES[term.name]
+        expected = terms[term.name] * np.array(term.scales)
+        np.testing.assert_allclose(frame[:, start : start + size], expected, rtol=1e-12)
+        start += size
+    assert start == 45
+
+
+def test_default_scales():
+    scales = {term.name: term.scales for term in ObservationLayout().terms}
+    assert scales["command"] == (0.25, 1.0, 1.0)
+    rest = {name: set(factors) for name, factors in scales.items() if name != "command"}
+    assert rest == {
+        "angular_velocity": {0.25},
+        "projected_gravity": {1.0},
+        "joint_position": {1.0},
+        "joint_velocity": {0.05},
+        "previous_action": {0.5},
+    }
+
+
+def test_frame_in_torch_and_for_one_robot_equals_numpy():
+    layout, terms = ObservationLayout(), draw_terms()
+    frame = observation_frame(layout, **terms)
+    np.testing.assert_array_equal(observation_frame(layout, **as_torch(terms)).numpy(), frame)
+    single = observation_frame(layout, **{name: value[2] for name, value in terms.items()})
+    np.testing.assert_array_equal(single, frame[2])
+
+
+def test_history_is_oldest_first_and_starts_with_the_first_frame():
+    frames = [np.full((2, 45), float(index)) for index in range(7)]
+    history = fill_history(frames[0], 5)
+    assert history.shape == (2, 5, 45) and np.all(history == 0.0)
+    for frame in frames[1:]:
+        history = push_history(history, frame)
+    assert history[1, :, 0].tolist() == [2.0, 3.0, 4.0, 5.0, 6.0]
+    flat = network_input(history)
+    assert flat.shape == (2, 225)
+    assert flat[0, :45].tolist() == [2.0] * 45 and flat[0, -45:].tolist() == [6.0] * 45
+
+
+def test_fresh_rows_start_their_history_anew():
+    generator = np.random.default_rng(1)
+    history, frame = generator.normal(size=(8, 5, 45)), generator.normal(size=(8, 45))
+    fresh = np.arange(8) % 3 == 0
+    updated = update_history(history, frame, fresh)
+    for row in range(8):
+        expected = fill_history(frame[row], 5) if fresh[row] else push_history(history[row], frame[row])
+        np.testing.assert_array_equal(updated[row], expected)
+    tensors = (torch.from_numpy(value) for value in (history, frame, fresh))
+    np.testing.assert_array_equal(update_history(*tensors).numpy(), updated)
+
+
+def test_history_needs_no_value_on_the_host():
+    """The meta device has no values: any read, branch or boolean index would raise."""
+    terms = {name: torch.empty(4, size, device="meta") for name, size in SIZES.items()}
+    frame = observation_frame(ObservationLayout(), **terms)
+    fresh = torch.empty(4, dtype=torch.bool, device="meta")
+    history = update_history(torch.empty(4, 5, 45, device="meta"), frame, fresh)
+    assert network_input(history).shape == (4, 225)
+
+
+def test_proprioception_joins_to_thirty_numbers_and_splits_again():
+    terms = draw_terms()
+    parts = Proprioception(**{name: terms[name] for name in Proprioception._fields})
+    joined = join_proprioception(parts)
+    assert joined.shape == (6, 30)
+    for before, after in zip(parts, split_proprioception(joined), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_projected_gravity_is_the_world_down_axis_in_the_body_frame():
+    rotation = Rotation.random(20, rng=np.random.default_rng(3))
+    quaternion = rotation.as_quat(scalar_first=True)
+    expected = rotation.inv().apply([0.0, 0.0, -1.0])
+    np.testing.assert_allclose(projected_gravity(quaternion), expected, atol=1e-12)
+    np.testing.assert_allclose(projected_gravity(torch.from_numpy(quaternion)).numpy(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"angular_velocity_scale": 0.0},
+        {"joint_velocity_scale": -1.0},
+        {"command_scale": (0.25, 1.0)},
+        {"command_scale": (0.25, float("nan"), 1.0)},
+        {"history_length": 0},
+        {"history_length": 2.5},
+    ],
+)
+def test_impossible_layouts_are_refused(settings):
+    with pytest.raises(InvalidValueError):
+        ObservationLayout(**settings)

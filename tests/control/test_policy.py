@@ -1,0 +1,158 @@
+import msgspec
+import numpy as np
+import pytest
+
+from sprintlab.control import (
+    CONTRACT_KEY,
+    Measurement,
+    PolicyRuntime,
+    encode_contract,
+    load_policy,
+    low_pass_coefficient,
+    policy,
+    shipped_policy,
+)
+from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
+
+
+def draw_measurement(generator):
+    return Measurement(*(generator.normal(size=size) for size in (3, 3, 12, 12)))
+
+
+def test_policy_infers_what_its_matrix_says(write_policy, contract, weights):
+    loaded = load_policy(write_policy())
+    assert loaded.contract == contract
+    observation = np.random.default_rng(1).normal(size=(7, 225)).astype(np.float32)
+    action = loaded.infer(observation)
+    assert action.dtype == np.float32
+    np.testing.assert_allclose(action, observation @ weights, rtol=1e-4, atol=1e-4)
+    with pytest.raises(InvalidValueError, match="225"):
+        loaded.infer(observation[:, :45])
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(PolicyFileError, match="cannot read policy file"):
+        load_policy(tmp_path / "nothing.onnx")
+    with pytest.raises(PolicyFileError, match="cannot read policy file"):
+        load_policy(tmp_path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.95, 0.999])
+def test_truncated_file(write_policy, share):
+    path = write_policy()
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(PolicyFileError) as caught:
+        load_policy(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_file_that_is_no_onnx(tmp_path):
+    path = tmp_path / "policy.onnx"
+    path.write_text("I am a poem.")
+    with pytest.raises(PolicyFileError, match="damaged or no ONNX file"):
+        load_policy(path)
+
+
+def test_foreign_onnx_without_a_contract(write_policy):
+    with pytest.raises(PolicyFileError, match=f"no {CONTRACT_KEY}"):
+        load_policy(write_policy(metadata={"author": "somebody"}))
+
+
+def test_damaged_contract(write_policy):
+    with pytest.raises(PolicyFileError, match="no usable policy"):
+        load_policy(write_policy(metadata={CONTRACT_KEY: "{}"}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"matrix": np.zeros((45, 12), np.float32)}, "input must be observation"),
+        ({"matrix": np.zeros((225, 8), np.float32)}, "output must be action"),
+        ({"names": ("state", "action")}, "input must be observation"),
+        ({"names": ("observation", "torque")}, "output must be action"),
+        ({"batch": 1}, "input must be observation"),
+    ],
+)
+def test_network_of_another_shape_or_name(write_policy, changes, words):
+    with pytest.raises(PolicyFileError, match=words):
+        load_policy(write_policy(**changes))
+
+
+def test_runtime_refuses_another_robot(write_policy, contract, robot):
+    other = msgspec.structs.replace(contract, robot_name="bp3")
+    loaded = load_policy(write_policy(metadata={CONTRACT_KEY: encode_contract(other)}))
+    with pytest.raises(ContractMismatchError, match="robot_name"):
+        PolicyRuntime(loaded, robot)
+
+
+def test_runtime_equals_the_loop_written_out(write_policy, contract, robot, weights):
+    generator = np.random.default_rng(2)
+    runtime = PolicyRuntime(load_policy(write_policy()), robot)
+    coefficient = low_pass_coefficient(10.0, 50.0)
+    filtered, frames, previous = None, [], np.zeros(12)
+    scale = np.concatenate([term.scales for term in contract.layout.terms])
+    for _ in range(12):
+        measurement, command = draw_measurement(generator), generator.normal(size=3)
+        value = np.concatenate(measurement)
+        value[6:18] -= robot.default_pose
+        filtered = value if filtered is None else filtered + coefficient * (value - filtered)
+        frame = np.concatenate([filtered[:6], command, filtered[6:], previous]) * scale
+        frames = [frame] * 5 if not frames else [*frames[1:], frame]
+        previous = np.clip(np.concatenate(frames) @ weights, -10.0, 10.0)
+        targets = runtime.step(measurement, command)
+        np.testing.assert_allclose(targets, robot.default_pose + robot.action_scale * previous, atol=1e-4)
+        np.testing.assert_allclose(runtime.previous_action, previous, atol=1e-4)
+
+
+def test_actions_beyond_the_limit_are_cut(write_policy, robot):
+    matrix = np.full((225, 12), 1e3, np.float32)
+    runtime = PolicyRuntime(load_policy(write_policy(matrix=matrix)), robot)
+    targets = runtime.step(Measurement(np.ones(3), np.ones(3), robot.default_pose, np.ones(12)), np.ones(3))
+    np.testing.assert_allclose(targets, robot.default_pose + 10.0 * robot.action_scale)
+
+
+def test_reset_forgets_everything(write_policy, robot):
+    runtime = PolicyRuntime(load_policy(write_policy()), robot)
+    measurements = [draw_measurement(np.random.default_rng(seed)) for seed in range(3)]
+    command = np.array([2.0, 0.0, 0.1])
+    first = [runtime.step(measurement, command) for measurement in measurements]
+    runtime.reset()
+    assert not np.any(runtime.previous_action)
+    second = [runtime.step(measurement, command) for measurement in measurements]
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("field", Measurement._fields)
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_measurement_that_is_no_number_is_refused_and_leaves_no_trace(write_policy, robot, field, bad):
+    generator = np.random.default_rng(3)
+    runtime, untouched = (PolicyRuntime(load_policy(write_policy()), robot) for _ in range(2))
+    first, second, command = draw_measurement(generator), draw_measurement(generator), np.zeros(3)
+    runtime.step(first, command)
+    untouched.step(first, command)
+    broken = np.array(getattr(second, field))
+    broken[1] = bad
+    with pytest.raises(InvalidValueError) as caught:
+        runtime.step(second._replace(**{field: broken}), command)
+    assert caught.value.field == f"measurement.{field}"
+    np.testing.assert_array_equal(runtime.step(second, command), untouched.step(second, command))
+
+
+def test_command_and_shapes_are_checked(write_policy, robot):
+    runtime = PolicyRuntime(load_policy(write_policy()), robot)
+    measurement = draw_measurement(np.random.default_rng(4))
+    with pytest.raises(InvalidValueError, match="command"):
+        runtime.step(measurement, np.array([1.0, float("nan"), 0.0]))
+    with pytest.raises(InvalidValueError, match=r"joint_velocity .* \(12,\)"):
+        runtime.step(measurement._replace(joint_velocity=np.zeros(11)), np.zeros(3))
+
+
+def test_shipped_policy_is_found_by_name_or_the_names_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(policy, "SHIPPED_POLICIES", tmp_path)
+    with pytest.raises(PolicyFileError, match="there is: none"):
+        shipped_policy()
+    (tmp_path / "sprint.onnx").write_bytes(b"")
+    assert shipped_policy("sprint") == tmp_path / "sprint.onnx"
+    with pytest.raises(PolicyFileError, match="there is: sprint"):
+        shipped_policy("gallop")
