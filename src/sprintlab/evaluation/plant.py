@@ -1,7 +1,7 @@
 """The robot that every policy is measured on: MuJoCo C, small steps, true motor limits.
 
 It shares no code with the stepping of any training environment. One motor step (1 kHz) is: controller
-torque -> motor envelope, saturation and gear (``sprintlab.motors.drive_torque``) -> physics. End stops,
+torque -> motor envelope, saturation and gear (``sprintlab.motors``) -> physics. End stops,
 viscous and dry friction act on the joints themselves.
 """
 
@@ -18,9 +18,10 @@ from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.evaluation.drive import PreparedDrive
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import TrialSettings
-from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, drive_torque
+from sprintlab.motors import MOTOR_MODELS, MotorModel
 from sprintlab.robots import ModelOptions, RobotDescription, build_model, soft_stop_torque
 
 FloatArray = NDArray[np.float64]
@@ -130,6 +131,7 @@ class Plant:
         self.model = build_model(robot, options.model_options())
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
+        self._drive = PreparedDrive(robot, options.bus_voltage or robot.bus_voltage, options.motor_model)
         self._bind()
         self._place(settings)
 
@@ -203,12 +205,6 @@ class Plant:
         for _ in range(self.options.substeps - 1):
             self._apply_stops()
             mujoco.mj_step(self.model, self.data)
-
-    def _drive(self, wanted: FloatArray, velocity: FloatArray) -> DriveOutput:
-        voltage = self.options.bus_voltage or self.robot.bus_voltage
-        return drive_torque(
-            self.robot.motors, self.robot.gear, wanted, velocity, voltage, self.options.motor_model
-        )
 
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
