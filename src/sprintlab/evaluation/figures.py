@@ -126,7 +126,9 @@ def recorded(trial: TrialResult) -> Trajectory:
 def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT) -> Figure:
     """Speed against command over time, the raw profile above the self-paced one."""
     figure, axes = _figure(theme, (9.5, 6.2), 2, 1, sharex=True, sharey=True)
-    for axis, trial, title in zip(axes, (raw, self_paced), ("Raw command", "Self-paced command"), strict=True):
+    for axis, trial, title in zip(
+        axes, (raw, self_paced), ("Raw command", "Self-paced command"), strict=True
+    ):
         _draw_speed(axis, trial, theme)
         _title(axis, title, theme)
         axis.set_ylabel("forward speed [m/s]")
@@ -314,7 +316,9 @@ def _empty(theme: Theme, size: tuple[float, float]) -> Figure:
     return Figure(figsize=size, facecolor=theme.background, layout="constrained")
 
 
-def _figure(theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any) -> tuple[Figure, list]:
+def _figure(
+    theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any
+) -> tuple[Figure, list]:
     figure = _empty(theme, size)
     axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
     for axis in axes:
@@ -357,7 +361,9 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
     axis.plot(
         time, trajectory.profile_speed, color=theme.muted, linewidth=1.0, linestyle=":", label="profile"
     )
-    axis.plot(time, trajectory.command[:, 0], color=theme.command, linewidth=1.3, label="command to the policy")
+    axis.plot(
+        time, trajectory.command[:, 0], color=theme.command, linewidth=1.3, label="command to the policy"
+    )
     axis.plot(time, trajectory.velocity[:, 0], color=theme.speed, linewidth=1.6, label="measured speed")
     held = trial.metrics.held_speed
     if np.isfinite(held):
@@ -433,13 +439,22 @@ def _draw_limits(axis: Axes, speed: Array, curves: dict[str, Any], theme: Theme)
 def _draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
     for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
         axis.scatter(
-            speed[mask], torque[mask], s=size, color=colour, alpha=0.45, linewidths=0, zorder=2, rasterized=True
+            speed[mask],
+            torque[mask],
+            s=size,
+            color=colour,
+            alpha=0.45,
+            linewidths=0,
+            zorder=2,
+            rasterized=True,
         )
 
 
 def _envelope_handles(theme: Theme) -> list[Any]:
     return [
-        Patch(facecolor=theme.envelope, edgecolor=theme.foreground, label="refined (d-axis voltage included)"),
+        Patch(
+            facecolor=theme.envelope, edgecolor=theme.foreground, label="refined (d-axis voltage included)"
+        ),
         Line2D([], [], color=theme.muted, linestyle="--", label="v_d = 0"),
         Line2D([], [], color=theme.muted, linestyle=":", label="square"),
     ]
@@ -501,7 +516,9 @@ def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: A
         (copper, "copper loss", theme.second),
     ):
         smooth = _moving_average(values, time, POWER_WINDOW)
-        axis.plot(time, smooth / 1e3, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s")
+        axis.plot(
+            time, smooth / 1e3, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s"
+        )
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_xlim(time[0], time[-1])
     axis.set_ylabel("power, all joints [kW]")

@@ -48,7 +48,7 @@ class Picture:
 
 
 def representative(result: SpeedResult) -> TrialResult:
-    """The trial whose trajectory is drawn: the first that completed and kept one, else the first that kept one.
+    """The trial to draw: the first that completed and kept its trajectory, else the first that kept it.
 
     Raises:
         SimulationError: no trial kept a trajectory.
@@ -96,8 +96,10 @@ def render_report(
     template = _environment().from_string(_template_text())
     return template.render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
-        subtitle=f"Policy {result.policy} on a {result.mass:.1f} kg robot, top command {result.top_speed:g} m/s",
-        verdict="exploit audit passed" if result.audit.passed else "exploit audit FAILED: do not trust the speeds",
+        subtitle=f"Policy {result.policy}, robot of {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
+        verdict="exploit audit passed"
+        if result.audit.passed
+        else "exploit audit FAILED: do not trust the speeds",
         audit_passed=result.audit.passed,
         tiles=list(_tiles(result)),
         figures=[_embedded(picture) for picture in pictures],
@@ -126,37 +128,37 @@ def _plan(
     yield (
         "speed",
         "Speed against command",
-        "Shaded: the hold. Look at the gap between the measured speed and the command: where it opens and stays "
-        "open, the robot has run out of motor or of grip. Below, the command waits for the robot.",
+        "Shaded: the hold. Look at the gap between the measured speed and the command: where it opens and "
+        "stays open, the robot has run out of motor or of grip. Below, the command waits for the robot.",
         lambda theme: figures.speed_figure(raw, paced, theme),
     )
     yield (
         "torque_speed",
         "Torque and speed of every motor over its envelope",
-        "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right corner: "
-        "samples between the dashed line and the filled area would be allowed by a model without d-axis "
+        "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right "
+        "corner: samples between the dashed line and the filled area would be allowed by a model without d-axis "
         "voltage, and do not exist here.",
         lambda theme: figures.torque_speed_figure(raw, robot, theme),
     )
     yield (
         "gait",
         "Gait",
-        "Feet on the ground during the last second of the hold, front legs on top. A fast gait shows short bars "
-        "and wide shaded flights; a crawling one shows bars that overlap.",
+        "Feet on the ground during the last second of the hold, front legs on top. A fast gait shows short "
+        "bars and wide shaded flights; a crawling one shows bars that overlap.",
         lambda theme: figures.gait_figure(raw, robot, theme),
     )
     yield (
         "base_rates",
         "How quiet the trunk stays",
-        "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J means a "
-        "steady gait; a jump marks the moment that nearly went wrong.",
+        "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J means "
+        "a steady gait; a jump marks the moment that nearly went wrong.",
         lambda theme: figures.rates_figure(raw, theme),
     )
     yield (
         "power",
         "Where the power goes",
-        "Mechanical power drives the legs, copper loss only heats the windings. Look at which joints burn more "
-        "than they deliver.",
+        "Mechanical power drives the legs, copper loss only heats the windings. Look at which joints burn "
+        "more than they deliver.",
         lambda theme: figures.power_figure(raw, robot, theme),
     )
 
@@ -186,7 +188,7 @@ def _embedded(picture: Picture) -> dict[str, str]:
 
 def number(value: float, digits: int = 2) -> str:
     """A number as text; a dash where it is not defined."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def sprint_text(sprint: SprintResult) -> str:
@@ -210,7 +212,7 @@ def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
         (number(raw.mean("peak_speed")), "m/s", "peak, 0.5 s mean"),
         (number(raw.mean("angular_cost"), 1), "rad²/s", "J, roll and pitch"),
         (f"{raw.falls} of {len(raw.trials)}", "", "falls, raw command"),
-        (number(100 * share, 0) if share >= 0 else "–", "%", "on the envelope, busiest joint"),
+        (number(100 * share, 0) if share >= 0 else "-", "%", "on the envelope, busiest joint"),
         (number(raw.mean("cost_of_transport")), "", "cost of transport"),
     ):
         yield {"value": value, "unit": unit, "label": label}
@@ -219,7 +221,7 @@ def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
 def audit_value(value: float, unit: str) -> str:
     """A measured value or limit of the audit, with its unit; metres under 0.1 m in millimetres."""
     if not np.isfinite(value):
-        return "–"
+        return "-"
     if unit == "m" and abs(value) < 0.1:
         return f"{1e3 * value:.1f} mm"
     return f"{value:.3g} {unit}".strip()
@@ -249,7 +251,9 @@ def _trial_rows(result: RaceResult) -> Iterator[dict[str, str]]:
                 "cost": number(metrics.angular_cost, 1),
                 "transport": number(metrics.cost_of_transport),
                 "sideways": number(metrics.lateral_deviation),
-                "end": "completed" if trial.completed else f"fell at {trial.fall_time or 0:.1f} s ({trial.fall_reason})",
+                "end": "completed"
+                if trial.completed
+                else f"fell at {trial.fall_time or 0:.1f} s ({trial.fall_reason})",
             }
 
 

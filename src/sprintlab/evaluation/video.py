@@ -180,7 +180,9 @@ def write_video(
 class _Scene:
     """The running robot, a camera that follows it, and the printed speed."""
 
-    def __init__(self, model: Any, renderer: Any, trajectory: dict[str, Array], options: VideoOptions) -> None:
+    def __init__(
+        self, model: Any, renderer: Any, trajectory: dict[str, Array], options: VideoOptions
+    ) -> None:
         import mujoco
 
         self.model, self.renderer, self.options = model, renderer, options
@@ -241,14 +243,14 @@ class _Scene:
         band = height // 7
         draw.rectangle((0, height - band, self.options.width, height), fill=(*BACKGROUND, 190))
         middle = height - band // 2
-        draw.text((14, middle), f"{max(self.speed[sample], 0.0):4.1f} m/s", font=large, fill="white", anchor="lm")
+        draw.text(
+            (14, middle), f"{max(self.speed[sample], 0.0):4.1f} m/s", font=large, fill="white", anchor="lm"
+        )
         way = self.qpos[sample, 0] - self.qpos[0, 0]
         label = f"{max(way, 0.0):5.1f} m    {self.time[sample]:5.2f} s"
         if slow:
             label = f"slow motion 1/{self.options.slow_factor:g}    {label}"
-        draw.text(
-            (self.options.width - 14, middle), label, font=small, fill=(200, 208, 220), anchor="rm"
-        )
+        draw.text((self.options.width - 14, middle), label, font=small, fill=(200, 208, 220), anchor="rm")
         return np.ascontiguousarray(np.asarray(image))
 
 
@@ -269,7 +271,8 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _main() -> None:
-    from sprintlab.robots import ModelOptions, build_model, load_robot
+    from sprintlab.evaluation.race_files import chosen_robot
+    from sprintlab.robots import ModelOptions, build_model
 
     parser = argparse.ArgumentParser(prog="python -m sprintlab.evaluation.video")
     parser.add_argument("trajectory", type=Path)
@@ -279,7 +282,7 @@ def _main() -> None:
     given = parser.parse_args()
     with np.load(given.trajectory) as archive:
         trajectory = {name: archive[name] for name in ("time", "qpos", "velocity")}
-    model = build_model(load_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
+    model = build_model(chosen_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
     write_video(trajectory, model, given.target, tuple(given.hold), VideoOptions())
 
 

@@ -1,0 +1,88 @@
+"""Entry point: parse, run one command, turn every expected failure into one sentence and a status.
+
+Exit status: 0 done, 1 done but a fall, an unfinished run or a failed audit, 2 refused with a sentence on
+stderr, 130 interrupted. Heavy imports happen inside the commands, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import tyro
+
+from sprintlab.cli.doctor import Doctor
+from sprintlab.cli.evaluate import Evaluate
+from sprintlab.cli.export import Export
+from sprintlab.cli.motor import Motor
+from sprintlab.cli.race import Race
+from sprintlab.cli.robot import Robot
+from sprintlab.cli.train import Train, run_training
+from sprintlab.core.errors import SprintlabError
+
+REFUSED = 2
+INTERRUPTED = 130
+
+Command = (
+    Annotated[Race, tyro.conf.subcommand(name="race")]
+    | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Robot, tyro.conf.subcommand(name="robot")]
+    | Annotated[Motor, tyro.conf.subcommand(name="motor")]
+    | Annotated[Train, tyro.conf.subcommand(name="train")]
+    | Annotated[Export, tyro.conf.subcommand(name="export")]
+    | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
+)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Parse and run one command.
+
+    Returns:
+        The command's exit status.
+
+    Raises:
+        SprintlabError: the command was refused or failed.
+        SystemExit: help was printed, or the command line makes no sense.
+    """
+    if list(arguments[:1]) == ["train"] and len(arguments) > 1:
+        return run_training(arguments[1:])
+    command: Any = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="sprintlab",
+        description="How fast can a legged robot run before its motors stop it?",
+        args=list(arguments),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    return command.run()
+
+
+def one_sentence(error: BaseException) -> str:
+    """The message of an error on one line."""
+    return f"sprintlab: {' '.join(str(error).split())}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status; no expected failure shows a traceback."""
+    try:
+        status = run(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()
+        return status
+    except SprintlabError as error:
+        print(one_sentence(error), file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("sprintlab: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe is gone (``| head``): nothing is left to say, not even at interpreter exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        print(one_sentence(error), file=sys.stderr)
+        return REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

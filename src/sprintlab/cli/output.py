@@ -1,0 +1,73 @@
+"""What every command prints with: tables on stdout, progress on stderr, colours only on a terminal."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+PIPED_WIDTH = 140  # columns of a table that goes to a file
+
+
+def stdout_console() -> Console:
+    """A console for results; wide when piped, so that tables keep their columns."""
+    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False)
+
+
+def stderr_console() -> Console:
+    """A console for progress and remarks."""
+    return Console(stderr=True, highlight=False)
+
+
+def print_json(data: Any) -> None:
+    """JSON and nothing else on stdout; NaN must be gone by now."""
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:
+    """A table with quiet lines; columns named in ``numbers`` are aligned to the right."""
+    table = Table(
+        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0)
+    )
+    for column in columns:
+        table.add_column(column, justify="right" if column in numbers else "left", header_style="dim")
+    return table
+
+
+@contextmanager
+def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], None]]:
+    """Yield ``report(what, share)``, shown as a bar on stderr where that is a terminal.
+
+    Args:
+        quiet: show nothing.
+
+    Yields:
+        A function of a text and the share done, 0 to 1; ``None`` where nobody knows.
+    """
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = stderr_console()
+    bar = Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=quiet or not console.is_terminal,
+    )
+    with bar:
+        task = bar.add_task("starting", total=None)
+
+        def report(what: str, share: float | None) -> None:
+            known = (
+                {"total": None} if share is None else {"total": 1.0, "completed": min(max(share, 0.0), 1.0)}
+            )
+            bar.update(task, description=what, **known)
+
+        yield report

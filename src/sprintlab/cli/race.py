@@ -1,0 +1,167 @@
+"""``sprintlab race``: the main job."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sprintlab.evaluation.race_files import RaceFiles
+
+
+@dataclass(frozen=True, kw_only=True)
+class Race:
+    """Run a policy over 100 m and through the protocol at its top speed; write a report.
+
+    Attributes:
+        policy: a policy file, or the name of a policy that comes with the package.
+        robot: a robot's name, or a parameter table of one's own (.toml).
+        out: result folder; runs/race-<date>-<time> when left out.
+        top_speed: speed of the profile [m/s]; searched for when left out.
+        trials: seeded trials each way of giving the command.
+        seed: decides joint noise, friction and payload of every trial.
+        workers: processes; one a core when left out.
+        step_check: also compare 1 ms with 0.25 ms simulation steps.
+        no_video: do not render the MP4.
+        json: print JSON only.
+    """
+
+    policy: tyro.conf.Positional[str] = "sprint"
+    robot: str = "bp2"
+    out: Path | None = None
+    top_speed: float | None = None
+    trials: int = 10
+    seed: int = 0
+    workers: int | None = None
+    step_check: tyro.conf.FlagCreatePairsOff[bool] = False
+    no_video: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
+        with progress_bar(quiet=self.json) as report:
+            report("loading", None)
+            files = self._race(lambda what: report(what, None))
+        if self.json:
+            print_json(
+                {**json.loads((files.folder / "result.json").read_text()), "folder": str(files.folder)}
+            )
+            return 0
+        _print_result(files)
+        return 0
+
+    def _race(self, progress: Any) -> RaceFiles:
+        from sprintlab.evaluation.race_files import run_race
+
+        return run_race(
+            policy_path(self.policy),
+            self.robot,
+            self.out,
+            top_speed=self.top_speed,
+            settings=protocol_settings(self.trials, self.seed),
+            step_check=self.step_check,
+            workers=self.workers,
+            video=not self.no_video,
+            command_line=shlex.join(["sprintlab", *sys.argv[1:]]),
+            progress=progress,
+        )
+
+
+def policy_path(policy: str) -> Path:
+    """A policy file by path, or one that comes with the package by name.
+
+    Raises:
+        PolicyFileError: there is no such policy.
+    """
+    from sprintlab.control import shipped_policy
+
+    is_path = policy.endswith(".onnx") or "/" in policy or "\\" in policy or Path(policy).exists()
+    return Path(policy) if is_path else shipped_policy(policy)
+
+
+def protocol_settings(trials: int, seed: int, **more: Any) -> Any:
+    """Settings with nine of ten trials required, rounded up.
+
+    Raises:
+        InvalidValueError: a setting is out of range.
+    """
+    from sprintlab.core.checks import check_range
+    from sprintlab.evaluation.protocol import ProtocolSettings
+
+    check_range("trials", trials, 1, 10_000)
+    return ProtocolSettings(trials=trials, required=-(-trials * 9 // 10), seed=seed, **more)
+
+
+def result_table(result: Any) -> Table:
+    """The numbers of a race, raw beside self-paced."""
+    from sprintlab.evaluation.report import number, sprint_text
+
+    raw, paced = result.raw, result.self_paced
+    title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
+    table = plain_table(title, "quantity", "raw", "self-paced", "unit", numbers=("raw", "self-paced"))
+    distance = f"time over {result.sprint.distance:g} m"
+    table.add_row(distance, sprint_text(result.sprint), sprint_text(result.sprint_self_paced), "s")
+    for name, field, digits, unit in (
+        ("held speed (last 2 s of the hold)", "held_speed", 2, "m/s"),
+        ("peak speed (0.5 s mean)", "peak_speed", 2, "m/s"),
+        ("J (roll and pitch rates)", "angular_cost", 1, "rad²/s"),
+        ("cost of transport", "cost_of_transport", 2, ""),
+        ("mechanical power", "mechanical_power", 0, "W"),
+        ("copper loss", "copper_power", 0, "W"),
+        ("stride frequency", "stride_frequency", 2, "Hz"),
+        ("largest sideways deviation", "lateral_deviation", 2, "m"),
+    ):
+        table.add_row(name, number(raw.mean(field), digits), number(paced.mean(field), digits), unit)
+    table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
+    table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
+    table.add_row(
+        "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
+    )
+    return table
+
+
+def audit_table(audit: Any) -> Table:
+    """The exploit audit, one row an exploit."""
+    from sprintlab.evaluation.report import audit_value
+
+    verdict = "passed" if audit.passed else "FAILED: do not trust the speeds"
+    table = plain_table(
+        f"Exploit audit: {verdict}", "what", "measured", "limit", "", numbers=("measured", "limit")
+    )
+    for item in audit.items:
+        values = (audit_value(item.value, item.unit), audit_value(item.threshold, item.unit))
+        table.add_row(item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+    return table
+
+
+def _share(group: Any, kind: str) -> str:
+    import numpy as np
+
+    from sprintlab.evaluation.report import number
+
+    values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
+    return number(float(getattr(values, kind)()), 1)
+
+
+def _print_result(files: RaceFiles) -> None:
+    console = stdout_console()
+    console.print(result_table(files.result))
+    console.print()
+    console.print(audit_table(files.result.audit))
+    for note in files.result.notes:
+        console.print(note)
+    console.print(f"\nreport: {files.folder / 'report.html'}", soft_wrap=True)
+    if files.video_message:
+        stderr_console().print(files.video_message, soft_wrap=True)
+    else:
+        console.print(f"video: {files.folder / 'sprint.mp4'}", soft_wrap=True)

@@ -1,0 +1,81 @@
+"""``sprintlab robot``: the robots and where their numbers come from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, stdout_console
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotShow:
+    """Print every number of a robot with unit, uncertainty and basis.
+
+    Attributes:
+        name: the robot, e.g. bp2.
+        json: print JSON only.
+    """
+
+    name: tyro.conf.Positional[str] = "bp2"
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Print the table; raises ``RobotModelError`` for an unknown robot."""
+        from sprintlab.robots import parameter_table
+
+        rows = parameter_table(self.name)
+        if self.json:
+            print_json([asdict(row) for row in rows])
+            return 0
+        table = plain_table(
+            f"Robot {self.name}", "quantity", "value", "unit", "uncertainty", "basis", numbers=("value",)
+        )
+        for row in rows:
+            table.add_row(row.quantity, value_text(row.value), row.unit, row.uncertainty, row.basis)
+        stdout_console().print(table)
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotList:
+    """List the robots that come with the package.
+
+    Attributes:
+        json: print JSON only.
+    """
+
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Print one name a line."""
+        from sprintlab.robots import robot_names
+
+        if self.json:
+            print_json(list(robot_names()))
+        else:
+            print("\n".join(robot_names()))
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """Robots and where their numbers come from."""
+
+    command: (
+        Annotated[RobotShow, tyro.conf.subcommand(name="show")]
+        | Annotated[RobotList, tyro.conf.subcommand(name="list")]
+    )
+
+    def run(self) -> int:
+        """Run the chosen subcommand."""
+        return self.command.run()
+
+
+def value_text(value: Any) -> str:
+    """A number or a tuple of numbers with at most five significant digits."""
+    if isinstance(value, tuple | list):
+        return ", ".join(value_text(item) for item in value)
+    return f"{value:.5g}" if isinstance(value, int | float) else str(value)

@@ -1,0 +1,90 @@
+"""``sprintlab train``: a thin door to ``sprintlab.training``, which is an extra."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import tyro
+
+from sprintlab.core.errors import SprintlabError
+
+NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
+MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Train a policy with one of the methods; ``sprintlab train --help`` lists every option.
+
+    Attributes:
+        method: name of the training method, e.g. sprint.
+    """
+
+    method: tyro.conf.Positional[str]
+
+    def run(self) -> int:
+        """Train with every option at its default."""
+        return run_training([self.method])
+
+
+def require_training() -> None:
+    """Refuse with one sentence where the training extra is not installed.
+
+    Raises:
+        SprintlabError: names the missing packages and how to install them.
+    """
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise SprintlabError(MISSING.format(names=", ".join(missing)))
+
+
+def run_training(arguments: Sequence[str]) -> int:
+    """Parse the options of a training run and run it.
+
+    Args:
+        arguments: what follows ``sprintlab train``; a first word without dash is the method.
+
+    Raises:
+        SprintlabError: the extra is missing, or an option is refused.
+    """
+    require_training()
+    from sprintlab.training.run import TrainOptions, train
+
+    train(_parse(TrainOptions, method_as_option(arguments)))
+    return 0
+
+
+def method_as_option(arguments: Sequence[str]) -> list[str]:
+    """``["sprint", ...]`` as ``["--method", "sprint", ...]``."""
+    if arguments and not arguments[0].startswith("-"):
+        return ["--method", *arguments]
+    return list(arguments)
+
+
+def _parse(options: Any, arguments: list[str]) -> Any:
+    """Parse a dataclass; a refusal by its own checks is raised as it is, not as a usage error."""
+    helps = {"-h", "--help"} & set(arguments)
+    try:
+        return tyro.cli(options, prog="sprintlab train", args=arguments, console_outputs=bool(helps))
+    except SystemExit as stop:
+        refusal = _refusal(stop)
+        if refusal is not None:
+            raise refusal from None
+        if helps:
+            raise
+    # The command line itself is wrong: parse again, this time with the usage text.
+    tyro.cli(options, prog="sprintlab train", args=arguments)
+    sys.exit(2)
+
+
+def _refusal(error: BaseException | None) -> SprintlabError | None:
+    """The error of this package that stands behind a parser's exit, if there is one."""
+    while error is not None:
+        if isinstance(error, SprintlabError):
+            return error
+        error = error.__cause__ or error.__context__
+    return None

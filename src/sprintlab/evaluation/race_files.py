@@ -1,0 +1,189 @@
+"""The race as a job: evaluate, draw, render, and write one folder that is complete or not there at all."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.control import PolicyContract, load_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_directory, atomic_write_bytes, atomic_write_json, atomic_write_text
+from sprintlab.evaluation.figures import recorded
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.report import Picture, make_pictures, render_report, representative
+from sprintlab.evaluation.results import RaceResult, Trajectory, TrialResult
+from sprintlab.evaluation.video import render_video
+from sprintlab.robots import RobotDescription, load_robot, load_robot_file
+
+Progress = Callable[[str], None]
+
+SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
+VIDEO_LEFT_OUT = "no video: it was not asked for"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RaceFiles:
+    """What a race left behind.
+
+    Attributes:
+        folder: the result folder.
+        result: the numbers.
+        video_message: one line that says why there is no video; empty when there is one.
+    """
+
+    folder: Path
+    result: RaceResult
+    video_message: str
+
+
+def chosen_robot(name: str) -> RobotDescription:
+    """A robot by name, or from a parameter table of one's own (a path that ends in ``.toml``).
+
+    Raises:
+        RobotModelError: there is no such robot, or its table describes none.
+    """
+    return load_robot_file(name) if name.endswith(".toml") else load_robot(name)
+
+
+def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
+    """``runs/race-<date>-<time>``; a number is added where that is taken."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    candidates = [f"{prefix}-{stamp}", *(f"{prefix}-{stamp}-{count}" for count in range(2, 100))]
+    free = [parent / name for name in candidates if not (parent / name).exists()]
+    return free[0]
+
+
+def run_race(
+    policy: Path,
+    robot_name: str = "bp2",
+    folder: Path | None = None,
+    *,
+    top_speed: float | None = None,
+    settings: ProtocolSettings | None = None,
+    step_check: bool = False,
+    workers: int | None = None,
+    video: bool = True,
+    command_line: str = "",
+    progress: Progress = lambda _: None,
+) -> RaceFiles:
+    """Run the 100 m and the protocol at top speed, and write the report.
+
+    Args:
+        policy: policy file.
+        robot_name: name of a robot, or path of a parameter table.
+        folder: where to write; must not exist yet. ``None`` takes ``runs/race-<date>-<time>``.
+        top_speed: v* [m/s]; ``None`` searches for it.
+        settings: trials, seeds, plant.
+        step_check: also compare 1 ms with 0.25 ms steps.
+        workers: processes; ``None`` takes one a core.
+        video: also render an MP4 where that is possible.
+        command_line: as typed, for the report.
+        progress: called with what is being done.
+
+    Raises:
+        SprintlabError: the policy, the robot or the folder is refused, the simulation failed, or the disk is
+            full; nothing half-written is left.
+    """
+    if folder is not None and folder.exists():
+        raise SprintlabError(f"{folder} exists already; choose another folder for the results")
+    robot = chosen_robot(robot_name)
+    contract = load_policy(policy).contract
+    progress("running trials")
+    result = evaluate_race(
+        policy, robot, top_speed=top_speed, settings=settings, step_check=step_check, workers=workers
+    )
+    facts = race_facts(policy, contract, command_line)
+    target = folder or default_folder()
+    with atomic_directory(target) as temporary:
+        message = _fill(temporary, result, robot, robot_name, facts, video, progress)
+    return RaceFiles(folder=target, result=result, video_message=message)
+
+
+def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dict[str, str]:
+    """What somebody needs to repeat a race: command, policy, training run, versions."""
+    training = contract.training
+    return {
+        "command": command_line,
+        "date": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "policy file": policy.name,
+        "policy SHA-256": hashlib.sha256(policy.read_bytes()).hexdigest(),
+        "method": training.method,
+        "motor model in training": training.actuator_model,
+        "training command": training.command_line,
+        "training seed": str(training.seed),
+        "training device": training.device,
+        "versions": ", ".join(f"{name} {metadata.version(name)}" for name in SOFTWARE),
+        "machine": f"Python {platform.python_version()}, {platform.platform()}",
+    }
+
+
+def save_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write every array of a trajectory as compressed npz.
+
+    Raises:
+        SprintlabError: the disk refuses.
+    """
+    try:
+        np.savez_compressed(path, **trajectory.arrays())
+    except OSError as error:
+        raise SprintlabError(f"cannot write {path.name}: {error.strerror or error}") from error
+
+
+def _fill(
+    folder: Path,
+    result: RaceResult,
+    robot: RobotDescription,
+    robot_name: str,
+    facts: dict[str, str],
+    video: bool,
+    progress: Progress,
+) -> str:
+    """Write everything into the folder; return why there is no video, or an empty string."""
+    sprint = result.sprint.trial
+    save_trajectory(folder / "trajectory.npz", recorded(sprint))
+    save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
+    with ThreadPoolExecutor(1) as background:
+        rendering = background.submit(_film, folder, sprint, robot_name) if video else None
+        pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
+        progress("rendering the video")
+        message = rendering.result() if rendering else VIDEO_LEFT_OUT
+    _write_pages(folder, result, robot, pictures, facts, message)
+    return message
+
+
+def _film(folder: Path, sprint: TrialResult, robot_name: str) -> str:
+    return render_video(folder / "trajectory.npz", folder / "sprint.mp4", robot_name, sprint.hold_interval)
+
+
+def _write_pages(
+    folder: Path,
+    result: RaceResult,
+    robot: RobotDescription,
+    pictures: tuple[Picture, ...],
+    facts: dict[str, str],
+    message: str,
+) -> None:
+    for picture in pictures:
+        atomic_write_bytes(folder / f"{picture.name}.png", picture.light)
+    numbers: dict[str, Any] = {**result.to_dict(), "facts": facts}
+    atomic_write_json(folder / "result.json", numbers)
+    film = folder / "sprint.mp4"
+    html = render_report(
+        result,
+        robot,
+        pictures,
+        facts=list(facts.items()),
+        video=None if message else film.read_bytes(),
+        video_message=message,
+    )
+    atomic_write_text(folder / "report.html", html)
