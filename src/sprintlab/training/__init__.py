@@ -1,0 +1,1 @@
+"""Training on the GPU: environment, rewards, randomization, PPO, export. Needs the extra ``train``."""

@@ -1,0 +1,323 @@
+"""Every choice of a training run: frozen, checked, with the default and its reason."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, replace
+
+from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
+from sprintlab.control import ObservationLayout
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.motors import MOTOR_MODELS, MotorModel
+
+Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
+AGGREGATIONS = ("exponential", "clipped", "sum")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationSettings:
+    """Physics in training.
+
+    Attributes:
+        environments: simulated side by side.
+        timestep: physics step [s]; the knee spring rings at 36 Hz and wants 2.5 ms or less.
+        substeps: physics steps in one policy step; ``timestep * substeps`` is 0.02 s.
+        contact_time_constant: of the feet on the floor [s]; soft contact lends 0.5 to 1.7 m/s.
+        solver_iterations: Newton iterations a step.
+        line_search_iterations: of the solver's line search.
+        max_constraints: rows allocated an environment (four feet, pyramidal, condim 3: 16).
+        max_contacts: contacts allocated an environment.
+        knee_spring: whether the passive knee springs are there.
+
+    Raises:
+        InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
+    """
+
+    environments: int = 8192
+    timestep: float = 0.002
+    substeps: int = 10
+    contact_time_constant: float = 0.004
+    solver_iterations: int = 6
+    line_search_iterations: int = 12
+    max_constraints: int = 24
+    max_contacts: int = 8
+    knee_spring: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):
+            check_range(name, getattr(self, name), 1, 10**7)
+        check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
+        check_range("max_constraints", self.max_constraints, 16, 1000)
+        check_range("max_contacts", self.max_contacts, 4, 1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardWeight:
+    """Weight of one reward term in stage I and in stage II; zero where the paper writes N/A."""
+
+    first: float
+    second: float
+
+
+def _constant(weight: float) -> RewardWeight:
+    return RewardWeight(first=weight, second=weight)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardSettings:
+    """The paper's reward table (Part A: constant weights; Part B: by stage), and how the terms are added.
+
+    Attributes:
+        linear_tracking: of ``exp(-|v_xy - command|^2)``.
+        angular_tracking: of ``exp(-(yaw rate - command)^2)``.
+        vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
+        leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper. Without it legs
+            pass through each other, which the simulator's feet-only contacts would allow.
+        collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
+        aggregation: ``"exponential"`` tracking * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
+            The exponential keeps a gradient where penalties are large and never rewards an early end.
+        penalty_scale: factor of the penalties inside the exponential.
+        leg_distance_limit: below it a pair counts [m].
+        foot_clearance_target: height of a foot's middle in swing [m]; the default is radius + 8 cm.
+
+    Raises:
+        InvalidValueError: unknown ``aggregation`` or a scale that is not positive.
+    """
+
+    linear_tracking: float = 1.0
+    angular_tracking: float = 0.5
+    vertical_velocity: RewardWeight = _constant(-2.0)
+    joint_power: RewardWeight = _constant(-1e-6)
+    action_rate: RewardWeight = _constant(-0.01)
+    smoothness: RewardWeight = _constant(-0.005)
+    joint_limit: RewardWeight = _constant(-10.0)
+    roll_pitch_rate: RewardWeight = RewardWeight(first=-0.02, second=-0.5)
+    orientation: RewardWeight = RewardWeight(first=-5.0, second=-100.0)
+    base_height: RewardWeight = RewardWeight(first=-10.0, second=-20.0)
+    joint_acceleration: RewardWeight = RewardWeight(first=-2.5e-7, second=-1.0e-7)
+    abduction: RewardWeight = RewardWeight(first=-1.0, second=0.0)
+    collision: RewardWeight = RewardWeight(first=-1.0, second=-1.0)
+    foot_slip: RewardWeight = RewardWeight(first=0.0, second=-0.01)
+    yaw_rate: RewardWeight = RewardWeight(first=0.0, second=-0.5)
+    foot_clearance: RewardWeight = RewardWeight(first=-0.2, second=0.0)
+    abduction_mirror: RewardWeight = RewardWeight(first=0.0, second=-0.5)
+    leg_distance: RewardWeight = _constant(-1.0)
+    aggregation: str = "exponential"
+    penalty_scale: float = 0.5
+    leg_distance_limit: float = 0.06
+    foot_clearance_target: float = 0.11
+
+    def __post_init__(self) -> None:
+        check_choice("aggregation", self.aggregation, AGGREGATIONS)
+        for name in ("penalty_scale", "leg_distance_limit", "foot_clearance_target"):
+            check_positive(name, getattr(self, name))
+
+    def penalties(self) -> dict[str, RewardWeight]:
+        """Name of each penalty and its weights, in the order in which the environment stacks them."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, RewardWeight)}
+
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomizationSettings:
+    """What differs from environment to environment, drawn once, and the noise drawn at each step.
+
+    Attributes:
+        friction: foot friction coefficient.
+        payload: mass added to the trunk [kg].
+        center_of_mass: shift of the trunk's centre of mass along each axis [m], symmetric.
+        gain: relative change of stiffness and damping, symmetric.
+        strength: relative change of the torque that the motor delivers, symmetric.
+        bus_voltage: relative change of the bus.
+        resistance: relative change of the stator resistance (a warm winding has more).
+        dry_friction: factor of the joints' dry friction.
+        angular_velocity_noise: uniform, symmetric [rad/s].
+        gravity_noise: on the unit vector.
+        joint_position_noise: [rad].
+        joint_velocity_noise: [rad/s].
+        push_interval: mean time between pushes [s].
+        push_speed: greatest change of the base velocity by a push [m/s].
+
+    Raises:
+        InvalidValueError: an interval out of order or an amplitude out of range.
+    """
+
+    friction: Interval = (0.6, 1.15)
+    payload: Interval = (-1.5, 2.0)
+    center_of_mass: float = 0.02
+    gain: float = 0.08
+    strength: float = 0.05
+    bus_voltage: Interval = (0.96, 1.0)
+    resistance: Interval = (1.0, 1.25)
+    dry_friction: Interval = (0.7, 1.3)
+    angular_velocity_noise: float = 0.15
+    gravity_noise: float = 0.02
+    joint_position_noise: float = 0.01
+    joint_velocity_noise: float = 0.8
+    push_interval: float = 6.0
+    push_speed: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("friction", "bus_voltage", "resistance", "dry_friction"):
+            low, high = getattr(self, name)
+            check_range(f"{name}[0]", low, 0.05, high)
+        check_range("payload[0]", self.payload[0], -15.0, self.payload[1], "kg")
+        for name in ("gain", "strength", "center_of_mass"):
+            check_range(name, getattr(self, name), 0.0, 0.5)
+        check_positive("push_interval", self.push_interval, "s")
+
+    def without(self) -> RandomizationSettings:
+        """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
+        return replace(
+            self, friction=(0.9, 0.9), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
+            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0),
+            angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
+            joint_velocity_noise=0.0, push_speed=0.0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeSettings:
+    """How episodes begin and end.
+
+    Attributes:
+        duration: least and greatest length [s]; drawn an environment, so that ends do not synchronise.
+        clone_share: share of the resets that copy the state of a running environment, of two drawn the
+            faster: high speed is reached rarely, so it must be practised when it is.
+        fast_start_share: share of the other resets that start at a forward speed in the commanded range.
+        tilt_limit: end beyond this angle between trunk and gravity [deg].
+        leg_distance_limit: end when two legs' axes come closer [m].
+        knee_clearance: end when a knee comes closer to the ground [m].
+
+    Raises:
+        InvalidValueError: a share outside [0, 1] or a limit that is not positive.
+    """
+
+    duration: Interval = (10.0, 20.0)
+    clone_share: float = 0.3
+    fast_start_share: float = 0.1
+    tilt_limit: float = 50.0
+    leg_distance_limit: float = 0.03
+    knee_clearance: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_range("duration[0]", self.duration[0], 0.1, self.duration[1], "s")
+        for name in ("clone_share", "fast_start_share"):
+            check_range(name, getattr(self, name), 0.0, 1.0)
+        for name in ("tilt_limit", "leg_distance_limit", "knee_clearance"):
+            check_positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageSettings:
+    """The two stages.
+
+    Attributes:
+        first_top: top of the range in stage I [m/s].
+        second_top: top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
+        growth: range growth an iteration [m/s].
+        growth_margin: grow while the fastest 0.1 % are within this of the top [m/s].
+        earliest_iteration: stage II starts no sooner.
+        ramp_iterations: over which the weights blend.
+
+    Raises:
+        InvalidValueError: tops in the wrong order or not positive.
+    """
+
+    first_top: float = 6.0
+    second_top: float = 14.0
+    growth: float = 0.1
+    growth_margin: float = 0.75
+    earliest_iteration: int = 200
+    ramp_iterations: int = 150
+
+    def __post_init__(self) -> None:
+        check_positive("first_top", self.first_top, "m/s")
+        check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
+        check_positive("growth", self.growth, "m/s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoSettings:
+    """PPO (rsl_rl).
+
+    Attributes:
+        steps: environment steps an iteration.
+        epochs: passes over the rollout.
+        mini_batches: a pass.
+        learning_rate: at the start; adapted to ``desired_kl``.
+        desired_kl: Kullback-Leibler divergence of an update aimed at.
+        discount: of future rewards.
+        gae: lambda of the generalized advantage estimate.
+        clip: of the likelihood ratio.
+        entropy: weight of the entropy bonus.
+        initial_std: of the action noise.
+        least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
+        hidden: widths of actor and critic.
+
+    Raises:
+        InvalidValueError: a count below one or a number out of range.
+    """
+
+    steps: int = 24
+    epochs: int = 5
+    mini_batches: int = 4
+    learning_rate: float = 1e-3
+    desired_kl: float = 0.01
+    discount: float = 0.99
+    gae: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.005
+    initial_std: float = 0.6
+    least_std: float = 0.2
+    hidden: tuple[int, ...] = (512, 256, 128)
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "epochs", "mini_batches"):
+            check_range(name, getattr(self, name), 1, 10000)
+        for name in ("learning_rate", "desired_kl", "clip", "initial_std", "least_std"):
+            check_positive(name, getattr(self, name))
+        check_range("discount", self.discount, 0.0, 1.0)
+        check_range("gae", self.gae, 0.0, 1.0)
+        check_range("least_std", self.least_std, 1e-6, self.initial_std)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingSettings:
+    """One training run, whole: its hash names it.
+
+    Attributes:
+        method: name of the method, see ``methods``.
+        robot: name of the robot.
+        actuator_model: motor model in training.
+        schedule: how commands evolve.
+        seed: of every random generator.
+    """
+
+    method: str = "sprint"
+    robot: str = "bp2"
+    actuator_model: MotorModel = "refined"
+    schedule: Schedule = AdaptiveSchedule()
+    simulation: SimulationSettings = SimulationSettings()
+    rewards: RewardSettings = RewardSettings()
+    randomization: RandomizationSettings = RandomizationSettings()
+    episodes: EpisodeSettings = EpisodeSettings()
+    stages: StageSettings = StageSettings()
+    ppo: PpoSettings = PpoSettings()
+    observation: ObservationLayout = field(default_factory=ObservationLayout)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
+
+    def as_dict(self) -> dict[str, object]:
+        """Nested plain values, for the checkpoint and the hash."""
+        return {**asdict(self), "schedule_kind": type(self.schedule).__name__}
+
+    def digest(self) -> str:
+        """SHA-256 of all settings."""
+        text = json.dumps(self.as_dict(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
