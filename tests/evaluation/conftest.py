@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -16,6 +17,8 @@ from sprintlab.control import (
     encode_contract,
     make_contract,
 )
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.results import Trajectory, TrialMetrics, TrialResult, TrialSettings
 from sprintlab.robots import RobotDescription, load_robot
 
 RECORD = TrainingRecord(
@@ -69,3 +72,87 @@ def make_policy(
 def standing_policy(make_policy: Callable[[np.ndarray], Path]) -> Path:
     """Zero action: the default pose, which stands."""
     return make_policy(np.zeros(12))
+
+
+@pytest.fixture
+def make_trajectory(robot: RobotDescription) -> Callable[..., Trajectory]:
+    """A trajectory at rest with all feet on the ground; any array can be replaced."""
+
+    def build(seconds: float = 4.0, **arrays: np.ndarray) -> Trajectory:
+        time = np.arange(round(seconds * 500)) / 500.0
+        count = len(time)
+        qpos = np.zeros((count, 23))
+        qpos[:, 3] = 1.0
+        still: dict[str, np.ndarray] = {
+            "time": time,
+            "qpos": qpos,
+            "qvel": np.zeros((count, 22)),
+            "profile_speed": np.ones(count),
+            "command": np.tile([1.0, 0.0, 0.0], (count, 1)),
+            "velocity": np.zeros((count, 2)),
+            "height": np.full(count, 0.5),
+            "angular_velocity": np.zeros((count, 3)),
+            "tilt": np.zeros(count),
+            "heading": np.zeros(count),
+            "foot_contact": np.ones((count, 4), dtype=bool),
+            "foot_penetration": np.zeros((count, 4)),
+            "foot_position": np.zeros((count, 4, 3)),
+            "foot_slip_speed": np.zeros((count, 4)),
+            "leg_distance": np.full(count, 0.2),
+        }
+        joints = ("joint_position", "joint_velocity", "joint_target", "motor_torque", "joint_torque")
+        still |= {name: np.zeros((count, 12)) for name in joints}
+        still |= {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
+        return Trajectory(**{**still, **arrays})
+
+    return build
+
+
+def metrics_with(**values: Any) -> TrialMetrics:
+    """Metrics of a good run at 10 m/s; any field can be replaced."""
+    good: dict[str, Any] = {
+        "held_speed": 10.0,
+        "peak_speed": 10.2,
+        "angular_cost": 2.0,
+        "lateral_deviation": 0.1,
+        "envelope_share": (0.1,) * 12,
+        "mechanical_power": 1000.0,
+        "positive_power": 1500.0,
+        "copper_power": 400.0,
+        "electrical_power": 1400.0,
+        "cost_of_transport": 0.4,
+        "distance": 80.0,
+        "stride_frequency": 6.0,
+        "duty_factor": (0.1,) * 4,
+        "joint_speed_ratio": (0.9,) * 12,
+        "deepest_penetration": 0.003,
+        "smallest_leg_distance": 0.05,
+        "slip_per_step": 0.01,
+    }
+    return TrialMetrics(**{**good, **values})
+
+
+@pytest.fixture
+def make_metrics() -> Callable[..., TrialMetrics]:
+    return metrics_with
+
+
+@pytest.fixture
+def make_trial() -> Callable[..., TrialResult]:
+    """A finished trial without a trajectory."""
+
+    def build(top_speed: float = 10.0, completed: bool = True, **values: Any) -> TrialResult:
+        metrics = metrics_with(**values)
+        return TrialResult(
+            settings=TrialSettings(),
+            top_speed=top_speed,
+            self_paced=False,
+            completed=completed,
+            fall_time=None if completed else 3.0,
+            fall_reason="" if completed else "tilt",
+            hold_interval=(3.5, 7.5),
+            metrics=metrics,
+            audit=audit_trials([metrics]),
+        )
+
+    return build

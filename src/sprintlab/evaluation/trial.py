@@ -97,14 +97,19 @@ class _SprintCourse:
     finish_time: float | None = None
 
     @property
-    def longest(self) -> float:
+    def latest_finish(self) -> float:
+        """Who has not run the distance by now has failed [s]."""
         slowest = self.distance / (_SLOWEST_USEFUL_SHARE * self.profile.top_speed)
-        return self.profile.stand + 2.0 * self.profile.top_speed / self.profile.acceleration + slowest
+        return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
+
+    @property
+    def longest(self) -> float:
+        return self.profile.end_time(self.latest_finish) + self.profile.stand
 
     def speed(self, time: float, base: BaseState) -> float | None:
         if self.finish_time is None and base.distance >= self.distance:
             self.finish_time = time
-        end = self.longest
+        end = self.latest_finish
         if self.finish_time is not None:
             end = self.profile.end_time(self.finish_time) + self.profile.stand
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None

@@ -1,0 +1,108 @@
+"""Metrics of trajectories whose answers are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sprintlab.evaluation.metrics import (
+    GRAVITY,
+    angular_cost,
+    envelope_share,
+    peak_speed,
+    slip_per_step,
+    stances,
+    steady_window,
+    trial_metrics,
+)
+from sprintlab.motors import copper_loss, no_load_speed
+
+HOLD = (1.0, 4.0)
+
+
+def test_angular_cost_integrates_roll_and_pitch_but_not_yaw(make_trajectory):
+    rates = np.zeros((2000, 3))
+    time = np.arange(2000) / 500.0
+    rates[:, 0], rates[:, 1], rates[:, 2] = 2.0 * np.sin(2 * np.pi * time), 1.0, 100.0
+    expected = (2.0 + 1.0) * time[-1]
+    assert angular_cost(make_trajectory(angular_velocity=rates)) == pytest.approx(expected, rel=1e-3)
+
+
+def test_peak_is_the_highest_half_second(make_trajectory):
+    velocity = np.zeros((2000, 2))
+    velocity[500:750, 0], velocity[1000:1010, 0] = 8.0, 50.0
+    assert peak_speed(make_trajectory(velocity=velocity)) == pytest.approx(8.0)
+
+
+def test_peak_of_a_too_short_trajectory_is_not_defined(make_trajectory):
+    assert math.isnan(peak_speed(make_trajectory(seconds=0.3)))
+
+
+def test_held_speed_is_the_last_two_seconds_of_the_hold(make_trajectory, robot):
+    velocity = np.zeros((2500, 2))
+    velocity[:1000, 0], velocity[1000:2000, 0], velocity[2000:, 0] = 3.0, 7.0, 1.0
+    metrics = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, HOLD)
+    assert metrics.held_speed == pytest.approx(7.0)
+
+
+def test_a_run_that_ended_before_the_hold_did_has_no_held_speed(make_trajectory, robot):
+    trajectory = make_trajectory(seconds=2.0)
+    metrics = trial_metrics(trajectory, robot, HOLD)
+    assert not steady_window(trajectory, HOLD).any()
+    assert math.isnan(metrics.held_speed) and math.isnan(metrics.cost_of_transport)
+    assert math.isnan(metrics.stride_frequency) and math.isnan(metrics.duty_factor[0])
+
+
+def test_envelope_share_counts_both_limits_while_asked_to_move(make_trajectory):
+    torque, command = np.zeros((2000, 12)), np.zeros((2000, 3))
+    command[1000:, 0] = 5.0
+    torque[:1000, 2] = 1.0  # on the limit, but standing
+    torque[1000:1250, 3], torque[1500:1750, 3] = 1.0, -1.0
+    share = envelope_share(make_trajectory(motor_torque=torque, command=command))
+    assert share[3] == pytest.approx(0.5) and share[2] == 0.0
+
+
+def test_powers_and_cost_of_transport(make_trajectory, robot):
+    shape = (2000, 12)
+    motor_torque, joint_velocity = np.full(shape, 2.0), np.full(shape, 3.0)
+    velocity = np.tile([6.0, 0.0], (2000, 1))
+    trajectory = make_trajectory(
+        motor_torque=motor_torque,
+        joint_velocity=joint_velocity,
+        joint_torque=np.full(shape, 10.0),
+        velocity=velocity,
+    )
+    metrics = trial_metrics(trajectory, robot, HOLD, payload=0.5)
+    copper = float(copper_loss(robot.motors, np.full(12, 2.0)).sum())
+    electrical = float((2.0 * 3.0 * robot.gear.ratio).sum()) + copper
+    assert metrics.mechanical_power == pytest.approx(12 * 30.0)
+    assert metrics.copper_power == pytest.approx(copper)
+    assert metrics.electrical_power == pytest.approx(electrical)
+    expected = electrical / ((robot.total_mass + 0.5) * GRAVITY * 6.0)
+    assert metrics.cost_of_transport == pytest.approx(expected)
+    ratio = 3.0 * robot.gear.ratio / no_load_speed(robot.motors, robot.bus_voltage)
+    np.testing.assert_allclose(metrics.joint_speed_ratio, ratio)
+
+
+def test_stride_frequency_and_duty_factor(make_trajectory, robot):
+    time = np.arange(2000) / 500.0
+    contact = np.stack([((time * 5.0 + phase) % 1.0) < 0.3 for phase in (0.0, 0.5, 0.1, 0.6)], axis=1)
+    metrics = trial_metrics(make_trajectory(foot_contact=contact), robot, HOLD)
+    assert metrics.stride_frequency == pytest.approx(5.0, rel=0.01)
+    np.testing.assert_allclose(metrics.duty_factor, 0.3, atol=0.02)
+
+
+def test_a_bounce_does_not_make_a_second_stance():
+    contact = np.zeros(100, dtype=bool)
+    contact[10:20] = contact[23:30] = contact[60:70] = True
+    assert stances(contact, shortest_flight=10) == [(10, 30), (60, 70)]
+    assert stances(np.ones(5, dtype=bool), shortest_flight=10) == [(0, 5)]
+    assert stances(np.zeros(5, dtype=bool), shortest_flight=10) == []
+
+
+def test_slip_is_the_way_slid_in_one_stance(make_trajectory):
+    contact, slip = np.zeros((2000, 4), dtype=bool), np.full((2000, 4), 0.5)
+    contact[100:200, 0] = contact[500:700, 0] = True
+    way = slip_per_step(make_trajectory(foot_contact=contact, foot_slip_speed=slip))
+    assert way == pytest.approx(0.5 * (100 + 200) / 500.0 / 2, rel=1e-3)
+    assert math.isnan(slip_per_step(make_trajectory(foot_contact=np.zeros((2000, 4), dtype=bool))))
