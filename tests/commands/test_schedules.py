@@ -70,18 +70,6 @@ def test_float32_stays_float32(schedule):
     assert {field.dtype for field in state} == {torch.float32}
 
 
-@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
-def test_no_value_leaves_the_device(schedule):
-    """On the meta device there are no values: reading one, branching on one or masking by one raises."""
-    n = 16
-    inputs = {
-        name: torch.empty(value.shape, dtype=value.dtype, device="meta")
-        for name, value in as_torch(draw_inputs(np.random.default_rng(4), n)).items()
-    }
-    state = advance(schedule, initial_state(n, torch.empty(1, dtype=torch.float64, device="meta")), inputs)
-    assert all(field.device.type == "meta" for field in state)
-
-
 @settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -94,15 +94,6 @@ def test_fresh_rows_start_their_history_anew():
     np.testing.assert_array_equal(update_history(*tensors).numpy(), updated)
 
 
-def test_history_needs_no_value_on_the_host():
-    """The meta device has no values: any read, branch or boolean index would raise."""
-    terms = {name: torch.empty(4, size, device="meta") for name, size in SIZES.items()}
-    frame = observation_frame(ObservationLayout(), **terms)
-    fresh = torch.empty(4, dtype=torch.bool, device="meta")
-    history = update_history(torch.empty(4, 5, 45, device="meta"), frame, fresh)
-    assert network_input(history).shape == (4, 225)
-
-
 def test_proprioception_joins_to_thirty_numbers_and_splits_again():
     terms = draw_terms()
     parts = Proprioception(**{name: terms[name] for name in Proprioception._fields})

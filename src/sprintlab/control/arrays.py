@@ -1,8 +1,8 @@
 """The few array helpers shared by control and commands.
 
 Everything here stays on the device: no host copies, no branches on values, so a caller may capture
-it in a CUDA graph. ``array_api_compat``'s own ``clip`` indexes with boolean masks, and ``torch.where`` with
-a Python scalar copies that scalar to the device, which a capture refuses; ``full_like`` does not.
+it in a CUDA graph. ``array_api_compat``'s own ``minimum`` copies a Python scalar from the host, which a
+capture refuses; ``full_like`` makes it on the device.
 """
 
 from __future__ import annotations
