@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.motors import copper_loss, no_load_speed, torque_limits
+from sprintlab.motors import copper_loss, no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 
 Array = NDArray[Any]
@@ -133,7 +133,8 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
         _title(axis, title, theme)
         axis.set_ylabel("forward speed [m/s]")
     axes[-1].set_xlabel("time [s]")
-    _legend(axes[0], theme, loc="upper right")
+    axes[-1].set_xlim(0.0, max(_last_moment(trial) for trial in (raw, self_paced)))
+    _legend_above(axes[0], theme)
     return figure
 
 
@@ -164,7 +165,7 @@ def sprint_figure(
     axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * split, split))
     axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
     axis.set_ylabel("forward speed [m/s]")
-    _legend(axis, theme, loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=2)
+    _legend_above(axis, theme)
     return figure
 
 
@@ -254,7 +255,7 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     _draw_power_by_joint(by_joint, trial, trajectory, mechanical, copper, robot, theme)
     for axis in (over_time, by_joint):
         _style(axis, theme)
-        _legend(axis, theme, loc="upper right")
+        _legend_above(axis, theme)
     return figure
 
 
@@ -273,10 +274,7 @@ def envelope_figure(
     axis = axes[0]
     top = 1.15 * envelope_top_speed(motor, bus_voltage)
     speed = np.linspace(-top, top, samples)
-    curves = {
-        model: tuple(np.asarray(limit) for limit in torque_limits(motor, speed, bus_voltage, model=model))
-        for model in ("refined", "simplified-dc", "square")
-    }
+    curves = _limits_of_models(motor, speed, bus_voltage)
     _draw_limits(axis, speed, curves, theme)
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.axvline(0.0, color=theme.muted, linewidth=0.6)
@@ -284,7 +282,14 @@ def envelope_figure(
     axis.set_xlabel("motor speed [rad/s]")
     axis.set_ylabel("motor torque [N m]")
     _title(axis, title, theme)
-    _legend(axis, theme, loc="upper right", handles=_envelope_handles(theme))
+    figure.legend(
+        handles=_envelope_handles(theme),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=theme.foreground,
+    )
     return figure
 
 
@@ -341,11 +346,20 @@ def _style(axis: Axes, theme: Theme) -> None:
 
 
 def _title(axis: Axes, text: str, theme: Theme) -> None:
-    axis.set_title(text, loc="left", fontweight="semibold", fontsize=9.5, color=theme.foreground)
+    axis.set_title(text, loc="left", fontweight="bold", fontsize=9.5, color=theme.foreground)
 
 
 def _legend(axis: Axes, theme: Theme, **kwargs: Any) -> None:
     axis.legend(frameon=False, fontsize=8, labelcolor=theme.foreground, **kwargs)
+
+
+def _legend_above(axis: Axes, theme: Theme, columns: int = 3) -> None:
+    """A legend to the right above the axes, where no curve can run through it."""
+    _legend(axis, theme, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2)
+
+
+def _last_moment(trial: TrialResult) -> float:
+    return max(float(recorded(trial).time[-1]), trial.hold_interval[1])
 
 
 def _shade_hold(axis: Axes, trial: TrialResult, theme: Theme) -> None:
@@ -375,13 +389,13 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
             textcoords="offset points",
             color=theme.second,
             fontsize=9,
-            fontweight="semibold",
+            fontweight="bold",
             ha="center",
         )
     if trial.fall_time is not None:
         axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.2, linestyle="--")
-        axis.text(trial.fall_time, 0.5, f" fell: {trial.fall_reason}", color=theme.on_limit, fontsize=9)
-    axis.set_xlim(time[0], max(float(time[-1]), end))
+        label = f"fell: {trial.fall_reason} "
+        axis.text(trial.fall_time, 0.5, label, color=theme.on_limit, fontsize=9, ha="right")
 
 
 def _way(sprint: SprintResult, split: float) -> tuple[Array, Array, list[tuple[float, float]]]:
@@ -411,10 +425,17 @@ def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
         np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
     )
     grid = np.linspace(-1.0, 1.0, 401)[:, None] * top
-    curves: dict[str, Any] = {"speed": grid}
+    return {"speed": grid, **_limits_of_models(robot.motors, grid, robot.bus_voltage)}
+
+
+def _limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
+    """Lower and upper limit of each model; NaN, which is not drawn, where no current fits the voltage."""
+    curves: dict[str, Any] = {}
+    beyond = np.asarray(voltage_infeasible(motor, speed, bus_voltage))
     for model in ("refined", "simplified-dc", "square"):
-        lower, upper = torque_limits(robot.motors, grid, robot.bus_voltage, model=model)
-        curves[model] = (np.asarray(lower), np.asarray(upper))
+        hidden = beyond if model == "refined" else np.zeros_like(beyond)
+        limits = torque_limits(motor, speed, bus_voltage, model=model)
+        curves[model] = tuple(np.where(hidden, np.nan, np.asarray(limit)) for limit in limits)
     return curves
 
 

@@ -96,7 +96,7 @@ def render_report(
     template = _environment().from_string(_template_text())
     return template.render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
-        subtitle=f"Policy {result.policy}, robot of {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
+        subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
         verdict="exploit audit passed"
         if result.audit.passed
         else "exploit audit FAILED: do not trust the speeds",
@@ -136,8 +136,8 @@ def _plan(
         "torque_speed",
         "Torque and speed of every motor over its envelope",
         "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right "
-        "corner: samples between the dashed line and the filled area would be allowed by a model without d-axis "
-        "voltage, and do not exist here.",
+        "corner: samples between the dashed line and the filled area would be allowed by a model without "
+        "d-axis voltage, and do not exist here.",
         lambda theme: figures.torque_speed_figure(raw, robot, theme),
     )
     yield (
@@ -150,8 +150,8 @@ def _plan(
     yield (
         "base_rates",
         "How quiet the trunk stays",
-        "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J means "
-        "a steady gait; a jump marks the moment that nearly went wrong.",
+        "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J "
+        "means a steady gait; a jump marks the moment that nearly went wrong.",
         lambda theme: figures.rates_figure(raw, theme),
     )
     yield (

@@ -54,7 +54,7 @@ class VideoOptions:
     frames_per_second: int = 25
     slow_motion: float = 0.6
     slow_factor: float = 8.0
-    time_budget: float = 18.0
+    time_budget: float = 12.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "frames_per_second", "slow_factor", "time_budget"):
