@@ -42,7 +42,8 @@ def test_what_never_happened_is_not_held_against_a_run(make_metrics):
 
 
 @pytest.mark.parametrize(
-    ("frequency", "distance"), [(6.25, 0.0), (5.0, 0.0), (50 / 8.5, 0.5), (50 / 8.1, 0.1)]
+    ("frequency", "distance"),
+    [(6.25, 0.0), (5.0, 0.0), (50 / 8.5, 0.5), (50 / 8.1, 0.1)],
 )
 def test_clock_distance_in_policy_steps(frequency, distance):
     assert clock_distance(frequency) == pytest.approx(distance, abs=1e-9)

@@ -102,6 +102,8 @@ def _last_completed(
     pool: TrialPool, speeds: list[float] | tuple[float, ...], settings: ProtocolSettings
 ) -> float | None:
     """Highest speed before the first at which a single nominal trial falls."""
+    if not speeds:
+        return None
     requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
     completed = [trial.completed for trial in pool.trials(requests)]
     passed = completed.index(False) if False in completed else len(completed)

@@ -21,7 +21,8 @@ METHOD_COLUMNS = (
     "J at common speed",
     "audit",
 )
-"""Headings of the rows of ``method_cells``; speeds in m/s, J in rad^2/s."""
+"""Headings of the rows of ``method_cells``; speeds in m/s, J in rad^2/s,
+``J common`` at one v* for all."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -160,7 +161,8 @@ def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, 
     plant = Plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
-    samples = int(np.ceil(course.longest * request.plant.record_rate)) + 2
+    policy_steps = math.ceil(course.longest * POLICY_RATE) + 1
+    samples = math.ceil(policy_steps * request.plant.record_rate / POLICY_RATE)
     recorder = Recorder(plant.model, robot, samples)
     motor_steps = round(request.plant.motor_rate / POLICY_RATE)
     upright = True

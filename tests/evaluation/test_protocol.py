@@ -1,0 +1,132 @@
+"""The search for the highest speed, the pool of workers and the step-size check."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.protocol import ProtocolSettings, check_step_size, run_protocol, run_speed
+from sprintlab.evaluation.race import find_top_speed
+
+SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
+
+
+class FakePool:
+    """Runs nothing: of the trials at a speed, as many fall as ``falls`` says."""
+
+    def __init__(self, make_trial, falls):
+        self.make_trial, self.falls, self.asked = make_trial, falls, []
+
+    def trials(self, requests):
+        self.asked += [request.top_speed for request in requests]
+        speed, falls = requests[0].top_speed, self.falls
+        return [
+            self.make_trial(
+                request.top_speed,
+                completed=index >= falls(request.top_speed),
+                held_speed=speed - 0.1,
+                angular_cost=speed,
+            )
+            for index, request in enumerate(requests)
+        ]
+
+
+def test_the_search_stops_at_the_first_speed_that_fails(make_trial):
+    pool = FakePool(make_trial, lambda speed: 2 if speed == 1.75 else int(speed == 1.5))
+    result = run_protocol(pool, self_paced=False, common_speed=1.0)
+    assert [speed.top_speed for speed in result.speeds] == [1.0, 1.25, 1.5, 1.75]
+    assert result.best.top_speed == 1.5 and result.best.falls == 1
+    assert result.max_velocity == pytest.approx(1.4)
+    assert result.angular_cost_common == pytest.approx(1.0)
+
+
+def test_a_policy_that_always_falls_has_no_max_velocity(make_trial):
+    result = run_protocol(FakePool(make_trial, lambda speed: 10), self_paced=True)
+    assert result.best is None and len(result.speeds) == 1
+    assert math.isnan(result.max_velocity) and math.isnan(result.angular_cost_common)
+
+
+def test_the_search_ends_at_its_top(make_trial):
+    settings = ProtocolSettings(start=1.0, top=1.6)
+    result = run_protocol(FakePool(make_trial, lambda speed: 0), self_paced=True, settings=settings)
+    assert [speed.top_speed for speed in result.speeds] == [1.0, 1.25, 1.5]
+    assert result.best.top_speed == 1.5
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(9.6, 9.5), (9.0, 9.0), (0.2, 1.0), (99.0, 16.0)])
+def test_the_short_cut_finds_the_same_speed(make_trial, limit, expected):
+    pool = FakePool(make_trial, lambda speed: 10 if speed > limit else 0)
+    assert find_top_speed(pool) == expected
+
+
+def test_the_short_cut_goes_down_until_enough_trials_complete(make_trial):
+    class Lucky(FakePool):
+        def trials(self, requests):
+            results = super().trials(requests)
+            single = len({request.top_speed for request in requests}) > 1
+            return [self.make_trial(result.top_speed) for result in results] if single else results
+
+    assert find_top_speed(Lucky(make_trial, lambda speed: 2 if speed > 15.0 else 0)) == 15.0
+
+
+def test_every_speed_gets_the_same_varied_trials():
+    first, second = (ProtocolSettings().requests(speed, False) for speed in (3.0, 4.0))
+    assert [request.settings for request in first] == [request.settings for request in second]
+    settings = [request.settings for request in first]
+    friction, payload = (
+        np.array([getattr(one, name) for one in settings]) for name in ("friction", "payload")
+    )
+    assert friction.min() >= 0.7 and friction.max() <= 1.0 and np.ptp(friction) > 0.1
+    assert np.abs(payload).max() <= 1.0 and np.ptp(payload) > 0.5
+    assert [request.keep_trajectory for request in first] == [True] + [False] * 9
+
+
+def test_workers_give_the_same_numbers_as_one_process(standing_policy, robot):
+    with TrialPool(standing_policy, robot, workers=1) as pool:
+        alone = run_speed(pool, 0.5, self_paced=False, settings=SHORT)
+    with TrialPool(standing_policy, robot, workers=2) as pool:
+        together = run_speed(pool, 0.5, self_paced=False, settings=SHORT)
+    assert alone.falls == together.falls == 0
+    assert [trial.metrics.angular_cost for trial in alone.trials] == [
+        trial.metrics.angular_cost for trial in together.trials
+    ]
+    assert together.trials[0].trajectory is not None and together.trials[1].trajectory is None
+
+
+def test_an_error_in_a_worker_arrives_as_it_was(make_policy, robot):
+    broken = make_policy(np.full(12, np.nan))
+    with TrialPool(broken, robot, workers=2) as pool, pytest.raises(SimulationError, match="seed 0"):
+        run_speed(pool, 0.5, self_paced=False, settings=SHORT)
+
+
+def test_the_pool_refuses_a_missing_file_before_it_starts_workers(robot, tmp_path):
+    with pytest.raises(PolicyFileError):
+        TrialPool(tmp_path / "none.onnx", robot)
+
+
+def test_the_step_size_check_compares_the_same_trial(standing_policy, robot):
+    with TrialPool(standing_policy, robot, workers=1) as pool:
+        check = check_step_size(pool, 0.5, hold=0.5)
+    assert (check.coarse_step, check.fine_step) == (0.001, 0.00025)
+    assert check.coarse.completed and check.fine.completed
+    assert abs(check.held_speed_difference) < 0.01
+
+
+@pytest.mark.parametrize(
+    "values", [{"trials": 0}, {"required": 11}, {"grid": 0.0}, {"start": 3.0, "top": 2.0}]
+)
+def test_impossible_settings_are_refused(values):
+    with pytest.raises(InvalidValueError):
+        ProtocolSettings(**values)
+
+
+@pytest.mark.slow
+def test_ten_trials_of_twelve_seconds_take_less_than_twenty(standing_policy, robot):
+    started = time.perf_counter()
+    with TrialPool(standing_policy, robot, workers=2) as pool:
+        result = run_speed(pool, 12.0, self_paced=False)
+    assert len(result.trials) == 10 and result.falls == 0
+    assert time.perf_counter() - started < 20.0

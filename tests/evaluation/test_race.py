@@ -1,0 +1,103 @@
+"""The race, and the numbers that go into its JSON."""
+
+import json
+
+import pytest
+
+from sprintlab.core.errors import ContractMismatchError, InvalidValueError
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult
+from sprintlab.evaluation.tables import METHOD_COLUMNS, method_cells, method_rows, spread
+
+KEYS = {
+    "time_100m_s",
+    "peak_speed_m_s",
+    "held_speed_m_s",
+    "J_rad2_s",
+    "falls",
+    "trials",
+    "envelope_share",
+    "cost_of_transport",
+    "audit",
+}
+SHORT = ProtocolSettings(trials=2, required=1, start=0.5, top=0.5, hold=0.5)
+
+
+@pytest.fixture(scope="module")
+def race(standing_policy, robot):
+    return evaluate_race(
+        standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, step_check=True, workers=1
+    )
+
+
+def test_the_json_has_the_promised_keys(race):
+    numbers = race.to_dict()
+    assert set(numbers) >= KEYS
+    assert numbers == json.loads(json.dumps(numbers, allow_nan=False))
+    assert numbers["trials"] == 2 and numbers["falls"] == 0
+    assert len(numbers["envelope_share"]) == 12
+    assert numbers["time_100m_s"] is None  # it stood
+
+
+def test_the_race_keeps_what_the_report_draws(race):
+    for trial in (
+        race.sprint.trial,
+        race.sprint_self_paced.trial,
+        race.raw.trials[0],
+        race.self_paced.trials[0],
+    ):
+        assert trial.trajectory is not None
+    assert race.sprint_self_paced.trial.self_paced and not race.sprint.trial.self_paced
+    assert all(trial.self_paced for trial in race.self_paced.trials)
+    assert race.step_check.fine_step == 0.00025
+    assert race.step_check.coarse.settings.joint_noise == 0.0
+    assert race.audit.passed
+
+
+def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot):
+    result = evaluate_race(standing_policy, robot, distance=0.1, settings=SHORT, workers=1)
+    assert result.top_speed == 0.5
+    assert "0.5 m/s" in result.notes[0]
+
+
+def test_a_distance_must_be_positive(standing_policy, robot):
+    with pytest.raises(InvalidValueError, match="distance"):
+        evaluate_race(standing_policy, robot, top_speed=1.0, distance=0.0, workers=1)
+
+
+def test_a_policy_for_another_robot_is_refused(standing_policy, robot):
+    from dataclasses import replace
+
+    with pytest.raises(ContractMismatchError):
+        evaluate_race(standing_policy, replace(robot, bus_voltage=48.0), top_speed=1.0, workers=1)
+
+
+def protocol(make_trial, cost, completed=True):
+    trial = make_trial(held_speed=11.0, angular_cost=cost, completed=completed)
+    speed = SpeedResult(top_speed=11.0, self_paced=False, trials=(trial,), required=1)
+    return ProtocolResult(self_paced=False, speeds=(speed,), common=speed)
+
+
+def test_methods_are_compared_with_the_mean_of_the_reference(make_trial):
+    results = {
+        "baseline": [protocol(make_trial, 3.0), protocol(make_trial, 3.0, completed=False)],
+        "sprint": [protocol(make_trial, cost) for cost in (1.0, 2.0, 3.0)],
+    }
+    baseline, sprint = method_rows(results)
+    assert sprint.normalized_cost.mean == pytest.approx(1.0)
+    assert sprint.normalized_cost.deviation == pytest.approx(0.5)
+    assert baseline.normalized_cost.mean == pytest.approx(1.5)
+    assert (baseline.seeds, baseline.audit_passed) == (2, 1)
+    assert len(method_cells(sprint)) == len(METHOD_COLUMNS)
+    assert method_cells(baseline)[2:6] == ("11.00", "10.20", "3.00", "1.500")
+    assert method_cells(sprint)[5] == "1.000 ± 0.500"
+
+
+def test_nothing_known_is_a_dash():
+    assert spread([float("nan")]).text() == "-"
+
+
+def test_the_reference_must_be_there(make_trial):
+    with pytest.raises(InvalidValueError, match="sprint"):
+        method_rows({"baseline": [protocol(make_trial, 1.0)]})

@@ -1,0 +1,120 @@
+"""Whole trials with policies small enough to know their answer."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from sprintlab.control import load_policy
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.evaluation.plant import PlantOptions
+from sprintlab.evaluation.results import TrialSettings
+from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
+
+SHORT = {"top_speed": 0.5, "hold": 1.0, "keep_trajectory": True}
+
+
+@pytest.fixture(scope="module")
+def stander(standing_policy):
+    return load_policy(standing_policy)
+
+
+def test_a_standing_policy_completes_without_moving(stander, robot):
+    result = run_trial(stander, robot, TrialRequest(**SHORT, settings=TrialSettings(joint_noise=0.05)))
+    assert result.completed and result.fall_time is None
+    assert abs(result.metrics.held_speed) < 0.01
+    assert result.audit.passed
+    assert result.hold_interval == (1.125, 2.125)
+    assert result.trajectory.time[-1] == pytest.approx(3.25, abs=0.02)
+    assert np.diff(result.trajectory.time) == pytest.approx(0.002)
+
+
+def test_shapes_are_as_documented(stander, robot):
+    trajectory = run_trial(stander, robot, TrialRequest(**SHORT)).trajectory
+    count = len(trajectory.time)
+    sizes = {name: values.shape for name, values in trajectory.arrays().items()}
+    assert sizes["qpos"] == (count, 23) and sizes["qvel"] == (count, 22)
+    assert sizes["motor_torque"] == sizes["torque_upper"] == sizes["joint_velocity"] == (count, 12)
+    assert sizes["foot_contact"] == (count, 4) and sizes["foot_position"] == (count, 4, 3)
+    assert sizes["velocity"] == (count, 2) and sizes["command"] == (count, 3)
+    assert trajectory.foot_contact.dtype == bool
+
+
+def test_the_same_seed_gives_the_same_run_and_another_seed_another(stander, robot):
+    def last(seed):
+        settings = TrialSettings(seed=seed, joint_noise=0.05)
+        return run_trial(stander, robot, TrialRequest(**SHORT, settings=settings)).trajectory.qpos[-1]
+
+    np.testing.assert_array_equal(last(1), last(1))
+    assert (last(1) != last(2)).any()
+
+
+def test_the_trajectory_is_left_out_unless_asked_for(stander, robot):
+    assert run_trial(stander, robot, TrialRequest(top_speed=0.5, hold=0.5)).trajectory is None
+
+
+def test_self_paced_never_leads_by_more_than_one(stander, robot):
+    request = TrialRequest(top_speed=4.0, hold=0.5, self_paced=True, keep_trajectory=True)
+    trajectory = run_trial(stander, robot, request).trajectory
+    assert trajectory.profile_speed.max() == 4.0
+    assert 0.9 < trajectory.command[:, 0].max() < 1.1
+
+
+def test_legs_pulled_up_are_a_fall_with_time_and_reason(make_policy, robot):
+    policy = load_policy(make_policy(np.tile([0.0, 3.0, -5.0], 4)))
+    result = run_trial(policy, robot, TrialRequest(**SHORT))
+    assert not result.completed
+    assert result.fall_reason in ("trunk contact", "knee contact", "tilt")
+    assert 0.0 < result.fall_time < 2.0
+    assert result.trajectory.time[-1] == pytest.approx(result.fall_time, abs=0.005)
+    assert math.isnan(result.metrics.held_speed)
+
+
+def test_a_policy_that_gives_nan_ends_with_one_sentence(make_policy, robot):
+    policy = load_policy(make_policy(np.full(12, np.nan)))
+    with pytest.raises(SimulationError, match=r"raw trial at 0\.5 m/s with seed 7: .*not finite") as caught:
+        run_trial(policy, robot, TrialRequest(**SHORT, settings=TrialSettings(seed=7)))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_finer_step_changes_little_for_a_standing_robot(stander, robot):
+    fine = PlantOptions(timestep=0.00025)
+    coarse_run = run_trial(stander, robot, TrialRequest(**SHORT)).trajectory
+    fine_run = run_trial(stander, robot, TrialRequest(**SHORT, plant=fine)).trajectory
+    assert len(fine_run.time) == len(coarse_run.time)
+    np.testing.assert_allclose(fine_run.qpos[-1, :7], coarse_run.qpos[-1, :7], atol=2e-3)
+
+
+def test_a_sprint_that_never_arrives_has_no_time(stander, robot):
+    sprint = run_sprint(stander, robot, TrialRequest(top_speed=2.0, distance=0.5, keep_trajectory=True))
+    assert not sprint.finished and math.isnan(sprint.time)
+    assert sprint.trial.completed
+
+
+def test_a_sprint_counts_from_the_first_command_to_the_distance(stander, robot, monkeypatch):
+    """A base that is carried at 2 m/s covers one metre in half a second and then brakes."""
+    from sprintlab.evaluation import trial as module
+
+    class CarriedPlant(module.Plant):
+        def advance(self, targets, motor_steps, recorder):
+            self.data.qpos[0] = 2.0 * max(0.0, self.time - 1.0)
+            return super().advance(targets, motor_steps, recorder)
+
+    monkeypatch.setattr(module, "Plant", CarriedPlant)
+    sprint = run_sprint(stander, robot, TrialRequest(top_speed=2.0, distance=1.0, keep_trajectory=True))
+    assert sprint.time == pytest.approx(0.5, abs=0.05)
+    trajectory = sprint.trial.trajectory
+    assert trajectory.profile_speed.max() == 2.0 and trajectory.profile_speed[-1] == 0.0
+    assert trajectory.time[-1] > 1.0 + sprint.time + 0.5 + 0.9
+
+
+def test_metrics_are_plain_numbers(stander, robot):
+    result = run_trial(stander, robot, TrialRequest(**SHORT))
+    json.dumps([result.metrics.held_speed, result.metrics.envelope_share, result.metrics.duty_factor])
+
+
+@pytest.mark.parametrize("values", [{"top_speed": 0.0}, {"top_speed": 1.0, "distance": -1.0}])
+def test_impossible_requests_are_refused(values):
+    with pytest.raises(InvalidValueError):
+        TrialRequest(**values)
