@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -67,18 +69,18 @@ def method_as_option(arguments: Sequence[str]) -> list[str]:
 
 def _parse(options: Any, arguments: list[str]) -> Any:
     """Parse a dataclass; a refusal by its own checks is raised as it is, not as a usage error."""
-    helps = {"-h", "--help"} & set(arguments)
+    if {"-h", "--help"} & set(arguments):
+        return tyro.cli(options, prog="sprintlab train", args=arguments)
+    usage = io.StringIO()
     try:
-        return tyro.cli(options, prog="sprintlab train", args=arguments, console_outputs=bool(helps))
+        with contextlib.redirect_stderr(usage):
+            return tyro.cli(options, prog="sprintlab train", args=arguments)
     except SystemExit as stop:
         refusal = _refusal(stop)
         if refusal is not None:
             raise refusal from None
-        if helps:
-            raise
-    # The command line itself is wrong: parse again, this time with the usage text.
-    tyro.cli(options, prog="sprintlab train", args=arguments)
-    sys.exit(2)
+        print(usage.getvalue(), end="", file=sys.stderr)
+        raise
 
 
 def _refusal(error: BaseException | None) -> SprintlabError | None:

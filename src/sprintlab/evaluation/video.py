@@ -133,12 +133,13 @@ def frame_times(
 ) -> list[tuple[float, bool]]:
     """Moment of every frame [s] and whether it belongs to the slow motion at the end."""
     step = stride / options.frames_per_second
-    frames = [(float(moment), False) for moment in np.arange(0.0, duration, step)]
+    frames = [(step * index, False) for index in range(round(duration / step))]
     middle = 0.5 * (hold[0] + min(hold[1], duration))
     start, end = middle - 0.5 * options.slow_motion, middle + 0.5 * options.slow_motion
     if options.slow_motion <= 0.0 or start < 0.0 or end > duration:
         return frames
-    return frames + [(float(moment), True) for moment in np.arange(start, end, step / options.slow_factor)]
+    slow = step / options.slow_factor
+    return frames + [(start + slow * index, True) for index in range(round((end - start) / slow))]
 
 
 def write_video(

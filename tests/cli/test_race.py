@@ -1,0 +1,62 @@
+"""The main job from the command line, with a policy that stands still."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+PROMISED = {
+    "time_100m_s",
+    "peak_speed_m_s",
+    "held_speed_m_s",
+    "J_rad2_s",
+    "falls",
+    "trials",
+    "envelope_share",
+    "cost_of_transport",
+    "audit",
+}
+FIGURES = {"sprint", "speed", "torque_speed", "gait", "base_rates", "power"}
+
+
+def test_race_leaves_a_complete_folder(call, policy, tmp_path):
+    folder = tmp_path / "run"
+    outcome = call(
+        "race", policy, "--out", folder, "--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video"
+    )
+    assert outcome.status == 0
+    assert "not finished" in outcome.out and str(folder / "report.html") in outcome.out
+    assert "\x1b" not in outcome.out
+    expected = {f"{name}.png" for name in FIGURES}
+    expected |= {"report.html", "result.json", "trajectory.npz", "profile.npz"}
+    assert {path.name for path in folder.iterdir()} == expected
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+    numbers = json.loads((folder / "result.json").read_text())
+    assert set(numbers) >= PROMISED
+    assert numbers["time_100m_s"] is None and numbers["falls"] == 0
+    assert len(numbers["facts"]["policy SHA-256"]) == 64
+    with np.load(folder / "trajectory.npz") as archive:
+        assert archive["motor_torque"].shape == (len(archive["time"]), 12)
+
+
+def test_race_prints_json_only(call, policy, tmp_path):
+    arguments = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video", "--json")
+    numbers = json.loads(call("race", policy, "--out", tmp_path / "run", *arguments).out)
+    assert set(numbers) >= PROMISED and numbers["folder"] == str(tmp_path / "run")
+
+
+@pytest.mark.parametrize("json_flag", [(), ("--json",)])
+def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, json_flag):
+    options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
+    outcome = call("evaluate", policy, *options, "--out", tmp_path / "numbers.json", *json_flag)
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert set(numbers) == {"raw", "self_paced"}
+    assert [row["top_speed_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
+    assert numbers["raw"]["top_speed_command_m_s"] == 0.75
+    assert numbers["raw"]["J_common_rad2_s"] >= 0.0
+    if json_flag:
+        assert json.loads(outcome.out) == numbers
+    else:
+        assert re.search(r"raw\s+-?0\.\d\d", outcome.out)

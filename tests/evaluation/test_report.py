@@ -1,0 +1,203 @@
+"""Figures, report and video of a race."""
+
+import base64
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.evaluation import figures, report, video
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.race_files import default_folder, save_trajectory
+from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
+
+
+@pytest.fixture
+def trial(make_trial, make_trajectory, robot):
+    """Ten seconds at 10 m/s: feet on the ground one at a time, front left hip on its envelope."""
+    count = 5000
+    time = np.arange(count) / 500.0
+    qpos = np.zeros((count, 23))
+    qpos[:, 0], qpos[:, 2], qpos[:, 3] = 10.0 * time, 0.5, 1.0
+    contact = (np.arange(count)[:, None] // 25 + np.arange(4)) % 4 == 0
+    torque = np.zeros((count, 12))
+    torque[:, 1] = 1.0
+    rates = np.stack([np.full(count, 2.0), np.full(count, 1.0), np.zeros(count)], axis=1)
+    trajectory = make_trajectory(
+        seconds=10.0,
+        qpos=qpos,
+        velocity=np.tile([10.0, 0.0], (count, 1)),
+        foot_contact=contact,
+        motor_torque=torque,
+        joint_torque=6.0 * torque,
+        joint_velocity=np.full((count, 12), 2.0),
+        angular_velocity=rates,
+    )
+    return replace(make_trial(), trajectory=trajectory)
+
+
+@pytest.fixture
+def race(trial, make_trial):
+    trials = SpeedResult(
+        top_speed=10.0, self_paced=False, trials=(trial, make_trial(completed=False)), required=1
+    )
+    return RaceResult(
+        robot="bp2",
+        policy="test <policy>",
+        top_speed=10.0,
+        sprint=SprintResult(distance=90.0, time=9.0, trial=trial),
+        sprint_self_paced=SprintResult(distance=90.0, time=float("nan"), trial=trial),
+        raw=trials,
+        self_paced=replace(trials, self_paced=True),
+        audit=audit_trials([trial.metrics]),
+        mass=36.5,
+        wall_time=1.0,
+    )
+
+
+@pytest.fixture
+def page(race, robot):
+    tiny = report.Picture(name="speed", title="Speed", caption="Look.", light=b"light", dark=b"dark")
+    return report.render_report(
+        race, robot, [tiny], facts=[("command", "sprintlab race")], video_message="no GL"
+    )
+
+
+def test_every_picture_is_a_png_in_both_looks(race, robot):
+    drawn = []
+    pictures = report.make_pictures(race, robot, drawn.append)
+    assert len(pictures) == len(drawn) == 6
+    for picture in pictures:
+        light, dark = (Image.open(io.BytesIO(data)) for data in (picture.light, picture.dark))
+        assert light.size == dark.size and light.width > 900
+        corner = np.asarray(light.convert("RGB"))[0, 0], np.asarray(dark.convert("RGB"))[0, 0]
+        assert corner[0].min() > 200 and corner[1].max() < 60
+
+
+def test_report_is_one_file_that_loads_nothing(page):
+    assert not re.findall(r"""(?:src|srcset|href)=["'](?!data:)""", page)
+    assert "http" not in page
+    assert base64.b64encode(b"light").decode() in page and base64.b64encode(b"dark").decode() in page
+    assert "prefers-color-scheme: dark" in page and "@media print" in page
+
+
+def test_report_says_what_happened(page):
+    assert "test &lt;policy&gt;" in page  # escaped
+    assert "not finished" in page and "9.00" in page
+    assert "1 of 2" in page and "fell at 3.0 s (tilt)" in page
+    assert "no GL" in page and "<video" not in page
+    assert "exploit audit passed" in page
+
+
+def test_a_failed_audit_is_marked(race, robot, trial):
+    sunk = replace(trial.metrics, deepest_penetration=0.05)
+    page = report.render_report(replace(race, audit=audit_trials([sunk])), robot, [])
+    assert "exploit audit FAILED" in page and ">FAIL<" in page and "50.0 mm" in page
+
+
+def test_the_video_is_embedded(race, robot):
+    page = report.render_report(race, robot, [], video=b"film")
+    assert f"data:video/mp4;base64,{base64.b64encode(b'film').decode()}" in page
+
+
+def test_gait_diagram_shows_the_contacts(trial, robot):
+    axis = figures.gait_figure(trial, robot).axes[0]
+    labels = [label.get_text() for label in axis.get_yticklabels()]
+    assert [label.split()[0] for label in labels] == list(robot.leg_names)
+    assert all(22 <= float(label.split()[1]) <= 28 for label in labels)
+    assert "0 % of the time in flight" in axis.get_title(loc="left")
+
+
+def test_rates_figure_integrates_the_cost(trial):
+    curve = figures.rates_figure(trial).axes[2].lines[0].get_ydata()
+    assert curve[-1] == pytest.approx((2.0**2 + 1.0**2) * 9.998)
+
+
+def test_samples_on_the_envelope(trial, robot):
+    touched = figures.on_envelope(trial.trajectory, robot)
+    assert touched[:, 1].all() and not np.delete(touched, 1, axis=1).any()
+    still = replace(trial.trajectory, command=np.zeros((5000, 3)))
+    assert not figures.on_envelope(still, robot).any()
+
+
+def test_joint_powers(trial, robot):
+    mechanical, copper = figures.joint_powers(trial.trajectory, robot)
+    assert mechanical[0, 1] == pytest.approx(12.0) and mechanical[0, 0] == 0.0
+    assert copper[0, 1] > 0.0 and copper[0, 0] == 0.0
+
+
+def test_a_missing_trajectory_is_refused(make_trial):
+    with pytest.raises(SimulationError, match="kept no trajectory"):
+        figures.speed_figure(make_trial(), make_trial())
+
+
+def test_nan_is_refused_with_name_and_time(trial):
+    broken = trial.trajectory.joint_velocity.copy()
+    broken[250, 3] = np.inf
+    with pytest.raises(SimulationError, match=r"joint_velocity at 0\.500 s"):
+        figures.require_finite(replace(trial.trajectory, joint_velocity=broken))
+
+
+def test_the_completed_trial_is_drawn(race, trial):
+    fallen = replace(trial, completed=False)
+    both = SpeedResult(top_speed=10.0, self_paced=False, trials=(fallen, trial), required=1)
+    assert report.representative(both) is trial
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"), [(0.0042, "m", "4.2 mm"), (0.25, "m", "0.25 m"), (float("nan"), "", "-")]
+)
+def test_audit_values_read_well(value, unit, text):
+    assert report.audit_value(value, unit) == text
+
+
+def test_a_taken_folder_name_gets_a_number(tmp_path):
+    first = default_folder(tmp_path)
+    first.mkdir()
+    assert default_folder(tmp_path) != first
+
+
+# --- video -------------------------------------------------------------------------------------------------
+
+
+def test_slow_motion_follows_the_run():
+    options = video.VideoOptions(slow_motion=0.4, slow_factor=5.0)
+    frames = video.frame_times(8.0, (3.0, 7.0), options)
+    run = [moment for moment, slow in frames if not slow]
+    slow = [moment for moment, slow in frames if slow]
+    assert len(run) == 200 and run[-1] == pytest.approx(7.96)
+    assert len(slow) == 50 and slow[0] == pytest.approx(4.8) and slow[-1] < 5.2
+    assert not any(slow for _, slow in video.frame_times(1.0, (0.9, 1.0), options))
+
+
+def test_video_options_are_checked():
+    with pytest.raises(InvalidValueError, match=r"video\.width"):
+        video.VideoOptions(width=0)
+
+
+def test_without_a_backend_one_line_says_what_to_install(trial, tmp_path, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
+    monkeypatch.setattr(video, "has_encoder", lambda: True)
+    save_trajectory(tmp_path / "run.npz", trial.trajectory)
+    message = video.render_video(tmp_path / "run.npz", tmp_path / "run.mp4", "bp2", (3.0, 7.0))
+    assert message == video.INSTALL_BACKEND and "\n" not in message
+    assert not (tmp_path / "run.mp4").exists()
+
+
+def test_without_an_encoder_one_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "has_encoder", lambda: False)
+    message = video.render_video(tmp_path / "run.npz", tmp_path / "run.mp4", "bp2", (3.0, 7.0))
+    assert message == video.INSTALL_ENCODER and "pip install" in message
+
+
+def test_a_video_is_rendered_where_a_backend_works(trial, tmp_path):
+    if not video.has_encoder() or video.working_gl_backend() is None:
+        pytest.skip("no OpenGL backend or no encoder here")
+    short = {name: values[:300] for name, values in trial.trajectory.arrays().items()}
+    np.savez(tmp_path / "run.npz", **short)
+    assert video.render_video(tmp_path / "run.npz", tmp_path / "run.mp4", "bp2", (0.0, 0.1)) == ""
+    assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
