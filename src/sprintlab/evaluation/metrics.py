@@ -24,6 +24,9 @@ PEAK_WINDOW = 0.5
 """The peak speed is a mean over this time [s]."""
 
 _LONGEST_BOUNCE = 0.02  # a foot that is off the ground for less is still in the same stance [s]
+_STRIDE_PERIODS = (0.05, 1.0)  # [s]
+_SMALLEST_SWING = 0.02  # standard deviation of the joint that moves most [rad]
+_LEAST_CORRELATION = 0.5  # less is no gait
 
 
 def trial_metrics(
@@ -44,7 +47,6 @@ def trial_metrics(
         plant: for the bus voltage; the robot's own when left out.
     """
     window = steady_window(trajectory, hold_interval)
-    gait = _gait(trajectory, window)
     return TrialMetrics(
         held_speed=_mean(trajectory.velocity[window, 0]),
         peak_speed=peak_speed(trajectory),
@@ -56,8 +58,9 @@ def trial_metrics(
         deepest_penetration=float(trajectory.foot_penetration.max()),
         smallest_leg_distance=float(trajectory.leg_distance.min()),
         slip_per_step=slip_per_step(trajectory),
+        stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
+        duty_factor=_duty_factor(trajectory, window),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
-        **gait,
     )
 
 
@@ -141,25 +144,71 @@ def slip_per_step(trajectory: Trajectory) -> float:
     return _mean(np.array(ways))
 
 
-def _gait(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, float | tuple[float, ...]]:
-    """Stride frequency and duty factors in the steady window; ``nan`` where there is no stride."""
-    contact = trajectory.foot_contact[window]
-    feet = trajectory.foot_contact.shape[1]
-    if len(contact) == 0:
-        return {"stride_frequency": math.nan, "duty_factor": (math.nan,) * feet}
-    step = sample_time(trajectory)
-    flight = round(_LONGEST_BOUNCE / step)
-    frequencies = [_touchdown_frequency(contact[:, foot], flight, step) for foot in range(feet)]
-    known = [frequency for frequency in frequencies if math.isfinite(frequency)]
-    return {"stride_frequency": _mean(np.array(known)), "duty_factor": tuple(contact.mean(axis=0).tolist())}
+def stride_frequency(joint_position: FloatArray, step: float) -> float:
+    """Strides a second from the period after which all joints repeat their motion [Hz].
 
+    The first high peak of the joints' summed autocorrelation, refined by a parabola. Unlike a count of
+    touchdowns it is not misled by a foot that bounces or misses a step.
 
-def _touchdown_frequency(contact: NDArray[np.bool_], flight: int, step: float) -> float:
-    """Strides a second from the first touchdown to the last; ``nan`` with fewer than two."""
-    touchdowns = [start for start, _ in stances(contact, flight) if start > 0]
-    if len(touchdowns) < 2:
+    Args:
+        joint_position: ``(T, 12)`` [rad].
+        step: time between samples [s].
+
+    Returns:
+        ``nan`` where the joints hardly move or do not repeat themselves within the window.
+    """
+    count = len(joint_position)
+    shortest, longest = round(_STRIDE_PERIODS[0] / step), min(round(_STRIDE_PERIODS[1] / step), count // 2)
+    if longest <= shortest + 1:
         return math.nan
-    return (len(touchdowns) - 1) / ((touchdowns[-1] - touchdowns[0]) * step)
+    centred = joint_position - joint_position.mean(axis=0)
+    if centred.std(axis=0).max() < _SMALLEST_SWING:
+        return math.nan
+    correlation = _autocorrelation(centred)
+    inner = correlation[shortest:longest]
+    peak = (inner > correlation[shortest - 1 : longest - 1]) & (
+        inner >= correlation[shortest + 1 :][: len(inner)]
+    )
+    high = peak & (inner > max(_LEAST_CORRELATION, 0.8 * float(inner[peak].max(initial=0.0))))
+    if not high.any():
+        return math.nan
+    return 1.0 / (_refined_period(correlation, shortest + int(high.argmax())) * step)
+
+
+def _autocorrelation(values: FloatArray) -> FloatArray:
+    """Of the columns of ``values`` ``(T, n)`` together, for lags up to half of T; 1 at lag 0."""
+    count = len(values)
+    spectrum = np.abs(np.fft.rfft(values, 2 * count, axis=0)) ** 2
+    lags = count // 2 + 1
+    correlation = np.fft.irfft(spectrum.sum(axis=1))[:lags] / np.arange(count, count - lags, -1)
+    return correlation / correlation[0]
+
+
+def _refined_period(correlation: FloatArray, lag: int) -> float:
+    """Period in samples, finer than one: the peaks after one, two, ... periods, up to the last known."""
+    period = _parabola_peak(correlation, lag)
+    for repeats in range(2, int((len(correlation) - 3) / period) + 1):
+        near = round(repeats * period)
+        near += int(correlation[near - 2 : near + 3].argmax()) - 2
+        if near + 1 >= len(correlation):
+            break
+        period = _parabola_peak(correlation, near) / repeats
+    return period
+
+
+def _parabola_peak(correlation: FloatArray, lag: int) -> float:
+    """Place of the peak near ``lag`` between the samples."""
+    before, here, after = correlation[lag - 1 : lag + 2].tolist()
+    curvature = before - 2.0 * here + after
+    return lag + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0)
+
+
+def _duty_factor(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
+    """Share of time on the ground ``(4,)`` in the steady window; ``nan`` without one."""
+    contact = trajectory.foot_contact[window]
+    if len(contact) == 0:
+        return (math.nan,) * trajectory.foot_contact.shape[1]
+    return tuple(contact.mean(axis=0).tolist())
 
 
 def _powers(
