@@ -167,21 +167,25 @@ def characteristic_speeds(motor: Any, bus_voltage: float) -> dict[str, float]:
     """No-load speed, and the speeds up to which the peak torque fits [rad/s], motor side."""
     from sprintlab.motors import critical_speed, no_load_speed
 
-    speeds = {"no_load_speed": float(no_load_speed(motor, bus_voltage))}
-    for model, name in (("refined", "critical_speed_refined"), ("simplified-dc", "critical_speed_v_d_0")):
-        speeds[name] = float(critical_speed(motor, motor.peak_torque, bus_voltage, model=model))
-    return speeds
+    return {
+        "no_load_speed": float(no_load_speed(motor, bus_voltage)),
+        "critical_speed_refined": float(critical_speed(motor, motor.peak_torque, bus_voltage)),
+        "critical_speed_v_d_0": float(
+            critical_speed(motor, motor.peak_torque, bus_voltage, model="simplified-dc")
+        ),
+    }
 
 
 def envelope_rows(motor: Any, bus_voltage: float, points: int) -> list[dict[str, float]]:
     """The envelope at evenly spaced speeds from 0 to the no-load speed, one dictionary a speed."""
     import numpy as np
 
-    from sprintlab.motors import no_load_speed, torque_limits
+    from sprintlab.motors import MOTOR_MODELS, no_load_speed, torque_limits
 
     speed = np.linspace(0.0, float(no_load_speed(motor, bus_voltage)), points)
     columns: dict[str, Any] = {"speed": speed}
-    for model, name in (("refined", "refined"), ("simplified-dc", "v_d = 0"), ("square", "square")):
+    for model in MOTOR_MODELS:
+        name = "v_d = 0" if model == "simplified-dc" else model
         lower, upper = torque_limits(motor, speed, bus_voltage, model=model)
         columns[f"{name} upper"] = np.asarray(upper)
         if model == "refined":

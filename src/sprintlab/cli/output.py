@@ -65,9 +65,9 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], 
         task = bar.add_task("starting", total=None)
 
         def report(what: str, share: float | None) -> None:
-            known = (
-                {"total": None} if share is None else {"total": 1.0, "completed": min(max(share, 0.0), 1.0)}
-            )
-            bar.update(task, description=what, **known)
+            if share is None:
+                bar.update(task, description=what, total=None)
+            else:
+                bar.update(task, description=what, total=1.0, completed=min(max(share, 0.0), 1.0))
 
         yield report

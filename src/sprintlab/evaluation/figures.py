@@ -204,7 +204,7 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
     end = min(trial.hold_interval[1], float(trajectory.time[-1]))
     window = (trajectory.time >= end - GAIT_WINDOW) & (trajectory.time <= end)
     time, contact = trajectory.time[window], trajectory.foot_contact[window].astype(bool)
-    flight = ~contact.any(axis=1)
+    flight: Array = np.logical_not(np.any(contact, axis=1))
     for start, width in _spans(time, flight):
         axis.axvspan(start, start + width, color=theme.shade, zorder=0, linewidth=0)
     for foot in range(4):

@@ -134,7 +134,7 @@ def save_trajectory(path: Path, trajectory: Trajectory) -> None:
         SprintlabError: the disk refuses.
     """
     try:
-        np.savez_compressed(path, **trajectory.arrays())
+        np.savez_compressed(path, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
     except OSError as error:
         raise SprintlabError(f"cannot write {path.name}: {error.strerror or error}") from error
 

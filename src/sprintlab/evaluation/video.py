@@ -166,7 +166,7 @@ def write_video(
         writer = imageio_ffmpeg.write_frames(
             str(target),
             (options.width, options.height),
-            fps=options.frames_per_second / stride,
+            fps=options.frames_per_second / stride,  # pyright: ignore[reportArgumentType] - any number goes
             codec="libx264",
             quality=7,
             macro_block_size=2,
