@@ -1,5 +1,6 @@
 """A policy that stands still, and a way to call the command in this process."""
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,10 @@ from sprintlab.control import (
     encode_contract,
     make_contract,
 )
+from sprintlab.evaluation import race_files
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.results import RaceResult
 from sprintlab.robots import load_robot
 
 
@@ -84,3 +89,17 @@ def write_policy() -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_policy(tmp_path_factory.mktemp("policy") / "still.onnx")
+
+
+@pytest.fixture(scope="session")
+def standing_race(policy: Path) -> RaceResult:
+    settings = ProtocolSettings(trials=1, required=1)
+    return evaluate_race(policy, load_robot("bp2"), top_speed=12.0, settings=settings, workers=1)
+
+
+@pytest.fixture
+def computed(standing_race: RaceResult, monkeypatch: pytest.MonkeyPatch) -> RaceResult:
+    """The race as already computed once: what is tested is what becomes of its result."""
+    result = copy.deepcopy(standing_race)
+    monkeypatch.setattr(race_files, "evaluate_race", lambda *_, **__: result)
+    return result

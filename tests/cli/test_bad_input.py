@@ -8,7 +8,6 @@ import pytest
 
 from sprintlab.cli import main as entry
 from sprintlab.cli import train
-from sprintlab.evaluation import race_files, results
 
 QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video")
 
@@ -84,23 +83,15 @@ def test_a_result_folder_is_never_overwritten(call, tmp_path, policy):
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_nan_in_a_trajectory(call, tmp_path, policy, monkeypatch):
-    evaluate = race_files.evaluate_race
-
-    def poison(*arguments, **settings):
-        result = evaluate(*arguments, **settings)
-        trajectory = result.raw.trials[0].trajectory
-        assert isinstance(trajectory, results.Trajectory)
-        trajectory.qvel[7, 1] = np.nan
-        return result
-
-    monkeypatch.setattr(race_files, "evaluate_race", poison)
+def test_nan_in_a_trajectory(call, tmp_path, policy, computed):
+    computed.raw.trials[0].trajectory.qvel[7, 1] = np.nan
     outcome = call("race", policy, "--out", tmp_path / "run", *QUICK)
     assert_refused(outcome, "qvel", "no finite number", "0.014 s")
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("file", ["trajectory.npz", "report.html", "speed.png"])
+@pytest.mark.parametrize("file", ["trajectory.npz", "speed.png"])
+@pytest.mark.usefixtures("computed")
 def test_full_disk(call, tmp_path, policy, monkeypatch, file):
     def full():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

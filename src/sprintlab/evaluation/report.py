@@ -188,7 +188,7 @@ def _embedded(picture: Picture) -> dict[str, str]:
 
 def number(value: float, digits: int = 2) -> str:
     """A number as text; a dash where it is not defined."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def sprint_text(sprint: SprintResult) -> str:
