@@ -129,7 +129,7 @@ class SprintEnvironment(VecEnv):
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """One policy step of 20 ms; rewards are per second times 0.02 s."""
-        self.action.copy_(actions)
+        self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
         self.simulation.target.copy_(target)
         self.simulation.step()

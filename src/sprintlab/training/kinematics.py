@@ -29,6 +29,7 @@ class BodyState(NamedTuple):
         joint_velocity: [rad/s] ``(n, 12)``.
         foot_height: of the feet's middles [m] ``(n, 4)``.
         foot_speed: horizontal speed of the feet [m/s] ``(n, 4)``.
+        foot_descent: downward speed of the feet, zero while they rise [m/s] ``(n, 4)``.
         contact: 1 where a foot touches ``(n, 4)``.
         knee_height: of the knee axes [m] ``(n, 4)``.
         leg_distance: least distance between the shanks of neighbouring legs [m] ``(n, 4)``.
@@ -43,6 +44,7 @@ class BodyState(NamedTuple):
     joint_velocity: torch.Tensor
     foot_height: torch.Tensor
     foot_speed: torch.Tensor
+    foot_descent: torch.Tensor
     contact: torch.Tensor
     knee_height: torch.Tensor
     leg_distance: torch.Tensor
@@ -92,6 +94,7 @@ class Kinematics:
         height = simulation.qpos[:, 2]
         foot = simulation.geom_xpos[:, self._feet]
         knee = simulation.xpos[:, self._shanks]
+        foot_velocity = self._foot_velocity(foot)
         return BodyState(
             gravity=gravity,
             angular_velocity=simulation.qvel[:, 3:6],
@@ -101,18 +104,18 @@ class Kinematics:
             joint_position=simulation.qpos[:, self.joint_qpos],
             joint_velocity=simulation.qvel[:, self.joint_qvel],
             foot_height=foot[..., 2],
-            foot_speed=self._foot_speed(foot),
+            foot_speed=foot_velocity[..., :2].norm(dim=-1),
+            foot_descent=-foot_velocity[..., 2].clamp(max=0.0),
             contact=(foot[..., 2] < self._foot_radius + CONTACT_MARGIN).float(),
             knee_height=knee[..., 2],
             leg_distance=self._leg_distance(knee, foot),
         )
 
-    def _foot_speed(self, foot: torch.Tensor) -> torch.Tensor:
-        """Horizontal speed of the feet from the shanks' spatial velocities (about the robot's centre)."""
+    def _foot_velocity(self, foot: torch.Tensor) -> torch.Tensor:
+        """Velocity of the feet ``(n, 4, 3)`` from the shanks' spatial velocities about the robot's centre."""
         spatial = self._simulation.cvel[:, self._shanks]
         lever = foot - self._simulation.subtree_com[:, self._trunk : self._trunk + 1]
-        velocity = spatial[..., 3:] + torch.linalg.cross(spatial[..., :3], lever, dim=-1)
-        return velocity[..., :2].norm(dim=-1)
+        return spatial[..., 3:] + torch.linalg.cross(spatial[..., :3], lever, dim=-1)
 
     def _leg_distance(self, knee: torch.Tensor, foot: torch.Tensor) -> torch.Tensor:
         """Least distance between points on the shanks of each neighbouring pair ``(n, 4)``."""

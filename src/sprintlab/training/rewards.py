@@ -68,6 +68,10 @@ PENALTIES: dict[str, Penalty] = {
         (x.body.joint_position[:, 0] + x.body.joint_position[:, 3]).square()
         + (x.body.joint_position[:, 6] + x.body.joint_position[:, 9]).square()
     ),
+    "grounded": lambda x, s: x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0),
+    "touchdown": lambda x, s: (
+        x.body.foot_descent.square() * (x.body.foot_height < s.touchdown_height).float()
+    ).sum(1),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
 }
 

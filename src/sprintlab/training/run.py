@@ -29,6 +29,7 @@ class TrainOptions:
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
         resume: go on from the checkpoint in ``output``.
+        start_from: another run's checkpoint whose networks and curriculum this run begins with.
         save_seconds: time between checkpoints.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
@@ -44,6 +45,7 @@ class TrainOptions:
     seed: int = 0
     device: str = "auto"
     resume: bool = False
+    start_from: Path | None = None
     save_seconds: float = 60.0
     settings: TrainingSettings = TrainingSettings()
 
@@ -80,6 +82,8 @@ def train(options: TrainOptions) -> Path:
     runner = Runner(settings, pick_device(options.device), typed)
     if saved:
         runner.load(saved)
+    elif options.start_from is not None:
+        runner.load(read_checkpoint(options.start_from))
     try:
         _loop(runner, options, checkpoint)
     finally:

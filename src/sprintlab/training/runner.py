@@ -110,7 +110,7 @@ class Runner:
             "steps_per_second": round(steps / seconds),
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
-            "action_std": float(self.learner.get_policy().output_std.mean()),
+            "action_std": float(self.learner.get_policy().output_std.detach().mean()),
             "learning_rate": self.learner.learning_rate,
             **{f"loss/{name}": value for name, value in losses.items()},
             **statistics,
