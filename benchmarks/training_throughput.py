@@ -1,0 +1,383 @@
+"""Training speed on one device: physics alone, the whole step, and PPO, beside stock mjlab.
+
+    python benchmarks/training_throughput.py --output throughput.json
+
+Every number is the median of ``--repeats`` samples, each of ``--steps`` policy steps (PPO: two iterations)
+between two waits for the device. Physics is timed from states that random actions lead to, restored every few
+steps, since robots without resets fall through the floor, where there are no contacts to solve. A part that
+fails leaves its error in the result and the others go on; the program then ends with 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import shlex
+import statistics
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("MUJOCO_GL", "disabled")
+
+import mujoco_warp
+import torch
+import warp as wp
+from rich.console import Console
+from rich.table import Table
+
+from sprintlab.core.files import atomic_write_text
+from sprintlab.training.runner import Runner, device_description
+from sprintlab.training.settings import SimulationSettings, TrainingSettings
+from sprintlab.training.simulation import BatchSimulation, suspended_garbage_collection
+
+MJLAB_TASK = "Mjlab-Velocity-Flat-Unitree-Go1"
+PACKAGES = ("sprintlab", "torch", "warp-lang", "mujoco", "mujoco-warp", "mjlab", "rsl-rl-lib", "numpy")
+PARTS = ("ours-4x5", "ours-10x2", "mjlab")
+RESTORE_EVERY = 5
+"""Policy steps (0.1 s) between two restorations of the state, physics alone."""
+ITERATIONS = 2
+"""PPO iterations a sample."""
+WARM_UP_ITERATIONS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What to measure: environments, device, samples, policy steps a sample, and where results go."""
+
+    environments: int
+    device: str
+    repeats: int
+    steps: int
+    parts: tuple[str, ...]
+    output: Path | None
+
+    def wait(self) -> None:
+        """Until the device is idle."""
+        if self.device.startswith("cuda"):
+            torch.cuda.synchronize(self.device)
+
+
+Restore = Callable[[], None]
+
+
+def sample(plan: Plan, seconds: Callable[[], float], steps: int) -> dict[str, Any]:
+    """``plan.repeats`` samples of ``seconds()`` for ``steps`` policy steps, as environment steps a second."""
+    durations = [seconds() for _ in range(plan.repeats)]
+    rates = [steps * plan.environments / duration for duration in durations]
+    return {
+        "median_steps_per_second": statistics.median(rates),
+        "median_milliseconds_per_step": 1e3 * statistics.median(durations) / steps,
+        "steps_per_second": rates,
+        "policy_steps_per_sample": steps,
+    }
+
+
+def timed(plan: Plan, work: Callable[[], object], times: int) -> float:
+    """Seconds [s] for ``times`` calls, device included."""
+    plan.wait()
+    started = time.perf_counter()
+    for _ in range(times):
+        work()
+    plan.wait()
+    return time.perf_counter() - started
+
+
+def measure_physics(plan: Plan, step: Callable[[], object], restore: Restore) -> dict[str, Any]:
+    """``step`` alone; the state is put back, outside the clock, every ``RESTORE_EVERY`` steps."""
+    pieces = max(1, plan.steps // RESTORE_EVERY)
+
+    def piece() -> float:
+        restore()
+        return timed(plan, step, RESTORE_EVERY)
+
+    piece()
+    return sample(plan, lambda: sum(piece() for _ in range(pieces)), pieces * RESTORE_EVERY)
+
+
+def measure_step(plan: Plan, step: Callable[[torch.Tensor], object], joints: int) -> dict[str, Any]:
+    """Whole environment steps with uniform random actions in [-1, 1]."""
+    pool = [2 * torch.rand(plan.environments, joints, device=plan.device) - 1 for _ in range(8)]
+    count = 0
+
+    def act() -> None:
+        nonlocal count
+        step(pool[count % len(pool)])
+        count += 1
+
+    timed(plan, act, plan.steps)
+    return sample(plan, lambda: timed(plan, act, plan.steps), plan.steps)
+
+
+def measure_ppo(plan: Plan, iterate: Callable[[int], object], rollout: int) -> dict[str, Any]:
+    """``iterate(k)`` runs ``k`` iterations of rollout and update."""
+    iterate(WARM_UP_ITERATIONS)
+    return sample(plan, lambda: timed(plan, lambda: iterate(ITERATIONS), 1), ITERATIONS * rollout)
+
+
+def snapshot(buffers: list[Any]) -> Restore:
+    """Remember the buffers' contents; the result writes them back."""
+    saved = [buffer[:].clone() for buffer in buffers]
+
+    def restore() -> None:
+        for buffer, value in zip(buffers, saved, strict=True):
+            buffer[:] = value
+
+    return restore
+
+
+def bare_physics(simulation: BatchSimulation) -> Callable[[], None]:
+    """The substeps with nothing of ours in them: no motors; a graph of its own on CUDA."""
+
+    def substeps() -> None:
+        for _ in range(simulation.settings.substeps):
+            mujoco_warp.step(simulation.model, simulation.data)
+
+    device = wp.get_device(simulation.device)
+    graph: Any = None
+    with suspended_garbage_collection(), wp.ScopedDevice(device):
+        substeps()
+        wp.synchronize_device(device)
+        if device.is_cuda:
+            with wp.ScopedCapture() as capture:
+                substeps()
+            graph = capture.graph
+
+    def step() -> None:
+        with wp.ScopedDevice(device):
+            if graph is None:
+                substeps()
+            else:
+                wp.capture_launch(graph)
+
+    return step
+
+
+def measure_ours(plan: Plan, physics: SimulationSettings) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each measurement of ours as it is ready."""
+    settings = replace(TrainingSettings(), simulation=replace(physics, environments=plan.environments))
+    yield "settings", {"simulation": asdict(settings.simulation), "ppo": asdict(settings.ppo)}
+    runner = Runner(settings, plan.device, "benchmark")
+    environment, simulation = runner.environment, runner.environment.simulation
+    with torch.inference_mode():
+        yield "whole_step", measure_step(plan, environment.step, environment.num_actions)
+        restore = snapshot([getattr(simulation, name) for name in ("qpos", "qvel", "qacc_warmstart", "ctrl")])
+        yield "physics", measure_physics(plan, simulation.step, restore)
+        restore()
+        yield "bare_physics", measure_physics(plan, bare_physics(simulation), restore)
+        restore()
+
+    def iterate(count: int) -> None:
+        for _ in range(count):
+            runner.iterate()
+
+    yield "ppo", measure_ppo(plan, iterate, settings.ppo.steps)
+
+
+def measure_mjlab(plan: Plan) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The same of mjlab's own Go1 task, built as its training script does; nothing is logged or saved."""
+    # Only this part needs mjlab, which is no dependency of ours.
+    import mjlab.tasks  # noqa: F401  (registers the tasks)
+    from mjlab.envs import ManagerBasedRlEnv
+    from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
+    from mjlab.tasks.registry import load_env_cfg, load_rl_cfg, load_runner_cls
+    from mjlab.utils.torch import configure_torch_backends
+
+    configure_torch_backends()
+    settings, agent = load_env_cfg(MJLAB_TASK), load_rl_cfg(MJLAB_TASK)
+    settings.scene.num_envs, settings.seed = plan.environments, 0
+    agent.logger = "tensorboard"
+    environment = RslRlVecEnvWrapper(
+        ManagerBasedRlEnv(cfg=settings, device=plan.device), clip_actions=agent.clip_actions
+    )
+    runner_class = load_runner_cls(MJLAB_TASK) or MjlabOnPolicyRunner
+    runner = runner_class(environment, asdict(agent), None, plan.device)
+    simulation, substeps = environment.unwrapped.sim, settings.decimation
+    yield (
+        "settings",
+        {
+            "task": MJLAB_TASK,
+            "timestep": settings.sim.mujoco.timestep,
+            "substeps": substeps,
+            "ppo": {"steps": agent.num_steps_per_env, "algorithm": asdict(agent.algorithm)},
+        },
+    )
+    with torch.inference_mode():
+        yield "whole_step", measure_step(plan, environment.step, environment.num_actions)
+        data = simulation.data
+        restore = snapshot([data.qpos, data.qvel, data.qacc_warmstart])
+
+        def physics() -> None:
+            for _ in range(substeps):
+                simulation.step()
+
+        yield "bare_physics", measure_physics(plan, physics, restore)
+        restore()
+    yield "ppo", measure_ppo(plan, runner.learn, agent.num_steps_per_env)
+    environment.close()
+
+
+def part(plan: Plan, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The measurements of a part."""
+    if name == "mjlab":
+        return measure_mjlab(plan)
+    if name == "ours-4x5":
+        coarse = SimulationSettings(timestep=0.005, substeps=4, contact_time_constant=0.01)
+        return measure_ours(plan, coarse)
+    return measure_ours(plan, SimulationSettings())
+
+
+@contextmanager
+def recorded_errors(result: dict[str, Any]) -> Iterator[None]:
+    """Put what goes wrong into ``result["error"]``: the machine may be lent for one run only."""
+    try:
+        yield
+    except Exception:
+        result["error"] = traceback.format_exc()
+        print(result["error"], file=sys.stderr)
+
+
+def with_ratios(parts: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Times over times inside a part, and our PPO rate over mjlab's."""
+
+    def rate(name: str, measurement: str) -> float | None:
+        return parts.get(name, {}).get(measurement, {}).get("median_steps_per_second")
+
+    ratios: dict[str, float] = {}
+    for name in parts:
+        whole = rate(name, "whole_step")
+        for base in ("physics", "bare_physics"):
+            if whole and (alone := rate(name, base)):
+                ratios[f"{name}: whole step / {base}, time"] = alone / whole
+        for measurement in ("whole_step", "ppo"):
+            mine, theirs = rate(name, measurement), rate("mjlab", measurement)
+            if mine and theirs and name != "mjlab":
+                ratios[f"{name} / mjlab: {measurement}, steps per second"] = mine / theirs
+    return ratios
+
+
+def driver_version() -> str | None:
+    """Of the NVIDIA driver; None without one."""
+    query = ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"]
+    try:
+        return subprocess.run(query, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def package_version(package: str) -> str | None:
+    """Installed version; None if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def description(plan: Plan) -> dict[str, Any]:
+    """Everything that the numbers depend on."""
+    return {
+        "device": device_description(plan.device),
+        "driver": driver_version(),
+        "python": sys.version.split()[0],
+        "cuda": torch.version.cuda,
+        "packages": {package: package_version(package) for package in PACKAGES},
+        "environments": plan.environments,
+        "repeats": plan.repeats,
+        "ppo_iterations": {"warm_up": WARM_UP_ITERATIONS, "a_sample": ITERATIONS},
+        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    }
+
+
+def measure(plan: Plan) -> dict[str, Any]:
+    """All parts; the output is rewritten after every measurement, so that a cut run leaves what it has."""
+    result: dict[str, Any] = {**description(plan), "parts": {}, "ratios": {}}
+    for name in plan.parts:
+        measured: dict[str, Any] = result["parts"].setdefault(name, {})
+        with recorded_errors(measured):
+            for measurement, values in part(plan, name):
+                measured[measurement] = values
+                measured["matmul_tf32"] = torch.backends.cuda.matmul.fp32_precision == "tf32"
+                print(f"{name} {measurement}: {values.get('median_steps_per_second', '')}", file=sys.stderr)
+                result["ratios"] = with_ratios(result["parts"])
+                write(plan, result)
+        write(plan, result)
+        gc.collect()
+        torch.cuda.empty_cache()
+    return result
+
+
+def write(plan: Plan, result: dict[str, Any]) -> None:
+    """To the output, if there is one."""
+    if plan.output is not None:
+        atomic_write_text(plan.output, json.dumps(result, indent=2) + "\n")
+
+
+def show(result: dict[str, Any]) -> None:
+    """Tables of the medians and of the ratios."""
+    table = Table("part", "measurement", "steps/s", "ms a step", title=result["device"])
+    for name, measured in result["parts"].items():
+        for measurement, values in measured.items():
+            if isinstance(values, dict) and "median_steps_per_second" in values:
+                speed, duration = values["median_steps_per_second"], values["median_milliseconds_per_step"]
+                table.add_row(name, measurement, f"{speed:,.0f}", f"{duration:.3f}")
+        if "error" in measured:
+            table.add_row(name, "failed", "", "")
+    ratios = Table("ratio", "value")
+    for name, value in result["ratios"].items():
+        ratios.add_row(name, f"{value:.3f}")
+    console = Console()
+    console.print(table)
+    console.print(ratios)
+
+
+def arguments() -> tuple[Plan, bool]:
+    """From the command line: the plan, and whether to print JSON instead of tables."""
+    parser = argparse.ArgumentParser(description="Training speed of sprintlab and of mjlab on one device.")
+    parser.add_argument("--environments", type=int, default=8192)
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--steps", type=int, default=50, help="policy steps a sample")
+    parser.add_argument("--parts", default=",".join(PARTS), help="comma-separated: %(default)s")
+    parser.add_argument("--output", type=Path, help="JSON file")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    given = parser.parse_args()
+    parts = tuple(given.parts.split(","))
+    if unknown := set(parts) - set(PARTS):
+        parser.error(f"--parts: unknown {sorted(unknown)}, allowed: {', '.join(PARTS)}")
+    if min(given.environments, given.repeats, given.steps) < 1:
+        parser.error("--environments, --repeats and --steps must be at least 1")
+    plan = Plan(
+        environments=given.environments,
+        device=given.device,
+        repeats=given.repeats,
+        steps=given.steps,
+        parts=parts,
+        output=given.output,
+    )
+    return plan, given.json
+
+
+def main() -> int:
+    """Measure and report; 1 if a part failed."""
+    plan, as_json = arguments()
+    result = measure(plan)
+    if as_json:
+        print(json.dumps(result, indent=2))
+    else:
+        show(result)
+    return int(any("error" in measured for measured in result["parts"].values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
