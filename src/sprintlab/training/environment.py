@@ -18,7 +18,6 @@ from sprintlab.commands import CommandState, fastest_speed, initial_state
 from sprintlab.control import (
     LowPass,
     Proprioception,
-    fill_history,
     join_proprioception,
     joint_targets,
     network_input,
@@ -83,7 +82,9 @@ class SprintEnvironment(VecEnv):
         self._second_weights = tensor([weight.second for weight in weights])
         amplitudes = (noise.angular_velocity_noise, noise.gravity_noise)
         joints = (noise.joint_position_noise, noise.joint_velocity_noise)
-        self._noise = tensor([a for a in amplitudes for _ in range(3)] + [a for a in joints for _ in range(12)])
+        self._noise = tensor(
+            [a for a in amplitudes for _ in range(3)] + [a for a in joints for _ in range(12)]
+        )
         self._standing_qpos = tensor(self.simulation.mj_model.key_qpos[0])
 
     def _allocate_state(self) -> None:
@@ -103,7 +104,7 @@ class SprintEnvironment(VecEnv):
         lengths = shortest + (longest - shortest) * torch.rand(n, device=self.device)
         self.episode_limit = (lengths / POLICY_STEP).long()
         self.max_episode_length = int(longest / POLICY_STEP)
-        self.lower, self.upper, self.stage = zeros(()), zeros(()), zeros(())
+        self.lower, self.upper, self.stage = (torch.zeros((), device=self.device) for _ in range(3))
         self.weights = self._first_weights.clone()
         self.reward, self.time_out = zeros(n), zeros(n)
         self.done = torch.zeros(n, dtype=torch.long, device=self.device)

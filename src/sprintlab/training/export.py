@@ -14,7 +14,14 @@ import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from sprintlab.control import CONTRACT_KEY, LowPass, TrainingRecord, encode_contract, load_policy, make_contract
+from sprintlab.control import (
+    CONTRACT_KEY,
+    LowPass,
+    TrainingRecord,
+    encode_contract,
+    load_policy,
+    make_contract,
+)
 from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import load_robot
@@ -59,7 +66,7 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     torch.onnx.export(
         network,
         (torch.zeros(1, input_size),),
-        buffer,
+        buffer,  # pyright: ignore[reportArgumentType]  # torch's annotation omits what dynamo=False accepts
         input_names=["observation"],
         output_names=["action"],
         dynamic_axes={"observation": {0: "batch"}, "action": {0: "batch"}},
@@ -108,4 +115,6 @@ def _verify(data: bytes, network: torch.nn.Module, input_size: int) -> None:
         meant = network(torch.from_numpy(observations)).numpy()
     difference = float(np.abs(written - meant).max())
     if not difference <= EXPORT_TOLERANCE:
-        raise PolicyFileError(f"the exported policy differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}")
+        raise PolicyFileError(
+            f"the exported policy differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}"
+        )

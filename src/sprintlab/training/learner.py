@@ -55,7 +55,7 @@ def build_learner(environment: SprintEnvironment, settings: PpoSettings) -> PPO:
     configuration = algorithm_configuration(settings)
     with redirect_stdout(StringIO()):  # rsl_rl prints the networks
         learner = PPO.construct_algorithm(
-            environment.get_observations(), environment, configuration, environment.device
+            environment.get_observations(), environment, configuration, str(environment.device)
         )
     learner.train_mode()
     return learner

@@ -37,5 +37,8 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     check_choice("method", name, tuple(METHODS))
     method = METHODS[name]
     return replace(
-        base or TrainingSettings(), method=name, actuator_model=method.actuator_model, schedule=method.schedule
+        base or TrainingSettings(),
+        method=name,
+        actuator_model=method.actuator_model,
+        schedule=method.schedule,
     )

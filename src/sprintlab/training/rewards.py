@@ -77,7 +77,7 @@ PENALTIES: dict[str, Penalty] = {
 
 
 def tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:
-    """Unweighted tracking terms ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, each ``(n,)``."""
+    """Unweighted ``exp(-|v_xy - command|^2)`` and ``exp(-(yaw rate - command)^2)``, each ``(n,)``."""
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
     return torch.exp(-error), torch.exp(-turn)

@@ -122,7 +122,11 @@ class Runner:
 
     def state(self) -> dict[str, Any]:
         """Everything that a run needs to go on, and that an export needs to write a contract."""
-        generators = {"torch": torch.get_rng_state(), "numpy": np.random.get_state(), "python": random.getstate()}
+        generators = {
+            "torch": torch.get_rng_state(),
+            "numpy": np.random.get_state(),
+            "python": random.getstate(),
+        }
         if self.device.startswith("cuda"):
             generators["cuda"] = torch.cuda.get_rng_state(self.device)
         return {
