@@ -35,10 +35,12 @@ class PlantOptions:
     """How the robot is simulated.
 
     Attributes:
-        timestep: physics step [s]; a whole number of them makes one motor step.
+        timestep: physics step [s]; a whole number of them makes one motor step. A running robot's feet come
+            down at several m/s: with 1 ms steps and the stiffest contact they allow (2 ms) they sink 11 mm,
+            with 0.25 ms and 0.5 ms less than 3 mm.
         motor_rate: rate of the motor loop [Hz].
         record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
-        contact_time_constant: of the ground contact [s]; 3 ms keeps feet less than 5 mm in the ground.
+        contact_time_constant: of the ground contact [s], at least two steps.
         impratio: friction over normal impedance; 10 keeps stance feet from creeping.
         motor_model: the envelope. ``"refined"`` for every published number.
         bus_voltage: [V]; ``None`` takes the robot's.
@@ -47,10 +49,10 @@ class PlantOptions:
         InvalidValueError: a field is out of range, or the rates do not divide.
     """
 
-    timestep: float = 0.001
+    timestep: float = 0.00025
     motor_rate: float = 1000.0
     record_rate: float = 500.0
-    contact_time_constant: float = 0.003
+    contact_time_constant: float = 0.0005
     impratio: float = 10.0
     motor_model: MotorModel = "refined"
     bus_voltage: float | None = None

@@ -13,6 +13,9 @@ from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck, TrialSettings
 from sprintlab.evaluation.trial import TrialRequest
 
+COARSE_STEP = 0.001
+"""Physics step against which the plant's own is checked [s]."""
+
 Progress = Callable[[SpeedResult], None]
 
 
@@ -141,12 +144,20 @@ def run_protocol(
 
 
 def step_size_requests(
-    top_speed: float, plant: PlantOptions | None = None, fine_step: float = 0.00025, hold: float = 4.0
+    top_speed: float, plant: PlantOptions | None = None, coarse_step: float = COARSE_STEP, hold: float = 4.0
 ) -> tuple[TrialRequest, TrialRequest]:
-    """The same nominal trial with coarse and with fine physics steps; the motor loop stays at its rate."""
+    """The same nominal trial with coarse and with the plant's own steps; the motor loop stays at its rate.
+
+    The coarse one has the stiffest contact that its steps allow, two of them.
+    """
     plant = plant or PlantOptions()
-    coarse = TrialRequest(top_speed=top_speed, plant=plant, hold=hold)
-    return coarse, replace(coarse, plant=replace(plant, timestep=fine_step))
+    fine = TrialRequest(top_speed=top_speed, plant=plant, hold=hold)
+    softer = replace(
+        plant,
+        timestep=coarse_step,
+        contact_time_constant=max(plant.contact_time_constant, 2.0 * coarse_step),
+    )
+    return replace(fine, plant=softer), fine
 
 
 def check_step_size(
@@ -154,15 +165,15 @@ def check_step_size(
     top_speed: float,
     *,
     plant: PlantOptions | None = None,
-    fine_step: float = 0.00025,
+    coarse_step: float = COARSE_STEP,
     hold: float = 4.0,
 ) -> StepSizeCheck:
-    """Run one nominal trial with 1 ms and with 0.25 ms steps (raw command).
+    """Run one nominal trial with 1 ms steps and with the plant's own, 0.25 ms (raw command).
 
     Raises:
         SimulationError: as ``run_trial``.
     """
-    requests = step_size_requests(top_speed, plant, fine_step, hold)
+    requests = step_size_requests(top_speed, plant, coarse_step, hold)
     coarse, fine = pool.trials(requests)
     return StepSizeCheck(
         coarse_step=requests[0].plant.timestep,

@@ -149,7 +149,7 @@ def _run_all(
             _speed_result(top_speed, False, trials[: settings.trials], settings),
             _speed_result(top_speed, True, trials[settings.trials :], settings),
         ),
-        step_check=_step_check(settings, step_requests[0], checks) if step_check else None,
+        step_check=_step_check(step_requests[1], step_requests[0], checks) if step_check else None,
     )
 
 
@@ -161,7 +161,7 @@ def _speed_result(
     )
 
 
-def _step_check(settings: ProtocolSettings, fine: TrialRequest, trials: list[TrialResult]) -> StepSizeCheck:
+def _step_check(coarse: TrialRequest, fine: TrialRequest, trials: list[TrialResult]) -> StepSizeCheck:
     return StepSizeCheck(
-        coarse_step=settings.plant.timestep, fine_step=fine.plant.timestep, coarse=trials[1], fine=trials[0]
+        coarse_step=coarse.plant.timestep, fine_step=fine.plant.timestep, coarse=trials[1], fine=trials[0]
     )

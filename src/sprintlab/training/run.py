@@ -31,6 +31,7 @@ class TrainOptions:
         resume: go on from the checkpoint in ``output``.
         start_from: another run's checkpoint whose networks and curriculum this run begins with.
         save_seconds: time between checkpoints.
+        keep_schedule: take the command schedule from ``settings`` instead of the method's default.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
     Raises:
@@ -47,6 +48,7 @@ class TrainOptions:
     resume: bool = False
     start_from: Path | None = None
     save_seconds: float = 60.0
+    keep_schedule: bool = False
     settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
@@ -59,7 +61,8 @@ class TrainOptions:
         """The settings with method, environments and seed in place."""
         simulation = replace(self.settings.simulation, environments=self.environments)
         base = replace(self.settings, simulation=simulation, seed=self.seed)
-        return method_settings(self.method, base)
+        settings = method_settings(self.method, base)
+        return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
 
 
 def pick_device(wanted: str) -> str:
