@@ -21,7 +21,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
 from importlib import metadata
@@ -174,7 +174,6 @@ def measure_ours(plan: Plan, physics: SimulationSettings) -> Iterator[tuple[str,
         restore = snapshot([getattr(simulation, name) for name in ("qpos", "qvel", "qacc_warmstart", "ctrl")])
         yield "physics", measure_physics(plan, simulation.step, restore)
         restore()
-        yield "bare_physics", measure_physics(plan, bare_physics(simulation), restore)
         restore()
 
     def iterate(count: int) -> None:
@@ -182,6 +181,9 @@ def measure_ours(plan: Plan, physics: SimulationSettings) -> Iterator[tuple[str,
             runner.iterate()
 
     yield "ppo", measure_ppo(plan, iterate, settings.ppo.steps)
+    with torch.inference_mode():
+        restore()
+        yield "bare_physics", measure_physics(plan, bare_physics(simulation), restore)
 
 
 def measure_mjlab(plan: Plan) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -307,7 +309,9 @@ def measure(plan: Plan) -> dict[str, Any]:
         with recorded_errors(measured):
             for measurement, values in part(plan, name):
                 measured[measurement] = values
-                measured["matmul_tf32"] = torch.backends.cuda.matmul.fp32_precision == "tf32"
+                measured["matmul_tf32"] = (
+                    getattr(torch.backends.cuda.matmul, "fp32_precision", None) == "tf32"
+                )
                 print(f"{name} {measurement}: {values.get('median_steps_per_second', '')}", file=sys.stderr)
                 result["ratios"] = with_ratios(result["parts"])
                 write(plan, result)
@@ -371,7 +375,8 @@ def arguments() -> tuple[Plan, bool]:
 def main() -> int:
     """Measure and report; 1 if a part failed."""
     plan, as_json = arguments()
-    result = measure(plan)
+    with redirect_stdout(sys.stderr):  # the libraries describe themselves at length
+        result = measure(plan)
     if as_json:
         print(json.dumps(result, indent=2))
     else:
