@@ -1,0 +1,92 @@
+"""Iterations, checkpoints and the way from a checkpoint to a policy file, on the CPU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco_warp")
+pytest.importorskip("rsl_rl")
+
+import torch
+
+from sprintlab.control import check_contract, load_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.robots import load_robot
+from sprintlab.training.export import export_checkpoint
+from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+
+SETTINGS = TrainingSettings(
+    simulation=SimulationSettings(environments=16),
+    ppo=PpoSettings(steps=4, epochs=1, mini_batches=2, hidden=(32, 16)),
+)
+
+
+@pytest.fixture(scope="module")
+def runner() -> Runner:
+    """Two iterations, then a curriculum that no fresh run has."""
+    runner = Runner(SETTINGS, "cpu", "sprintlab train --method sprint")
+    runner.iterate()
+    runner.iterate()
+    runner.growth.upper = 3.7
+    return runner
+
+
+@pytest.fixture(scope="module")
+def checkpoint(runner: Runner, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "checkpoint.pt"
+    runner.save(path)
+    return path
+
+
+def test_two_iterations_are_counted_and_finite(runner: Runner) -> None:
+    assert runner.progress.iteration == 2
+    assert runner.progress.environment_steps == 2 * 4 * 16
+    assert len(runner.progress.log) == 2
+    assert all(np.isfinite(value) for row in runner.progress.log for value in row.values())
+
+
+def test_resume_goes_on_with_count_curriculum_and_networks(runner: Runner, checkpoint: Path) -> None:
+    resumed = Runner(SETTINGS, "cpu", "sprintlab train --resume")
+    resumed.load(read_checkpoint(checkpoint))
+    assert resumed.growth.upper == 3.7
+    assert float(resumed.environment.upper) == pytest.approx(3.7)
+    saved, loaded = runner.learner.save(), resumed.learner.save()
+    for name, weight in saved["actor_state_dict"].items():
+        assert torch.equal(weight, loaded["actor_state_dict"][name]), name
+    row = resumed.iterate()
+    assert row["iteration"] == 3
+    assert row["range_upper"] >= 3.7
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_truncated_checkpoint_is_refused_in_one_sentence(
+    checkpoint: Path, tmp_path: Path, share: float
+) -> None:
+    data = checkpoint.read_bytes()
+    broken = tmp_path / "broken.pt"
+    broken.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(SprintlabError, match=r"broken\.pt") as refusal:
+        read_checkpoint(broken)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SprintlabError, match="no such file"):
+        read_checkpoint(tmp_path / "nothing.pt")
+    torch.save({"weights": torch.zeros(3)}, tmp_path / "foreign.pt")
+    with pytest.raises(SprintlabError, match="no sprintlab checkpoint"):
+        read_checkpoint(tmp_path / "foreign.pt")
+
+
+def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) -> None:
+    policy = load_policy(export_checkpoint(checkpoint, tmp_path / "policy.onnx"))
+    check_contract(policy.contract, load_robot("bp2"))
+    assert policy.contract.training.iterations == 2
+    assert policy.contract.training.config_hash == SETTINGS.digest()
+    actions = policy.infer(np.zeros((3, 225), dtype=np.float32))
+    assert actions.shape == (3, 12)
+    assert np.isfinite(actions).all()
