@@ -52,5 +52,5 @@ def test_every_method_has_its_own_digest() -> None:
 
 
 def test_an_unknown_method_is_refused_by_name() -> None:
-    with pytest.raises(InvalidValueError, match="gallop.*sprint"):
+    with pytest.raises(InvalidValueError, match=r"gallop.*sprint"):
         method_settings("gallop")

@@ -1,0 +1,174 @@
+"""Resets, ends, randomization and observations of a small batch on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+pytest.importorskip("rsl_rl")
+
+import torch
+
+from sprintlab.robots import load_robot
+from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.randomization import randomize
+from sprintlab.training.settings import (
+    EpisodeSettings,
+    RandomizationSettings,
+    SimulationSettings,
+    TrainingSettings,
+)
+from sprintlab.training.simulation import BatchSimulation
+
+N = 16
+SIMULATION = SimulationSettings(environments=N)
+ROBOT = load_robot("bp2")
+
+
+@pytest.fixture(scope="module")
+def built() -> SprintEnvironment:
+    settings = TrainingSettings(
+        simulation=SIMULATION,
+        randomization=RandomizationSettings().without(),
+        episodes=EpisodeSettings(clone_share=0.5, fast_start_share=0.5),
+    )
+    return SprintEnvironment(settings, "cpu")
+
+
+@pytest.fixture
+def environment(built: SprintEnvironment) -> SprintEnvironment:
+    """Everybody freshly standing, after one step that settles nothing and ends nobody."""
+    torch.manual_seed(3)
+    built.set_curriculum(1.0, -1.0, 0.0)
+    built.simulation.qpos.nan_to_num_()
+    built._reset_all()
+    built.step(torch.zeros(N, 12))
+    assert not built.done.any()
+    return built
+
+
+def test_observations_have_their_shapes_and_are_finite(environment: SprintEnvironment) -> None:
+    observations, reward, done, extras = environment.step(0.1 * torch.randn(N, 12))
+    assert observations["actor"].shape == (N, 225)
+    assert observations["critic"].shape == (N, 53)
+    assert torch.isfinite(observations["actor"]).all()
+    assert torch.isfinite(observations["critic"]).all()
+    assert reward.shape == done.shape == extras["time_outs"].shape == (N,)
+    assert (reward > 0).all()
+
+
+def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> None:
+    simulation = environment.simulation
+    mask = torch.arange(N) % 2 == 0
+    environment.episode_length_buf.copy_(torch.arange(N) * 10)
+    environment.running_speed.copy_(torch.linspace(0.0, 5.0, N))
+    environment.previous_action.copy_(torch.randn(N, 12))
+    lengths = environment.episode_length_buf.clone()
+    old = [simulation.qpos.clone(), simulation.qvel.clone(), environment.previous_action.clone()]
+    torch.manual_seed(8)
+    draw = torch.rand(N, 4)
+    donors = environment._donors()
+    fresh = [*environment._fresh_state(draw[:, 1:]), torch.zeros(N, 12)]
+    expected, copies = [values.clone() for values in old], []
+    for row in torch.nonzero(mask)[:, 0].tolist():
+        donor = int(donors[row])
+        copies.append(bool(not mask[donor] and lengths[donor] > 50 and draw[row, 0] < 0.5))
+        for result, before, new in zip(expected, old, fresh, strict=True):
+            result[row] = before[donor] if copies[-1] else new[row]
+        if copies[-1]:
+            expected[0][row, :2] = 0.0
+    torch.manual_seed(8)
+    copied = environment._reset(mask)
+    assert copied[mask].tolist() == copies
+    assert any(copies)
+    assert not all(copies)
+    torch.testing.assert_close(simulation.qpos, expected[0])
+    torch.testing.assert_close(simulation.qvel, expected[1])
+    torch.testing.assert_close(environment.previous_action, expected[2])
+    assert torch.equal(environment.episode_length_buf, torch.where(mask, 0, lengths))
+
+
+def test_a_fallen_robot_ends_without_reward_and_starts_again(environment: SprintEnvironment) -> None:
+    environment.simulation.qpos[2, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0])
+    _, reward, done, extras = environment.step(torch.zeros(N, 12))
+    assert torch.nonzero(done)[:, 0].tolist() == [2]
+    assert reward[2] == 0.0
+    assert (reward[torch.arange(N) != 2] > 0).all()
+    assert not extras["time_outs"].any()
+    assert environment.episode_length_buf[2] == 0
+    assert environment.kinematics.read().gravity[2, 2] < -0.99
+    environment.step(torch.zeros(N, 12))
+    assert not environment.done.any()
+
+
+def test_nan_ends_only_its_own_environment(environment: SprintEnvironment) -> None:
+    environment.simulation.qpos[5, 9] = float("nan")
+    observations, reward, done, _ = environment.step(torch.zeros(N, 12))
+    assert torch.nonzero(done)[:, 0].tolist() == [5]
+    assert reward[5] == 0.0
+    for _ in range(2):
+        for values in (observations["actor"], observations["critic"], reward, environment.simulation.qpos):
+            assert torch.isfinite(values).all()
+        observations, reward, done, _ = environment.step(torch.zeros(N, 12))
+        assert not done.any()
+
+
+def test_legs_too_close_end_an_episode(environment: SprintEnvironment) -> None:
+    body = environment.kinematics.read()
+    limit = environment.settings.episodes.leg_distance_limit
+    assert not environment._failed(body).any()
+    distance = body.leg_distance.clone()
+    distance[3, 1], distance[4, 1] = 0.9 * limit, 1.1 * limit
+    failed = environment._failed(body._replace(leg_distance=distance))
+    assert torch.nonzero(failed)[:, 0].tolist() == [3]
+
+
+def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironment) -> None:
+    environment.episode_length_buf[7] = environment.episode_limit[7] - 1
+    _, reward, done, extras = environment.step(torch.zeros(N, 12))
+    assert torch.nonzero(done)[:, 0].tolist() == torch.nonzero(extras["time_outs"])[:, 0].tolist() == [7]
+    assert reward[7] > 0.0
+
+
+FIELDS: dict[str, Callable[[BatchSimulation], torch.Tensor]] = {
+    "friction": lambda s: s.fields["geom_friction"][:, s.mj_model.geom("FL_foot").id, 0],
+    "mass": lambda s: s.fields["body_mass"][:, s.mj_model.body("trunk").id],
+    "subtree mass": lambda s: s.fields["body_subtreemass"][:, s.mj_model.body("trunk").id],
+    "centre of mass": lambda s: s.fields["body_ipos"][:, s.mj_model.body("trunk").id],
+    "stiffness": lambda s: s.stiffness,
+    "damping": lambda s: s.damping,
+    "strength": lambda s: s.strength,
+    "voltage": lambda s: s.voltage,
+    "resistance": lambda s: s.resistance_factor,
+    "dry friction": lambda s: s.friction_factor,
+}
+
+
+@pytest.fixture(scope="module")
+def varied() -> BatchSimulation:
+    torch.manual_seed(1)
+    simulation = BatchSimulation(ROBOT, SIMULATION, "refined", "cpu")
+    randomize(simulation, RandomizationSettings())
+    return simulation
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_randomization_varies_each_field(
+    varied: BatchSimulation, built: SprintEnvironment, name: str
+) -> None:
+    assert (FIELDS[name](varied).std(0) > 0).all()
+    same = FIELDS[name](built.simulation)
+    assert torch.equal(same, same[:1].expand_as(same))
+
+
+def test_one_draw_is_repeatable() -> None:
+    settings = replace(RandomizationSettings(), friction=(0.7, 0.8))
+    drawn = []
+    for _ in range(2):
+        torch.manual_seed(2)
+        drawn.append(randomize(BatchSimulation(ROBOT, SIMULATION, "refined", "cpu"), settings))
+    assert torch.equal(*drawn)
+    assert ((drawn[0] >= 0.7) & (drawn[0] <= 0.8)).all()

@@ -1,0 +1,108 @@
+"""Reward terms against values computed by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import torch
+
+from sprintlab.training.kinematics import BodyState
+from sprintlab.training.rewards import PENALTIES, RewardInput, aggregate, penalties, tracking
+from sprintlab.training.settings import RewardSettings
+
+SETTINGS = RewardSettings()
+WIDTHS = {
+    "gravity": 3, "angular_velocity": 3, "velocity": 3, "joint_position": 12, "joint_velocity": 12,
+    "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
+}  # fmt: skip
+
+
+def still(**body: torch.Tensor) -> RewardInput:
+    """One robot of zeros, but for some parts of its body."""
+    zeros = {
+        name: torch.zeros(1, WIDTHS[name]) if name in WIDTHS else torch.zeros(1) for name in BodyState._fields
+    }
+    joints = torch.zeros(1, 12)
+    return RewardInput(
+        body=BodyState(**{**zeros, **body}),
+        command=torch.zeros(1, 3),
+        action=joints,
+        previous_action=joints,
+        earlier_action=joints,
+        joint_acceleration=joints,
+        torque=joints,
+        limit_excess=joints,
+        base_height_target=0.3,
+    )
+
+
+def row(*values: float) -> torch.Tensor:
+    return torch.tensor([values], dtype=torch.float32)
+
+
+def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
+    assert set(SETTINGS.penalties()) == set(PENALTIES)
+
+
+@pytest.mark.parametrize(
+    ("name", "inputs", "expected"),
+    [
+        ("vertical_velocity", still(velocity=row(3, 2, -2)), 4.0),
+        ("orientation", still(gravity=row(0.3, 0.4, -0.8)), 0.25),
+        ("roll_pitch_rate", still(angular_velocity=row(1, 2, 9)), 5.0),
+        ("yaw_rate", still(angular_velocity=row(1, 2, 3)), 9.0),
+        ("base_height", still(height=torch.tensor([0.5])), 0.04),
+        ("foot_slip", still(foot_speed=row(1, 2, 3, 4), contact=row(1, 0, 1, 0)), 4.0),
+        ("collision", still(knee_height=row(0.05, 0.2, 0.09, 0.3)), 2.0),
+        ("leg_distance", still(leg_distance=row(0.05, 0.07, 0.01, 0.2)), 2.0),
+        ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(4, 0, 0)), 2.0),
+        ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(-4, 0, 0)), 0.0),
+        ("touchdown", still(foot_height=row(0.04, 0.06, 0.1, 0.1), foot_descent=row(2, 3, 0, 0)), 4.0),
+        ("foot_clearance", still(foot_height=row(0.21, 0.11, 0.11, 0.11), foot_speed=row(2, 5, 5, 5)), 0.02),
+        ("abduction", still(joint_position=torch.arange(12.0)[None]), 0 + 9 + 36 + 81),
+        ("abduction_mirror", still(joint_position=torch.arange(12.0)[None]), 9 + 225),
+        (
+            "joint_power",
+            still(joint_velocity=torch.full((1, 12), -2.0))._replace(torque=torch.ones(1, 12)),
+            24,
+        ),
+        ("action_rate", still()._replace(action=torch.full((1, 12), 0.5)), 3.0),
+        ("smoothness", still()._replace(previous_action=torch.full((1, 12), 0.5)), 12.0),
+    ],
+)
+def test_a_penalty_has_its_value(name: str, inputs: RewardInput, expected: float) -> None:
+    assert PENALTIES[name](inputs, SETTINGS).tolist() == pytest.approx([expected], rel=1e-5)
+    column = list(SETTINGS.penalties()).index(name)
+    assert penalties(inputs, SETTINGS)[0, column].item() == pytest.approx(expected, rel=1e-5)
+
+
+def test_penalties_of_a_broken_robot_are_finite() -> None:
+    broken = penalties(still(velocity=row(0, 0, math.nan), angular_velocity=row(math.inf, 0, 0)), SETTINGS)
+    assert torch.isfinite(broken).all()
+
+
+def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
+    inputs = still(velocity=row(3, 1, 0), angular_velocity=row(0, 0, 2))
+    on_command = inputs._replace(command=row(3, 1, 2))
+    assert [term.item() for term in tracking(on_command, SETTINGS)] == [1.0, 1.0]
+    off = tracking(inputs._replace(command=row(2, 0, 1)), SETTINGS)
+    assert [term.item() for term in off] == pytest.approx([math.exp(-2), math.exp(-1)])
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        ("exponential", [1.5 * math.exp(-0.5), 1.5 * math.exp(-2)]),
+        ("clipped", [0.5, 0.0]),
+        ("sum", [0.5, -2.5]),
+    ],
+)
+def test_aggregation(mode: str, expected: list[float]) -> None:
+    settings = replace(SETTINGS, aggregation=mode, penalty_scale=0.5)
+    rate = aggregate(torch.full((2,), 1.5), torch.tensor([-1.0, -4.0]), settings)
+    assert rate.tolist() == pytest.approx(expected)
