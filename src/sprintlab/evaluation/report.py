@@ -19,8 +19,8 @@ from sprintlab.robots import RobotDescription
 Progress = Callable[[str], None]
 
 METHOD = (
-    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and stiff contact; the policy runs at 50 Hz, "
-    "the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
+    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and stiff contact; the policy runs at 50 "
+    "Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
     "trained with. Profile: stand 1 s, command rises at 4 m/s² to the top speed, hold 4 s, fall at 4 m/s² "
     "to zero, stand 1 s. Held speed: mean forward speed in the heading frame over the last 2 s of the hold. "
     "Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. Self-paced: "
