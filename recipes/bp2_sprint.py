@@ -1,7 +1,8 @@
 """Train the shipped BP2 policy: two sittings of PPO on one GPU, 8.3 and 8.4 minutes on an H200.
 
 The first finds the gait under the paper's rewards plus a term against grounded running; the second starts
-from it, spends most commands near the top of the range and relaxes the penalties that grow with the swing speed.
+from it, spends most commands near the top of the range and relaxes the penalties that grow with the swing
+speed.
 
     python recipes/bp2_sprint.py --output runs/bp2-sprint
     sprintlab export runs/bp2-sprint/second/checkpoint.pt runs/bp2-sprint/sprint.onnx
