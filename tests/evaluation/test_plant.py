@@ -28,7 +28,7 @@ def test_feet_land_at_four_metres_a_second_with_less_than_five_millimetres(make_
     trajectory = recorder.trajectory()
     assert trajectory.velocity.shape == (len(trajectory.time), 2)
     assert trajectory.qvel[:, 2].min() < -3.9
-    assert 0.001 < trajectory.foot_penetration.max() < 0.005
+    assert 0.0001 < trajectory.foot_penetration.max() < 0.005
 
 
 def test_stands_on_four_feet(make_plant, robot):

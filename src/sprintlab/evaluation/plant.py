@@ -207,6 +207,7 @@ class Plant:
         for _ in range(self.options.substeps - 1):
             self._apply_stops()
             mujoco.mj_step(self.model, self.data)
+            recorder.watch_feet(self.data)
 
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""

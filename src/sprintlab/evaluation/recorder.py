@@ -51,12 +51,18 @@ class Recorder:
             "torque_upper": (joints,),
             "joint_torque": (joints,),
             "foot_position": (len(legs), 3),
+            "lowest_foot": (len(legs),),
             "shank_velocity": (len(legs), 6),
             "center_of_mass": (3,),
             "capsule_position": (*self._capsules.shape, 3),
             "capsule_frame": (*self._capsules.shape, 9),
         }
+        self._lowest_foot = np.full(len(legs), np.inf)
         self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
+
+    def watch_feet(self, data: mujoco.MjData) -> None:
+        """Remember how low the feet are in this physics step: an impact is over before the next sample."""
+        np.minimum(self._lowest_foot, data.geom_xpos[self._feet, 2], out=self._lowest_foot)
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
         """Copy one sample. ``data`` must hold the kinematics of its present state (after ``mj_step1``)."""
@@ -72,7 +78,10 @@ class Recorder:
         raw["torque_upper"][index] = drive.upper
         raw["joint_torque"][index] = drive.torque
         positions = data.geom_xpos
+        self.watch_feet(data)
         raw["foot_position"][index] = positions[self._feet]
+        raw["lowest_foot"][index] = self._lowest_foot
+        self._lowest_foot[:] = np.inf
         raw["shank_velocity"][index] = data.cvel[self._shanks]
         raw["center_of_mass"][index] = data.subtree_com[self._trunk]
         raw["capsule_position"][index] = positions[self._capsules]
@@ -111,10 +120,9 @@ class Recorder:
 
     def _contacts(self, raw: dict[str, FloatArray]) -> dict[str, NDArray]:
         radius = self._robot.foot_radius
-        depth = radius - raw["foot_position"][..., 2]
         return {
-            "foot_contact": depth > 0.0,
-            "foot_penetration": np.maximum(depth, 0.0),
+            "foot_contact": raw["foot_position"][..., 2] < radius,
+            "foot_penetration": np.maximum(radius - raw["lowest_foot"], 0.0),
             "foot_slip_speed": np.linalg.norm(_lowest_point_velocity(raw, radius)[..., :2], axis=-1),
             "leg_distance": self._leg_distance(raw),
         }

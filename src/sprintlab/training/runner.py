@@ -59,6 +59,7 @@ class Runner:
     def __init__(self, settings: TrainingSettings, device: str, command_line: str) -> None:
         random.seed(settings.seed)
         np.random.seed(settings.seed)
+        torch.set_float32_matmul_precision("high")  # TF32 in the networks, as mjlab sets it
         self.settings, self.device, self.command_line = settings, device, command_line
         self.environment = SprintEnvironment(settings, device)
         self.learner = build_learner(self.environment, settings.ppo)
