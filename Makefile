@@ -5,6 +5,8 @@
 # Settings: PYTHON (interpreter that makes the environment), RACE_ARGS (passed on), WORKERS (pytest processes).
 
 PYTHON ?= python3
+# The shipped policy's top command [m/s]; without it the race searches for one first.
+RACE_ARGS ?= --top-speed 12
 WORKERS ?= 2
 RACE_ARGS ?=
 
