@@ -8,7 +8,6 @@ PYTHON ?= python3
 # The shipped policy's top command [m/s]; without it the race searches for one first.
 RACE_ARGS ?= --top-speed 12
 WORKERS ?= 2
-RACE_ARGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
