@@ -18,7 +18,8 @@ from sprintlab.control import (
     make_contract,
 )
 from sprintlab.evaluation.audit import audit_trials
-from sprintlab.evaluation.results import Trajectory, TrialMetrics, TrialResult, TrialSettings
+from sprintlab.evaluation.results import Trajectory, TrialMetrics, TrialResult
+from sprintlab.plant import TrialSettings
 from sprintlab.robots import RobotDescription, load_robot
 
 RECORD = TrainingRecord(

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.evaluation.plant import Plant, PlantOptions
 from sprintlab.evaluation.recorder import Recorder, check_trajectory
-from sprintlab.evaluation.results import TrialSettings
 from sprintlab.motors import drive_torque
+from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
 
 @pytest.fixture

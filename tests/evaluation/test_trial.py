@@ -8,9 +8,8 @@ import pytest
 
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.evaluation.plant import PlantOptions
-from sprintlab.evaluation.results import TrialSettings
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
+from sprintlab.plant import PlantOptions, TrialSettings
 
 SHORT = {"top_speed": 0.5, "hold": 1.0, "keep_trajectory": True}
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.plant import PlantOptions
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
 from sprintlab.motors import copper_loss, electrical_power, no_load_speed
+from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
-from sprintlab.evaluation.plant import PlantOptions
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck, TrialSettings
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck
 from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.plant import PlantOptions, TrialSettings
 
 COARSE_STEP = 0.001
 """Physics step against which the plant's own is checked [s]."""

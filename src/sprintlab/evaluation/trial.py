@@ -14,9 +14,9 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.plant import BaseState, Plant, PlantOptions
 from sprintlab.evaluation.recorder import Recorder
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, TrialSettings
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.plant import BaseState, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 POLICY_RATE = 50.0

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.evaluation.drive import PreparedDrive
 from sprintlab.motors import MOTOR_MODELS, drive_torque, no_load_speed
+from sprintlab.plant import PreparedDrive
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")

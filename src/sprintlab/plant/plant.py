@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -18,10 +19,9 @@ from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.evaluation.drive import PreparedDrive
-from sprintlab.evaluation.recorder import Recorder
-from sprintlab.evaluation.results import TrialSettings
-from sprintlab.motors import MOTOR_MODELS, MotorModel
+from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel
+from sprintlab.plant.drive import PreparedDrive
+from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import ModelOptions, RobotDescription, build_model, soft_stop_torque
 
 FloatArray = NDArray[np.float64]
@@ -114,6 +114,18 @@ class BaseState:
     distance: float
 
 
+class MotionRecorder(Protocol):
+    """Looks at the simulation while it runs."""
+
+    def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
+        """Take one sample; ``data`` holds the kinematics of its present state (after ``mj_step1``)."""
+        ...
+
+    def watch_feet(self, data: mujoco.MjData) -> None:
+        """Look at the feet after a physics step."""
+        ...
+
+
 class Plant:
     """One robot in one simulation.
 
@@ -169,7 +181,7 @@ class Plant:
             distance=float(self._position[0]),
         )
 
-    def advance(self, targets: FloatArray, motor_steps: int, recorder: Recorder) -> bool:
+    def advance(self, targets: FloatArray, motor_steps: int, recorder: MotionRecorder) -> bool:
         """Hold joint targets for some motor steps.
 
         Args:
@@ -191,11 +203,26 @@ class Plant:
                 return False
         return True
 
-    def _motor_step(self, targets: FloatArray, recorder: Recorder) -> None:
+    def _motor_step(self, targets: FloatArray, recorder: MotionRecorder) -> None:
         position = self._position[self._joint_position]
         velocity = self._velocity[self._joint_velocity]
         wanted = pd_torque(self.robot.stiffness, self.robot.damping, targets, position, velocity)
-        drive = self._drive(wanted, velocity)
+        self.drive_joints(wanted, targets, recorder)
+
+    def drive_joints(
+        self, desired_torque: FloatArray, targets: FloatArray, recorder: MotionRecorder
+    ) -> DriveOutput:
+        """One motor step: ask the motors for torques, and go on whether the robot has fallen or not.
+
+        Args:
+            desired_torque: ``(12,)`` joint side [N m], before the motors' limits.
+            targets: ``(12,)`` [rad], only recorded.
+            recorder: takes a sample every ``options.record_every`` motor steps.
+
+        Returns:
+            What the motors gave.
+        """
+        drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         self.data.ctrl[:] = drive.torque
         mujoco.mj_step1(self.model, self.data)
         if self._motor_steps % self.options.record_every == 0:
@@ -208,6 +235,7 @@ class Plant:
             self._apply_stops()
             mujoco.mj_step(self.model, self.data)
             recorder.watch_feet(self.data)
+        return drive
 
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
