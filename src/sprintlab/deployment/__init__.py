@@ -1,0 +1,1 @@
+"""On the robot: messages, bus, real-time controller, safety."""

@@ -1,0 +1,360 @@
+"""What a controller and a robot say to each other: message types, their bytes, and both ends of a bus.
+
+Every message has one fixed little-endian layout: a header (magic ``SPRT``, format version, kind, sequence,
+timestamp), whole numbers, doubles, and the CRC-32 of all before it. Joints are in policy order, SI units.
+
+Clocks: a ``timestamp`` is nanoseconds of the *sender's* monotonic clock. It orders messages of one sender
+and is never compared with the receiver's clock; age is counted by the receiver from arrival. (On one machine
+both read the same clock, so that logs can show latencies.)
+
+Duties of the robot's end, whatever robot it is:
+
+1. It applies ``stiffness (target - position) - damping velocity + feedforward`` in ``SERVO``, only
+   ``-damping velocity`` in ``DAMPING``, nothing in ``OFF``, at 1 kHz or faster, within its own torque limits.
+2. It drops a command whose sequence is not above the last accepted one, or that ``check_command`` refuses;
+   a dropped command does not feed the watchdog.
+3. **Watchdog**: ``WATCHDOG_TIMEOUT`` after the last accepted command (and from power-up on) it applies
+   ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
+   ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
+4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in
+   ``command_sequence`` the last accepted command.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+import zlib
+from typing import Any, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from sprintlab.control import JOINT_COUNT
+from sprintlab.core.errors import SprintlabError
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMAT_VERSION = 1
+MAGIC = b"SPRT"
+WATCHDOG_TIMEOUT = 0.05
+"""Seconds without an accepted command after which the robot damps its joints by itself."""
+
+
+class MessageError(SprintlabError):
+    """A message that is damaged, of another kind or version, or holds values nobody may act on."""
+
+
+class JointMode(enum.IntEnum):
+    """What the joints' drives do."""
+
+    OFF = 0
+    DAMPING = 1
+    SERVO = 2
+
+
+class RobotStatus(enum.IntFlag):
+    """Conditions that the robot reports about itself."""
+
+    READY = 0
+    WATCHDOG_EXPIRED = 1
+    DRIVE_FAULT = 2
+
+
+class Request(enum.IntEnum):
+    """What an operator asks of the controller's state machine."""
+
+    NONE = 0
+    PASSIVE = 1
+    STAND = 2
+    RUN = 3
+    LIE_DOWN = 4
+    STOP = 5
+
+
+class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
+    """What the robot measures, published at 1 kHz.
+
+    Attributes:
+        sequence: rises by one with every message.
+        timestamp: robot's monotonic clock when measured [ns].
+        joint_position: motor encoders, joint side [rad] ``(12,)``.
+        joint_velocity: [rad/s] ``(12,)``.
+        joint_torque: estimated from the currents, joint side [N m] ``(12,)``.
+        quaternion: body to world, w, x, y, z ``(4,)``.
+        angular_velocity: body frame [rad/s] ``(3,)``.
+        bus_voltage: [V].
+        command_sequence: of the last accepted command; 0 before the first.
+        status: ``RobotStatus`` flags.
+    """
+
+    sequence: int
+    timestamp: int
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    joint_torque: FloatArray
+    quaternion: FloatArray
+    angular_velocity: FloatArray
+    bus_voltage: float
+    command_sequence: int = 0
+    status: int = 0
+
+
+class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
+    """What the joints shall do until the next command, sent at 1 kHz.
+
+    Attributes:
+        sequence: rises by one with every message; the first is 1.
+        timestamp: controller's monotonic clock when sent [ns].
+        mode: ``JointMode``.
+        target_position: [rad] ``(12,)``.
+        stiffness: [N m/rad] ``(12,)``, not negative.
+        damping: [N m s/rad] ``(12,)``, not negative.
+        feedforward_torque: joint side [N m] ``(12,)``.
+        state_sequence: of the state that the command answers.
+    """
+
+    sequence: int
+    timestamp: int
+    mode: JointMode
+    target_position: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    feedforward_torque: FloatArray
+    state_sequence: int = 0
+
+
+class PositionFix(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
+    """Where the robot is on the track (RTK-like receiver, or motion capture), typically at 10 Hz.
+
+    Attributes:
+        sequence: rises by one with every message.
+        timestamp: robot's monotonic clock [ns].
+        position: world frame [m] ``(3,)``.
+        velocity: world frame [m/s] ``(3,)``.
+    """
+
+    sequence: int
+    timestamp: int
+    position: FloatArray
+    velocity: FloatArray
+
+
+class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
+    """What a command source wants.
+
+    Attributes:
+        sequence: rises by one whenever the source is alive; a frozen sequence counts as a lost source.
+        timestamp: the source's monotonic clock [ns].
+        velocity: forward, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
+        request: ``Request``.
+    """
+
+    sequence: int
+    timestamp: int
+    velocity: FloatArray
+    request: Request = Request.NONE
+
+
+Message = RobotState | JointCommand | PositionFix | OperatorCommand
+MessageType = TypeVar("MessageType", RobotState, JointCommand, PositionFix, OperatorCommand)
+
+_HEADER = "<4sHHQQ"
+_HEADER_FIELDS = 5
+
+
+class _Layout:
+    """The bytes of one kind of message: header, whole numbers, doubles, checksum."""
+
+    def __init__(self, kind: int, type_: type, whole: dict[str, type], doubles: dict[str, int]) -> None:
+        self.kind, self.type, self.whole, self.doubles = kind, type_, whole, doubles
+        self.head = struct.Struct(_HEADER + "Q" * len(whole))
+        self.count = sum(max(size, 1) for size in doubles.values())
+        self.values = struct.Struct(f"<{self.count}d")
+        self.size = self.head.size + self.values.size + 4
+
+    def pack(self, message: Any) -> bytes:
+        numbers: list[float] = []
+        for field, size in self.doubles.items():
+            value = getattr(message, field)
+            if size == 0:
+                numbers.append(value)
+            else:
+                numbers.extend(value.tolist())
+        whole = [int(getattr(message, field)) for field in self.whole]
+        head = self.head.pack(MAGIC, FORMAT_VERSION, self.kind, message.sequence, message.timestamp, *whole)
+        body = head + self.values.pack(*numbers)
+        return body + zlib.crc32(body).to_bytes(4, "little")
+
+    def unpack(self, data: bytes) -> Any:
+        head = self.head.unpack_from(data)
+        fields: dict[str, Any] = {"sequence": head[3], "timestamp": head[4]}
+        for (field, type_), value in zip(self.whole.items(), head[_HEADER_FIELDS:], strict=True):
+            fields[field] = type_(value)
+        numbers = np.frombuffer(data, "<f8", self.count, self.head.size).astype(np.float64)
+        start = 0
+        for field, size in self.doubles.items():
+            fields[field] = numbers[start : start + size] if size else float(numbers[start])
+            start += max(size, 1)
+        return self.type(**fields)
+
+
+_J = JOINT_COUNT
+_LAYOUTS = (
+    _Layout(
+        1,
+        RobotState,
+        {"command_sequence": int, "status": int},
+        {
+            "joint_position": _J,
+            "joint_velocity": _J,
+            "joint_torque": _J,
+            "quaternion": 4,
+            "angular_velocity": 3,
+            "bus_voltage": 0,
+        },
+    ),
+    _Layout(
+        2,
+        JointCommand,
+        {"mode": JointMode, "state_sequence": int},
+        {"target_position": _J, "stiffness": _J, "damping": _J, "feedforward_torque": _J},
+    ),
+    _Layout(3, PositionFix, {}, {"position": 3, "velocity": 3}),
+    _Layout(4, OperatorCommand, {"request": Request}, {"velocity": 3}),
+)
+_BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
+
+
+def message_size(kind: type[Message]) -> int:
+    """Bytes of every message of this type."""
+    return _BY_TYPE[kind].size
+
+
+def encode(message: Message) -> bytes:
+    """The message's bytes; always ``message_size(type(message))`` of them. NaN passes unchanged."""
+    return _BY_TYPE[type(message)].pack(message)
+
+
+def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> MessageType:
+    """A message of type ``kind`` from its bytes.
+
+    Values are not judged here: a state with NaN decodes, so that the safety layer sees and counts it.
+
+    Raises:
+        MessageError: wrong length, magic, version or kind, a checksum that does not fit, an unknown mode.
+    """
+    layout, content = _BY_TYPE[kind], bytes(data)
+    if len(content) != layout.size:
+        raise MessageError(f"a {kind.__name__} has {layout.size} bytes, but {len(content)} came")
+    magic, version, number = struct.unpack_from("<4sHH", content)
+    if (magic, version, number) != (MAGIC, FORMAT_VERSION, layout.kind):
+        raise MessageError(
+            f"not a {kind.__name__} of version {FORMAT_VERSION}: {magic!r}, {version}, {number}"
+        )
+    if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        raise MessageError(f"a {kind.__name__} came damaged: its checksum does not fit")
+    try:
+        return layout.unpack(content)
+    except ValueError as error:
+        raise MessageError(f"a {kind.__name__} holds a value that is not defined: {error}") from error
+
+
+def check_command(command: JointCommand) -> None:
+    """Refuse a command that no robot may act on.
+
+    Raises:
+        MessageError: a number is not finite, or a gain is negative.
+    """
+    for field in ("target_position", "stiffness", "damping", "feedforward_torque"):
+        value = getattr(command, field)
+        if value.shape != (JOINT_COUNT,) or not np.isfinite(value).all():
+            raise MessageError(f"{field} must be {JOINT_COUNT} finite numbers, got {value}")
+    if min(command.stiffness.min(), command.damping.min()) < 0.0:
+        raise MessageError("stiffness and damping must not be negative")
+
+
+class RobotInterface(Protocol):
+    """The controller's end of a bus. Nothing here blocks longer than a few microseconds.
+
+    Attributes:
+        malformed: messages dropped because ``decode`` refused them.
+    """
+
+    malformed: int
+
+    def receive(self) -> RobotState | None:
+        """The next state in order of arrival; None if there is none left. Duplicates are passed on."""
+        ...
+
+    def receive_fix(self) -> PositionFix | None:
+        """The newest position fix not yet read, if any."""
+        ...
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the robot."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bus; a second call does nothing."""
+        ...
+
+
+class RobotEndpoint(Protocol):
+    """The robot's end of a bus; as ``RobotInterface``, seen from the other side."""
+
+    malformed: int
+
+    def receive_command(self) -> JointCommand | None:
+        """The next command in order of arrival; None if there is none left."""
+        ...
+
+    def publish(self, state: RobotState) -> None:
+        """Send a state."""
+        ...
+
+    def publish_fix(self, fix: PositionFix) -> None:
+        """Send a position fix."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bus; a second call does nothing."""
+        ...
+
+
+class SourceView(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the controller tells a command source at each policy step.
+
+    Attributes:
+        time: controller's clock since its start [s].
+        running_time: since the policy took over [s]; None unless in ``run``.
+        mode: name of the controller's mode (``passive``, ``stand-up``, ``stand``, ``run``, ``lie-down``,
+            ``stop``).
+        state: the last accepted state.
+        fix: the last position fix, if the robot has a receiver.
+        heading: yaw relative to the heading at the start of ``run`` [rad].
+        lateral_offset: to the left of the line along which ``run`` started [m]; 0 without fixes.
+        forward_speed: along that line's heading [m/s]; None without fixes.
+    """
+
+    time: float
+    running_time: float | None
+    mode: str
+    state: RobotState
+    fix: PositionFix | None
+    heading: float
+    lateral_offset: float
+    forward_speed: float | None
+
+
+class CommandSource(Protocol):
+    """Where the commanded velocity comes from; read at 50 Hz in the control thread, so it never blocks."""
+
+    def read(self, view: SourceView) -> OperatorCommand | None:
+        """The source's present wish; None if it has nothing (counted as silence)."""
+        ...
+
+    def close(self) -> None:
+        """Let go of devices; a second call does nothing."""
+        ...
