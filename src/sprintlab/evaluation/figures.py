@@ -125,12 +125,12 @@ def recorded(trial: TrialResult) -> Trajectory:
 
 def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT) -> Figure:
     """Speed against command over time, the raw profile above the self-paced one."""
-    figure, axes = _figure(theme, (9.5, 6.2), 2, 1, sharex=True, sharey=True)
+    figure, axes = themed_figure(theme, (9.5, 6.2), 2, 1, sharex=True, sharey=True)
     for axis, trial, title in zip(
         axes, (raw, self_paced), ("Raw command", "Self-paced command"), strict=True
     ):
         _draw_speed(axis, trial, theme)
-        _title(axis, title, theme)
+        set_title(axis, title, theme)
         axis.set_ylabel("forward speed [m/s]")
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(0.0, max(_last_moment(trial) for trial in (raw, self_paced)))
@@ -142,7 +142,7 @@ def sprint_figure(
     raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT, split: float = 10.0
 ) -> Figure:
     """Speed over the way run, with the time at every ``split`` metres."""
-    figure, axes = _figure(theme, (9.5, 3.9), 1, 1)
+    figure, axes = themed_figure(theme, (9.5, 3.9), 1, 1)
     axis = axes[0]
     for sprint, name, colour, height in (
         (raw, "raw", theme.speed, 0.13),
@@ -176,7 +176,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
     as "on the envelope" when its torque equals a limit while the robot is commanded to move.
     """
     trajectory = recorded(trial)
-    figure, axes = _figure(theme, (11.0, 8.0), 3, 4, sharex="row", sharey="row")
+    figure, axes = themed_figure(theme, (11.0, 8.0), 3, 4, sharex="row", sharey="row")
     speed = trajectory.joint_velocity * np.asarray(robot.gear.ratio)
     curves = _envelope_curves(robot, speed)
     limited = on_envelope(trajectory, robot)
@@ -186,7 +186,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
         _draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
         share = trial.metrics.envelope_share[joint]
         kind = JOINT_TITLES[JOINT_TYPES[joint % 3]]
-        _title(axis, f"{robot.leg_names[joint // 3]} {kind}", theme)
+        set_title(axis, f"{robot.leg_names[joint // 3]} {kind}", theme)
         axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
     for axis in axes[::4]:
         axis.set_ylabel("motor torque [N m]")
@@ -199,7 +199,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
 def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
     """Foot contacts over the last second of the hold; the time with no foot down is shaded as flight."""
     trajectory = recorded(trial)
-    figure, axes = _figure(theme, (9.5, 3.2), 1, 1)
+    figure, axes = themed_figure(theme, (9.5, 3.2), 1, 1)
     axis = axes[0]
     end = min(trial.hold_interval[1], float(trajectory.time[-1]))
     window = (trajectory.time >= end - GAIT_WINDOW) & (trajectory.time <= end)
@@ -223,7 +223,7 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
 def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
     """Roll and pitch rate of the base, and the cost J that grows with their squares."""
     trajectory = recorded(trial)
-    figure, axes = _figure(theme, (9.5, 6.4), 3, 1, sharex=True)
+    figure, axes = themed_figure(theme, (9.5, 6.4), 3, 1, sharex=True)
     for axis, column, name, colour in (
         (axes[0], 0, "roll rate", theme.speed),
         (axes[1], 1, "pitch rate", theme.second),
@@ -254,7 +254,7 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     _shade_hold(over_time, trial, theme)
     _draw_power_by_joint(by_joint, trial, trajectory, mechanical, copper, robot, theme)
     for axis in (over_time, by_joint):
-        _style(axis, theme)
+        style_axis(axis, theme)
         _legend_above(axis, theme)
     return figure
 
@@ -270,18 +270,18 @@ def envelope_figure(
         title: printed above the axes.
         samples: speeds drawn.
     """
-    figure, axes = _figure(theme, (7.5, 4.8), 1, 1)
+    figure, axes = themed_figure(theme, (7.5, 4.8), 1, 1)
     axis = axes[0]
     top = 1.15 * envelope_top_speed(motor, bus_voltage)
     speed = np.linspace(-top, top, samples)
-    curves = _limits_of_models(motor, speed, bus_voltage)
+    curves = limits_of_models(motor, speed, bus_voltage)
     _draw_limits(axis, speed, curves, theme)
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.axvline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_xlim(-top, top)
     axis.set_xlabel("motor speed [rad/s]")
     axis.set_ylabel("motor torque [N m]")
-    _title(axis, title, theme)
+    set_title(axis, title, theme)
     figure.legend(
         handles=_envelope_handles(theme),
         loc="outside lower center",
@@ -321,17 +321,18 @@ def _empty(theme: Theme, size: tuple[float, float]) -> Figure:
     return Figure(figsize=size, facecolor=theme.background, layout="constrained")
 
 
-def _figure(
+def themed_figure(
     theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any
 ) -> tuple[Figure, list]:
+    """An empty figure of ``rows`` x ``columns`` axes in a theme's colours, and the axes in reading order."""
     figure = _empty(theme, size)
     axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
     for axis in axes:
-        _style(axis, theme)
+        style_axis(axis, theme)
     return figure, axes
 
 
-def _style(axis: Axes, theme: Theme) -> None:
+def style_axis(axis: Axes, theme: Theme) -> None:
     """The look that all figures share: two spines, a quiet grid, small labels."""
     axis.set_facecolor(theme.background)
     axis.grid(True, color=theme.grid, linewidth=0.7)
@@ -345,7 +346,8 @@ def _style(axis: Axes, theme: Theme) -> None:
         text.set_fontsize(9)
 
 
-def _title(axis: Axes, text: str, theme: Theme) -> None:
+def set_title(axis: Axes, text: str, theme: Theme) -> None:
+    """A short bold title, flush left."""
     axis.set_title(text, loc="left", fontweight="bold", fontsize=9.5, color=theme.foreground)
 
 
@@ -425,10 +427,10 @@ def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
         np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
     )
     grid = np.linspace(-1.0, 1.0, 401)[:, None] * top
-    return {"speed": grid, **_limits_of_models(robot.motors, grid, robot.bus_voltage)}
+    return {"speed": grid, **limits_of_models(robot.motors, grid, robot.bus_voltage)}
 
 
-def _limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
+def limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
     """Lower and upper limit of each model; NaN, which is not drawn, where no current fits the voltage."""
     curves: dict[str, Any] = {}
     beyond = np.asarray(voltage_infeasible(motor, speed, bus_voltage))
