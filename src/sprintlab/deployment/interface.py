@@ -358,3 +358,44 @@ class CommandSource(Protocol):
     def close(self) -> None:
         """Let go of devices; a second call does nothing."""
         ...
+
+
+class ControlTick(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
+    """What happened in one 1 kHz step of the controller: what a log keeps.
+
+    Attributes:
+        time: controller's clock since its start [s].
+        mode: name of the controller's mode, see ``SourceView.mode``.
+        state: the last accepted state; None before the first.
+        command: what was sent.
+        velocity: commanded velocity that the policy was given: forward, sideways [m/s], yaw rate [rad/s]
+            ``(3,)``.
+        targets: joint targets before the safety layer [rad] ``(12,)``.
+        policy_step: whether the policy ran in this step.
+        fix: a position fix that came in this step.
+        faults: names of faults noticed in this step.
+        compute_time: from the wake-up to the command [s].
+    """
+
+    time: float
+    mode: str
+    state: RobotState | None
+    command: JointCommand
+    velocity: FloatArray
+    targets: FloatArray
+    policy_step: bool
+    fix: PositionFix | None
+    faults: tuple[str, ...]
+    compute_time: float
+
+
+class RunLog(Protocol):
+    """Where the control thread puts its ticks; ``write`` never waits for a disk."""
+
+    def write(self, tick: ControlTick) -> None:
+        """Keep one tick."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file; a second call does nothing."""
+        ...
