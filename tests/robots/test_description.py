@@ -1,3 +1,4 @@
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab import robots
+from sprintlab.control import load_policy, shipped_policy
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots import (
     Link,
@@ -48,10 +50,52 @@ def test_an_unknown_robot_lists_the_known_ones():
         load_robot("bp3")
 
 
-@pytest.mark.parametrize("name", ["../robots/bp2", "", "bp2/parameters.toml"])
-def test_a_name_is_no_path(name):
+def test_the_empty_name_is_unknown():
     with pytest.raises(RobotModelError, match="is unknown"):
+        load_robot("")
+
+
+@pytest.mark.parametrize("name", ["../robots/bp3", "bp3/parameters.toml", Path("bp3")])
+def test_a_path_to_no_robot_is_refused(name):
+    with pytest.raises(RobotModelError, match="cannot read robot table"):
         load_robot(name)
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A working directory with the robot ``robots/mine``."""
+    folder = tmp_path / "robots" / "mine"
+    folder.mkdir(parents=True)
+    text = TABLE.read_text(encoding="utf-8").replace('name = "bp2"', 'name = "mine"')
+    (folder / "parameters.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def test_a_robot_of_ones_own_is_found_by_name_and_by_path(own_folder):
+    assert "mine" in robot_names()
+    names = ("mine", "robots/mine", str(own_folder), own_folder, own_folder / "parameters.toml")
+    prints = {robot_fingerprint(load_robot(name)) for name in names}
+    assert len(prints) == 1
+    assert load_robot("mine").name == "mine"
+
+
+def test_the_search_path_can_be_set(own_folder, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert "mine" not in robot_names()
+    monkeypatch.setenv("SPRINTLAB_ROBOTS", f"/nowhere{os.pathsep}{own_folder.parent}")
+    assert load_robot("mine").name == "mine"
+
+
+def test_no_robot_of_ones_own_hides_one_of_the_package(own_folder, bp2):
+    own_folder.rename(own_folder.parent / "bp2")
+    assert load_robot("bp2").name == "bp2"
+
+
+def test_the_fingerprint_of_bp2_is_that_of_the_shipped_policy(bp2):
+    """What the shipped policy's contract was made for must not change under it."""
+    assert robot_fingerprint(bp2) == load_policy(shipped_policy()).contract.robot_fingerprint
 
 
 def test_joints_stand_in_policy_order(bp2):

@@ -75,7 +75,9 @@ class Link:
     Attributes:
         mass: [kg].
         center_of_mass: (x, y, z) in the body's frame [m].
-        inertia: principal moments about the centre of mass along x, y, z [kg m^2].
+        inertia: moments about the centre of mass along x, y, z [kg m^2].
+        products_of_inertia: (I_xy, I_xz, I_yz), off the diagonal of the inertia matrix [kg m^2]; none where
+            x, y and z are principal axes.
 
     Raises:
         InvalidValueError: a mass or moment is not positive, or no body can have these moments.
@@ -84,13 +86,22 @@ class Link:
     mass: float
     center_of_mass: Vector = (0.0, 0.0, 0.0)
     inertia: Vector
+    products_of_inertia: Vector | None = None
 
     def __post_init__(self) -> None:
         check_positive("mass", self.mass, "kg")
         check_finite("center_of_mass", np.asarray(self.center_of_mass))
         check_positive("inertia", np.asarray(self.inertia), "kg m^2")
-        if 2.0 * max(self.inertia) > sum(self.inertia) * (1.0 + 1e-9):
+        moments = np.linalg.eigvalsh(self.inertia_matrix())
+        check_positive("principal moments of inertia", moments, "kg m^2")
+        if 2.0 * moments.max() > moments.sum() * (1.0 + 1e-9):
             raise InvalidValueError("inertia", self.inertia, "no moment may exceed the sum of the other two")
+
+    def inertia_matrix(self, side: float = 1.0) -> FloatArray:
+        """Inertia about the centre of mass ``(3, 3)`` [kg m^2]; ``side`` -1 mirrors y."""
+        xy, xz, yz = self.products_of_inertia or (0.0, 0.0, 0.0)
+        products = np.array([[0.0, side * xy, xz], [side * xy, 0.0, side * yz], [xz, side * yz, 0.0]])
+        return np.diag(self.inertia) + products
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,15 +118,15 @@ class Mechanics:
         thigh: link between hip and knee.
         thigh_length: hip axis to knee axis.
         thigh_radius: radius of the thigh's collision capsule.
-        knee_carrier: light link between knee drive and series spring.
+        knee_carrier: light link between knee drive and series spring; None without a spring.
         shank: link between spring and foot, without the foot.
         shank_length: knee axis to the middle of the foot sphere.
         shank_radius: radius of the shank's collision capsule.
         foot_mass: mass of the foot sphere [kg].
-        knee_spring: series spring between knee carrier and shank.
+        knee_spring: series spring between knee carrier and shank; None where the knee drives the shank.
 
     Raises:
-        InvalidValueError: a length or mass is not positive.
+        InvalidValueError: a length or mass is not positive, or only one of carrier and spring is there.
     """
 
     trunk: Link
@@ -127,12 +138,12 @@ class Mechanics:
     thigh: Link
     thigh_length: float
     thigh_radius: float
-    knee_carrier: Link
+    knee_carrier: Link | None
     shank: Link
     shank_length: float
     shank_radius: float
     foot_mass: float
-    knee_spring: KneeSpring
+    knee_spring: KneeSpring | None
 
     def __post_init__(self) -> None:
         check_positive("trunk.half_size", np.asarray(self.trunk_half_size), "m")
@@ -141,12 +152,16 @@ class Mechanics:
         for field in ("shank_length", "shank_radius"):
             check_positive(field, getattr(self, field), "m")
         check_positive("foot_mass", self.foot_mass, "kg")
+        if (self.knee_carrier is None) != (self.knee_spring is None):
+            raise InvalidValueError(
+                "knee_spring", self.knee_spring, "needs a knee carrier, and the other way"
+            )
 
     @property
     def leg_mass(self) -> float:
         """Mass of one leg, abduction link to foot [kg]."""
         links = (self.abad, self.thigh, self.knee_carrier, self.shank)
-        return sum(link.mass for link in links) + self.foot_mass
+        return sum(link.mass for link in links if link is not None) + self.foot_mass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +172,7 @@ class RobotDescription:
         name: the robot's name.
         leg_names: 4 legs.
         joint_names: 12 actuated joints.
-        spring_joint_names: 4 passive joints.
+        spring_joint_names: 4 passive joints, or none.
         default_pose: joint positions at zero action ``(12,)`` [rad].
         action_scale: joint target per unit of action ``(12,)`` [rad].
         stiffness: proportional gain of the joint controller ``(12,)`` [N m/rad].
@@ -251,7 +266,8 @@ class RobotDescription:
 def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 
-    Numbers count to twelve digits, because cosines differ in the last one between machines.
+    Numbers count to twelve digits, because cosines differ in the last one between machines. A part that a
+    robot does not have (a spring, products of inertia) leaves no trace.
 
     Returns:
         64 hexadecimal digits.
@@ -263,7 +279,8 @@ def robot_fingerprint(robot: RobotDescription) -> str:
 def _plain(value: Any) -> Any:
     """Names, and numbers as texts, so that 21 and 21.0 hash alike."""
     if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        items = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: _plain(item) for name, item in items.items() if item is not None}
     if isinstance(value, str):
         return value
     if isinstance(value, tuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from importlib import resources
 from pathlib import Path
 
@@ -19,26 +20,30 @@ from sprintlab.robots.description import (
     RobotDescription,
     SoftStop,
 )
-from sprintlab.robots.table import ParameterRow, ParameterTable, read_table
+from sprintlab.robots.table import DRIVE_FIELDS, ParameterRow, ParameterTable, read_table
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
-_WINDING_OF_JOINT = {"abad": "motor.abad", "hip": "motor.hip_knee", "knee": "motor.hip_knee"}
-_TABLE_FILE = "parameters.toml"
+TABLE_FILE = "parameters.toml"
+SEARCH_PATH_VARIABLE = "SPRINTLAB_ROBOTS"
+DEFAULT_SEARCH_PATH = "robots"
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names of the robots that come with the package, sorted."""
-    folders = resources.files("sprintlab.robots").iterdir()
-    return tuple(sorted(folder.name for folder in folders if folder.joinpath(_TABLE_FILE).is_file()))
+    """Names of the robots that come with the package and of those on the search path, sorted."""
+    return tuple(sorted(_known_tables()))
 
 
-def load_robot(name: str) -> RobotDescription:
-    """Load a robot that comes with the package.
+def load_robot(name: str | Path) -> RobotDescription:
+    """Load a robot by its name, or by the path of its folder or table.
+
+    A name is looked up in the package first, then in the folders of the environment variable
+    ``SPRINTLAB_ROBOTS`` (default: ``robots`` in the working directory), where each robot has a folder of its
+    name with a ``parameters.toml``. What holds a path separator or ends in ``.toml`` is a path.
 
     Raises:
         RobotModelError: no robot has this name (the message lists those that exist), or its table is broken.
     """
-    return load_robot_file(_table_path(name))
+    return load_robot_file(robot_table_path(name))
 
 
 def load_robot_file(path: str | Path) -> RobotDescription:
@@ -54,20 +59,47 @@ def load_robot_file(path: str | Path) -> RobotDescription:
         raise RobotModelError(f"robot table {path}: {error}") from error
 
 
-def parameter_table(name: str) -> list[ParameterRow]:
+def parameter_table(name: str | Path) -> list[ParameterRow]:
     """Every number of a robot with unit, uncertainty and basis; numbers that follow from others come last.
 
     Raises:
         RobotModelError: as ``load_robot``.
     """
-    robot = load_robot(name)
-    return [*read_table(_table_path(name)).rows.values(), *_derived_rows(robot)]
+    path = robot_table_path(name)
+    return [*read_table(path).rows.values(), *_derived_rows(load_robot_file(path))]
 
 
-def _table_path(name: str) -> Path:
-    if name not in robot_names():
-        raise RobotModelError(f"robot {name!r} is unknown; known robots: {', '.join(robot_names())}")
-    return Path(str(resources.files("sprintlab.robots") / name / _TABLE_FILE))
+def robot_table_path(name: str | Path) -> Path:
+    """The parameter table that a robot's name or path stands for; see ``load_robot``.
+
+    Raises:
+        RobotModelError: a name that no robot has.
+    """
+    path = Path(name)
+    if str(name).endswith(".toml"):
+        return path
+    if isinstance(name, Path) or any(sign in name for sign in (os.sep, os.altsep or os.sep)):
+        return path / TABLE_FILE
+    known = _known_tables()
+    if name not in known:
+        raise RobotModelError(f"robot {name!r} is unknown; known robots: {', '.join(sorted(known))}")
+    return known[name]
+
+
+def search_path() -> list[Path]:
+    """Folders in which robots of one's own are looked for."""
+    text = os.environ.get(SEARCH_PATH_VARIABLE, DEFAULT_SEARCH_PATH)
+    return [Path(folder) for folder in text.split(os.pathsep) if folder]
+
+
+def _known_tables() -> dict[str, Path]:
+    """Table of every robot by name; one that comes with the package hides others of its name."""
+    package = Path(str(resources.files("sprintlab.robots")))
+    tables: dict[str, Path] = {}
+    for folder in (package, *search_path()):
+        for table in sorted(folder.glob(f"*/{TABLE_FILE}")):
+            tables.setdefault(table.parent.name, table)
+    return tables
 
 
 def _describe(table: ParameterTable) -> RobotDescription:
@@ -78,7 +110,7 @@ def _describe(table: ParameterTable) -> RobotDescription:
         name=table.name,
         leg_names=LEG_NAMES,
         joint_names=tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINTS_PER_LEG),
-        spring_joint_names=tuple(f"{leg}_spring" for leg in LEG_NAMES),
+        spring_joint_names=tuple(f"{leg}_spring" for leg in LEG_NAMES if table.has_knee_spring),
         default_pose=pose,
         action_scale=_per_joint(table, "action_scale"),
         stiffness=_per_joint(table, "stiffness"),
@@ -123,25 +155,25 @@ def _position_limits(table: ParameterTable) -> FloatArray:
 
 
 def _motors(table: ParameterTable) -> PmsmParameters:
-    motors = [_motor(table, _WINDING_OF_JOINT[joint]) for _ in LEG_NAMES for joint in JOINTS_PER_LEG]
-    return stack_motors(motors)
+    return stack_motors([_motor(table, joint) for joint in JOINTS_PER_LEG] * len(LEG_NAMES))
 
 
-def _motor(table: ParameterTable, winding: str) -> PmsmParameters:
-    pole_pairs = table.number("motor.pole_pairs")
-    if pole_pairs != int(pole_pairs):
-        raise InvalidValueError("motor.pole_pairs", pole_pairs, "must be a whole number")
-    own = ("stator_resistance", "q_axis_inductance", "peak_torque", "rotor_inertia")
-    shared = _scalars(table, "motor", ("flux_linkage", "saturation"))
-    return PmsmParameters(pole_pairs=int(pole_pairs), **shared, **_scalars(table, winding, own))
+def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
+    pole_pairs = table.drive(joint, "pole_pairs")
+    number = table.number(pole_pairs)
+    if number != int(number):
+        raise InvalidValueError(pole_pairs, number, "must be a whole number")
+    names = [field for field in DRIVE_FIELDS if not field.startswith("gear_") and field != "pole_pairs"]
+    fields = {name: table.number(table.drive(joint, name)) for name in names}
+    return PmsmParameters(pole_pairs=int(number), **fields)
 
 
 def _gear(table: ParameterTable) -> Gear:
-    joints = len(LEG_NAMES) * len(JOINTS_PER_LEG)
-    return Gear(
-        ratio=np.full(joints, table.number("motor.gear_ratio")),
-        efficiency=np.full(joints, table.number("motor.gear_efficiency")),
-    )
+    def column(field: str) -> FloatArray:
+        values = [table.number(table.drive(joint, field)) for joint in JOINTS_PER_LEG]
+        return np.tile(np.array(values), len(LEG_NAMES))
+
+    return Gear(ratio=column("gear_ratio"), efficiency=column("gear_efficiency"))
 
 
 def _link(table: ParameterTable, section: str) -> Link:
@@ -149,26 +181,42 @@ def _link(table: ParameterTable, section: str) -> Link:
         mass=table.number(f"{section}.mass"),
         center_of_mass=table.vector(f"{section}.center_of_mass"),
         inertia=table.vector(f"{section}.inertia"),
+        products_of_inertia=table.optional_vector(f"{section}.products_of_inertia"),
     )
+
+
+def _trunk(table: ParameterTable, mass: float) -> Link:
+    return Link(
+        mass=mass,
+        center_of_mass=table.optional_vector("trunk.center_of_mass") or (0.0, 0.0, 0.0),
+        inertia=table.vector("trunk.inertia"),
+        products_of_inertia=table.optional_vector("trunk.products_of_inertia"),
+    )
+
+
+def _knee_carrier(table: ParameterTable) -> Link | None:
+    if not table.has_knee_spring:
+        return None
+    return Link(mass=table.number("knee_carrier.mass"), inertia=table.vector("knee_carrier.inertia"))
 
 
 def _mechanics(table: ParameterTable) -> Mechanics:
     """The trunk gets the mass that the four legs leave of the total."""
-    carrier = Link(mass=table.number("knee_carrier.mass"), inertia=table.vector("knee_carrier.inertia"))
+    carrier = _knee_carrier(table)
     links = {
         "abad": _link(table, "abad_link"),
         "thigh": _link(table, "thigh"),
         "shank": _link(table, "shank"),
     }
     foot_mass = table.number("foot.mass")
-    leg_mass = sum(link.mass for link in (*links.values(), carrier)) + foot_mass
+    leg_mass = sum(link.mass for link in (*links.values(), carrier) if link is not None) + foot_mass
     trunk_mass = table.number("body.total_mass") - len(LEG_NAMES) * leg_mass
     if trunk_mass <= 0:
         raise InvalidValueError(
             "body.total_mass", table.number("body.total_mass"), "must exceed the legs' mass"
         )
     return Mechanics(
-        trunk=Link(mass=trunk_mass, inertia=table.vector("trunk.inertia")),
+        trunk=_trunk(table, trunk_mass),
         trunk_half_size=table.vector("trunk.half_size"),
         hip_x=table.number("trunk.hip_x"),
         hip_y=table.number("trunk.hip_y"),
@@ -184,7 +232,9 @@ def _mechanics(table: ParameterTable) -> Mechanics:
     )
 
 
-def _knee_spring(table: ParameterTable) -> KneeSpring:
+def _knee_spring(table: ParameterTable) -> KneeSpring | None:
+    if not table.has_knee_spring:
+        return None
     scalars = _scalars(table, "knee_spring", ("stiffness", "damping", "rest_angle"))
     return KneeSpring(range=table.vector("knee_spring.range"), **scalars)
 
@@ -198,14 +248,15 @@ def _leg_height(mechanics: Mechanics, pose: FloatArray) -> float:
 
 def _derived_rows(robot: RobotDescription) -> list[ParameterRow]:
     torque = np.asarray(robot.motors.peak_torque) * np.asarray(robot.gear.ratio)
-    rows = (
+    rows = [
         ("trunk.mass", robot.mechanics.trunk.mass, "kg", "total mass less four legs"),
         ("body.standing_height", robot.standing_height, "m", "leg geometry in the default pose, unloaded"),
-        ("joint.abad.armature", float(robot.armature[0]), "kg m^2", "rotor inertia x gear ratio^2"),
-        ("joint.hip.armature", float(robot.armature[1]), "kg m^2", "rotor inertia x gear ratio^2"),
-        ("joint.abad.peak_torque", float(torque[0]), "N m", "motor x gear, before saturation and efficiency"),
-        ("joint.hip.peak_torque", float(torque[1]), "N m", "motor x gear, before saturation and efficiency"),
-    )
+    ]
+    for index, joint in enumerate(JOINTS_PER_LEG):
+        inertia, peak = float(robot.armature[index]), float(torque[index])
+        rows.append((f"joint.{joint}.armature", inertia, "kg m^2", "rotor inertia x gear ratio^2"))
+        basis = "motor x gear, before saturation and efficiency"
+        rows.append((f"joint.{joint}.peak_torque", peak, "N m", basis))
     return [
         ParameterRow(quantity=quantity, value=value, unit=unit, uncertainty="derived", basis=basis)
         for quantity, value, unit, basis in rows

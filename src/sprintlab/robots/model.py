@@ -47,7 +47,8 @@ class ModelOptions:
         dry_friction: whether joints have dry friction (MuJoCo ``frictionloss``).
         joint_limits: whether joints and springs have hard limits.
         visuals: whether the model carries what only cameras see.
-        knee_spring: whether the shank hangs on its series spring; else it is fixed to the knee carrier.
+        knee_spring: whether the shank hangs on its series spring, if the robot has one; else it is fixed to
+            the knee carrier.
 
     Raises:
         InvalidValueError: a field is out of range.
@@ -80,8 +81,8 @@ class ModelOptions:
 def build_model(robot: RobotDescription, options: ModelOptions | None = None) -> mujoco.MjModel:
     """Compile the MuJoCo model of a robot standing over a flat floor.
 
-    Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_knee``, ``{leg}_shank``; joints ``root``
-    (free), the robot's 12 joints and 4 springs; geoms ``floor``, ``{leg}_foot`` and, with full collisions,
+    Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_knee`` (only with a knee spring), ``{leg}_shank``;
+    joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms ``floor``, ``{leg}_foot`` and, with full collisions,
     ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; twelve torque actuators in policy order; keyframe ``stand``.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
 
@@ -141,8 +142,16 @@ def _set_contact(
 def _set_link(body: mujoco.MjsBody, link: Link, side: float = 1.0) -> None:
     """Give a body its mass properties; ``side`` -1 mirrors y."""
     x, y, z = link.center_of_mass
-    body.mass, body.ipos, body.inertia = link.mass, (x, side * y, z), link.inertia
-    body.explicitinertial = True
+    body.mass, body.ipos, body.explicitinertial = link.mass, (x, side * y, z), True
+    if link.products_of_inertia is None:
+        body.inertia = link.inertia
+    else:
+        body.fullinertia = _full_inertia(link.inertia_matrix(side))
+
+
+def _full_inertia(matrix: FloatArray) -> tuple[float, ...]:
+    """The six numbers of a symmetric matrix in MuJoCo's order: xx, yy, zz, xy, xz, yz."""
+    return (*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2])
 
 
 def _add_trunk(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
@@ -176,14 +185,28 @@ def _add_leg(
     thigh = abad.add_body(name=f"{leg}_thigh", pos=(0, side * mechanics.abad_offset, 0))
     _set_link(thigh, mechanics.thigh, side)
     _add_joint(thigh, robot, 3 * index + 1, options)
-    carrier = thigh.add_body(name=f"{leg}_knee", pos=(0, 0, -mechanics.thigh_length))
-    _set_link(carrier, mechanics.knee_carrier, side)
+    shank = _add_shank(thigh, robot, index, options)
+    _set_shank_inertia(shank, robot, side)
+    _add_leg_collisions(spec, thigh, shank, robot, options)
+
+
+def _add_shank(
+    thigh: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions
+) -> mujoco.MjsBody:
+    """The shank on its knee joint; with a series spring, on the carrier that the knee drives."""
+    leg, mechanics = robot.leg_names[index], robot.mechanics
+    knee = (0, 0, -mechanics.thigh_length)
+    if mechanics.knee_carrier is None:
+        shank = thigh.add_body(name=f"{leg}_shank", pos=knee)
+        _add_joint(shank, robot, 3 * index + 2, options)
+        return shank
+    carrier = thigh.add_body(name=f"{leg}_knee", pos=knee)
+    _set_link(carrier, mechanics.knee_carrier)
     _add_joint(carrier, robot, 3 * index + 2, options)
     shank = carrier.add_body(name=f"{leg}_shank")
-    _set_shank_inertia(shank, robot, side)
     if options.knee_spring:
         _add_spring(shank, robot, index, options)
-    _add_leg_collisions(spec, thigh, shank, robot, options)
+    return shank
 
 
 def leg_signs(leg: str) -> tuple[float, float]:
@@ -205,6 +228,7 @@ def _add_joint(body: mujoco.MjsBody, robot: RobotDescription, index: int, option
 
 def _add_spring(body: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions) -> None:
     spring = robot.mechanics.knee_spring
+    assert spring is not None
     joint = body.add_joint(
         name=robot.spring_joint_names[index], type=mujoco.mjtJoint.mjJNT_HINGE, axis=_AXES["knee"]
     )
@@ -231,10 +255,10 @@ def _set_shank_inertia(body: mujoco.MjsBody, robot: RobotDescription, side: floa
     foot_mass, radius = robot.mechanics.foot_mass, robot.foot_radius
     center = np.array(shank.center_of_mass) * (1.0, side, 1.0)
     common = (shank.mass * center + foot_mass * foot) / (shank.mass + foot_mass)
-    inertia = np.diag(shank.inertia) + shank.mass * _point_inertia(center - common)
+    inertia = shank.inertia_matrix(side) + shank.mass * _point_inertia(center - common)
     inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + _point_inertia(foot - common))
     body.mass, body.ipos, body.explicitinertial = shank.mass + foot_mass, common, True
-    body.fullinertia = (*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    body.fullinertia = _full_inertia(inertia)
 
 
 def _point_inertia(position: FloatArray) -> FloatArray:
@@ -288,7 +312,8 @@ def _add_torque_actuator(spec: mujoco.MjSpec, joint: str) -> None:
 
 def _standing_position(robot: RobotDescription, options: ModelOptions) -> list[float]:
     """Positions of the keyframe ``stand``: default pose, feet just on the ground, springs at rest."""
-    spring = [robot.mechanics.knee_spring.rest_angle] if options.knee_spring else []
+    knee_spring = robot.mechanics.knee_spring
+    spring = [knee_spring.rest_angle] if knee_spring is not None and options.knee_spring else []
     position = [0.0, 0.0, robot.standing_height, 1.0, 0.0, 0.0, 0.0]
     for pose in robot.default_pose.reshape(-1, 3):
         position += [*pose.tolist(), *spring]

@@ -18,6 +18,7 @@ else:
     import tomli as tomllib
 
 _LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
+JOINTS = ("abad", "hip", "knee")
 _JOINT = {
     "default_angle": 1,
     "range": 2,
@@ -27,30 +28,63 @@ _JOINT = {
     "viscous_friction": 1,
     "dry_friction": 1,
 }
-_WINDING = {"stator_resistance": 1, "q_axis_inductance": 1, "peak_torque": 1, "rotor_inertia": 1}
+DRIVE_FIELDS = (
+    "pole_pairs",
+    "stator_resistance",
+    "q_axis_inductance",
+    "flux_linkage",
+    "peak_torque",
+    "saturation",
+    "rotor_inertia",
+    "gear_ratio",
+    "gear_efficiency",
+)
+"""What a joint's drive needs: a motor's parameters, motor side, and its gear."""
+_DRIVE_SECTIONS = {
+    # joint: where its drive is looked up; the first section that has a quantity decides
+    "abad": ("motor.abad", "motor"),
+    "hip": ("motor.hip", "motor.hip_knee", "motor"),
+    "knee": ("motor.knee", "motor.hip_knee", "motor"),
+}
 
 _SECTIONS: dict[str, dict[str, int]] = {
     "body": {"total_mass": 1, "base_height_target": 1, "bus_voltage": 1},
     "trunk": {"inertia": 3, "half_size": 3, "hip_x": 1, "hip_y": 1},
     "abad_link": {**_LINK, "offset_y": 1},
     "thigh": {"length": 1, **_LINK, "collision_radius": 1},
-    "knee_carrier": {"mass": 1, "inertia": 3},
     "shank": {"length": 1, **_LINK, "collision_radius": 1},
     "foot": {"mass": 1, "radius": 1, "friction": 1},
-    "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
     "soft_stop": {"zone": 1, "stiffness": 1, "damping": 1},
     "joint.abad": _JOINT,
     "joint.hip": _JOINT,
     "joint.knee": _JOINT,
-    "motor": {"pole_pairs": 1, "flux_linkage": 1, "saturation": 1, "gear_ratio": 1, "gear_efficiency": 1},
-    "motor.abad": _WINDING,
-    "motor.hip_knee": _WINDING,
+}
+_SPRING_SECTIONS: dict[str, dict[str, int]] = {
+    "knee_carrier": {"mass": 1, "inertia": 3},
+    "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
+}
+_OPTIONAL_SECTIONS: dict[str, dict[str, int]] = {
+    "trunk": {"center_of_mass": 3, "products_of_inertia": 3},
+    **{link: {"products_of_inertia": 3} for link in ("abad_link", "thigh", "shank")},
+    **{
+        section: dict.fromkeys(DRIVE_FIELDS, 1)
+        for section in dict.fromkeys(name for names in _DRIVE_SECTIONS.values() for name in names)
+    },
 }
 
-QUANTITIES: dict[str, int] = {
-    f"{section}.{field}": size for section, fields in _SECTIONS.items() for field, size in fields.items()
-}
-"""Every quantity a robot's table must hold, with the length of its value."""
+
+def _dotted(sections: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
+    return {
+        f"{section}.{field}": size for section, fields in sections.items() for field, size in fields.items()
+    }
+
+
+REQUIRED = _dotted(_SECTIONS)
+"""Every quantity that a robot's table must hold besides its drives, with the length of its value."""
+SPRING = _dotted(_SPRING_SECTIONS)
+"""Quantities of a series spring in the knee: all of them or none."""
+QUANTITIES: dict[str, int] = {**REQUIRED, **SPRING, **_dotted(_OPTIONAL_SECTIONS)}
+"""Every quantity that a robot's table may hold, with the length of its value."""
 
 _ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
 
@@ -93,6 +127,20 @@ class ParameterTable:
         assert isinstance(value, tuple)
         return value
 
+    def optional_vector(self, quantity: str) -> tuple[float, ...] | None:
+        """Value of a quantity of 3 numbers, None where the table does not have it."""
+        return self.vector(quantity) if quantity in self.rows else None
+
+    @property
+    def has_knee_spring(self) -> bool:
+        """Whether the knee works through a series spring."""
+        return any(quantity in self.rows for quantity in SPRING)
+
+    def drive(self, joint: str, field: str) -> str:
+        """Name of the quantity that says ``field`` of a joint's drive: the most specific one there is."""
+        names = [f"{section}.{field}" for section in _DRIVE_SECTIONS[joint]]
+        return next((name for name in names if name in self.rows), names[-1])
+
 
 def read_table(path: str | Path) -> ParameterTable:
     """Read and check a robot's parameter table.
@@ -120,10 +168,18 @@ def _checked_table(document: dict[str, Any]) -> ParameterTable:
     unknown = sorted(set(entries) - set(QUANTITIES))
     if unknown:
         raise RobotModelError(f"unknown quantity {', '.join(unknown)}")
-    missing = [quantity for quantity in QUANTITIES if quantity not in entries]
+    table = ParameterTable(name=name, rows={key: _row(key, entry) for key, entry in entries.items()})
+    missing = _missing(table)
     if missing:
         raise RobotModelError(f"missing quantity {', '.join(missing)}")
-    return ParameterTable(name=name, rows={key: _row(key, entry) for key, entry in entries.items()})
+    return table
+
+
+def _missing(table: ParameterTable) -> list[str]:
+    """Quantities that the table must still say, in the order of the sections."""
+    needed = [*REQUIRED, *(SPRING if table.has_knee_spring else ())]
+    drives = [table.drive(joint, field) for joint in JOINTS for field in DRIVE_FIELDS]
+    return [name for name in dict.fromkeys([*needed, *drives]) if name not in table.rows]
 
 
 def _entries(section: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -29,6 +29,7 @@ _MATERIALS = {
     _GLOW: ((0.35, 0.90, 1.00, 1.0), 0.3, 0.3, 0.9),
     _RUBBER: ((0.03, 0.03, 0.03, 1.0), 0.1, 0.1, 0.0),
 }
+_DESIGN_THIGH = 0.31  # thigh length of the robot for which the thicknesses were drawn [m]; others scale
 _TRACK_LENGTH, _LANE_WIDTH, _LINE_WIDTH = 100.0, 1.22, 0.05
 
 
@@ -138,7 +139,7 @@ def add_robot_visuals(spec: mujoco.MjSpec, robot: RobotDescription, group: int) 
     """Dress the bodies of a robot's spec: every geom is massless, touches nothing, and is in ``group``."""
     for name, (rgba, specular, shininess, emission) in _MATERIALS.items():
         spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission)
-    dresser = _Dresser(spec, group)
+    dresser = _Dresser(spec, group, robot.mechanics.thigh_length / _DESIGN_THIGH)
     _dress_trunk(dresser, robot)
     for leg in robot.leg_names:
         _dress_leg(dresser, robot, leg)
@@ -166,11 +167,16 @@ def _add_tracking_views(spec: mujoco.MjSpec) -> None:
 
 
 class _Dresser:
-    """Adds massless geoms to bodies; a mesh of one name is stored once and used by all legs."""
+    """Adds massless geoms to bodies; a mesh of one name is stored once and used by all legs.
 
-    def __init__(self, spec: mujoco.MjSpec, group: int) -> None:
+    Attributes:
+        size: factor of every thickness.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, group: int, size: float) -> None:
         self._spec = spec
         self._group = group
+        self.size = size
         self._meshes: set[str] = set()
 
     def mesh(
@@ -190,10 +196,15 @@ class _Dresser:
             self._meshes.add(name)
         self._add(body, material, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
 
+    def has_body(self, name: str) -> bool:
+        """Whether the robot has this body."""
+        return self._spec.body(name) is not None
+
     def cylinder(
         self, body: str, material: str, radius: float, start: Sequence[float], end: Sequence[float]
     ) -> None:
-        """Hang a cylinder between two points on a body."""
+        """Hang a cylinder between two points on a body; its radius is scaled."""
+        radius *= self.size
         geom = self._add(body, material, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(radius, 0, 0))
         geom.fromto = (*start, *end)
 
@@ -213,20 +224,21 @@ _ALONG_X = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _DOWN_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _along_x(*rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along +x from rows ``(x, z of centre, half width y, half height z)``."""
-    return [Section((x, 0.0, z), width, height) for x, z, width, height in rows]
+def _along_x(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
+    """Sections along +x from rows ``(x, z of centre, half width y, half height z)``; ``size`` scales y and z."""
+    return [Section((x, 0.0, size * z), size * width, size * height) for x, z, width, height in rows]
 
 
-def _down_z(*rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along -z from rows ``(z, x of centre, half depth x, half width y)``."""
-    return [Section((x, 0.0, z), width, depth) for z, x, depth, width in rows]
+def _down_z(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
+    """Sections along -z from rows ``(z, x of centre, half depth x, half width y)``; ``size`` scales x and y."""
+    return [Section((size * x, 0.0, z), size * width, size * depth) for z, x, depth, width in rows]
 
 
 def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
     """Deep chest, narrow waist, a small head that looks ahead, a short tail."""
-    hip_x, hip_y = robot.mechanics.hip_x, robot.mechanics.hip_y
+    hip_x, hip_y, size = robot.mechanics.hip_x, robot.mechanics.hip_y, dresser.size
     hull = _along_x(
+        size,
         (-1.22 * hip_x, 0.030, 0.012, 0.012),
         (-1.18 * hip_x, 0.027, 0.045, 0.034),
         (-0.95 * hip_x, 0.020, 0.062, 0.056),
@@ -240,24 +252,28 @@ def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
     )
     dresser.mesh("trunk", "hull", _GRAPHITE, hull, *_ALONG_X)
     spine = _along_x(
+        size,
         (-1.14 * hip_x, 0.062, 0.008, 0.006),
         (-0.50 * hip_x, 0.074, 0.020, 0.010),
         (0.40 * hip_x, 0.076, 0.022, 0.010),
         (1.08 * hip_x, 0.070, 0.008, 0.008),
     )
     dresser.mesh("trunk", "spine", _ACCENT, spine, *_ALONG_X)
-    _dress_head_and_tail(dresser, hip_x)
+    _dress_head_and_tail(dresser, hip_x, size)
     for front in (-1.0, 1.0):
         for side in (-1.0, 1.0):
             x, y = front * hip_x, side * hip_y
-            dresser.cylinder("trunk", _METAL, 0.050, (x - front * 0.085, y, 0.0), (x - front * 0.050, y, 0.0))
-            dresser.cylinder(
-                "trunk", _ACCENT, 0.051, (x - front * 0.062, y, 0.0), (x - front * 0.057, y, 0.0)
-            )
+            for material, radius, near, far in (
+                (_METAL, 0.050, 0.085, 0.050),
+                (_ACCENT, 0.051, 0.062, 0.057),
+            ):
+                start, end = (x - front * size * near, y, 0.0), (x - front * size * far, y, 0.0)
+                dresser.cylinder("trunk", material, radius, start, end)
 
 
-def _dress_head_and_tail(dresser: _Dresser, hip_x: float) -> None:
+def _dress_head_and_tail(dresser: _Dresser, hip_x: float, size: float) -> None:
     head = _along_x(
+        size,
         (1.20 * hip_x, 0.050, 0.026, 0.028),
         (1.32 * hip_x, 0.070, 0.034, 0.036),
         (1.52 * hip_x, 0.078, 0.036, 0.032),
@@ -265,8 +281,11 @@ def _dress_head_and_tail(dresser: _Dresser, hip_x: float) -> None:
         (1.80 * hip_x, 0.064, 0.008, 0.008),
     )
     dresser.mesh("trunk", "head", _CARBON, head, *_ALONG_X)
-    dresser.ellipsoid("trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083), (0.036, 0.031, 0.009))
+    dresser.ellipsoid(
+        "trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083 * size), (0.036 * size, 0.031 * size, 0.009 * size)
+    )
     tail = _along_x(
+        size,
         (-1.75 * hip_x, 0.105, 0.003, 0.004),
         (-1.50 * hip_x, 0.074, 0.008, 0.010),
         (-1.25 * hip_x, 0.048, 0.014, 0.016),
@@ -285,23 +304,27 @@ def _dress_leg(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
 
 def _dress_hip(dresser: _Dresser, robot: RobotDescription, leg: str, front: float, side: float) -> None:
     """Abduction motor along x and hip motor along y, the latter between abduction axis and leg."""
-    offset = robot.mechanics.abad_offset
+    offset, size = robot.mechanics.abad_offset, dresser.size
     body = f"{leg}_abad"
-    dresser.cylinder(body, _CARBON, 0.046, (-front * 0.048, 0.0, 0.0), (front * 0.040, 0.0, 0.0))
+    ends = (-front * 0.048 * size, 0.0, 0.0), (front * 0.040 * size, 0.0, 0.0)
+    dresser.cylinder(body, _CARBON, 0.046, *ends)
     dresser.cylinder(body, _METAL, 0.056, (0.0, side * 0.012, 0.0), (0.0, side * 0.54 * offset, 0.0))
-    dresser.cylinder(body, _CARBON, 0.058, (0.0, side * 0.030, 0.0), (0.0, side * 0.046, 0.0))
+    dresser.cylinder(body, _CARBON, 0.058, (0.0, side * 0.26 * offset, 0.0), (0.0, side * 0.40 * offset, 0.0))
 
 
 def _dress_thigh(dresser: _Dresser, robot: RobotDescription, leg: str, side: float) -> None:
     """Knee motor coaxial with the hip, and a blade that narrows to the knee."""
-    length, offset = robot.mechanics.thigh_length, robot.mechanics.abad_offset
+    length, offset, size = robot.mechanics.thigh_length, robot.mechanics.abad_offset, dresser.size
     body = f"{leg}_thigh"
     dresser.cylinder(body, _METAL, 0.056, (0.0, -side * 0.43 * offset, 0.0), (0.0, -side * 0.012, 0.0))
-    dresser.cylinder(body, _ACCENT, 0.057, (0.0, -side * 0.030, 0.0), (0.0, -side * 0.024, 0.0))
-    dresser.cylinder(body, _METAL, 0.030, (0.0, 0.0, 0.0), (0.0, side * 0.026, 0.0))
+    dresser.cylinder(
+        body, _ACCENT, 0.057, (0.0, -side * 0.26 * offset, 0.0), (0.0, -side * 0.21 * offset, 0.0)
+    )
+    dresser.cylinder(body, _METAL, 0.030, (0.0, 0.0, 0.0), (0.0, side * 0.026 * size, 0.0))
     blade = _down_z(
-        (0.060, 0.000, 0.012, 0.010),
-        (0.048, 0.000, 0.040, 0.017),
+        size,
+        (0.060 * size, 0.000, 0.012, 0.010),
+        (0.048 * size, 0.000, 0.040, 0.017),
         (0.000, 0.000, 0.060, 0.019),
         (-0.25 * length, -0.004, 0.052, 0.020),
         (-0.60 * length, -0.002, 0.034, 0.018),
@@ -313,12 +336,14 @@ def _dress_thigh(dresser: _Dresser, robot: RobotDescription, leg: str, side: flo
 
 def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
     """Knee hub, a bowed carbon shin, and a foot with three claws."""
-    length, radius = robot.mechanics.shank_length, robot.foot_radius
-    dresser.cylinder(f"{leg}_knee", _METAL, 0.029, (0.0, -0.020, 0.0), (0.0, 0.020, 0.0))
-    dresser.cylinder(f"{leg}_knee", _ACCENT, 0.018, (0.0, -0.023, 0.0), (0.0, 0.023, 0.0))
+    length, radius, size = robot.mechanics.shank_length, robot.foot_radius, dresser.size
     body = f"{leg}_shank"
+    hub = f"{leg}_knee" if dresser.has_body(f"{leg}_knee") else body
+    for material, hub_radius, half in ((_METAL, 0.029, 0.020), (_ACCENT, 0.018, 0.023)):
+        dresser.cylinder(hub, material, hub_radius, (0.0, -half * size, 0.0), (0.0, half * size, 0.0))
     shin = _down_z(
-        (0.022, -0.004, 0.014, 0.008),
+        size,
+        (0.022 * size, -0.004, 0.014, 0.008),
         (0.000, -0.006, 0.024, 0.012),
         (-0.30 * length, -0.022, 0.017, 0.011),
         (-0.60 * length, -0.020, 0.012, 0.009),
