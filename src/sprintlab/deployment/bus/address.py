@@ -1,0 +1,87 @@
+"""Where a robot is reached: one address, the same for the controller's end and the robot's end.
+
+| address | carried by |
+|---|---|
+| ``shm://NAME`` | shared memory of this machine |
+| ``zenoh://NAME`` | zenoh, peers found by multicast (extra ``zenoh``) |
+| ``zenoh://NAME@HOST:PORT`` | zenoh over TCP; the robot listens there, the controller connects |
+| ``dds://NAME`` | DDS domain 0 through Cyclone DDS (extra ``dds``) |
+| ``dds://NAME@DOMAIN`` | the same in another DDS domain |
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from sprintlab.core.checks import check_choice
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.deployment.interface import RobotEndpoint, RobotInterface
+
+_CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "dds": "dds_bus"}
+_ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
+_FORM = "an address like shm://bp2, zenoh://bp2@127.0.0.1:7447 or dds://bp2"
+
+
+class BusError(SprintlabError):
+    """The bus cannot be opened: nobody there, somebody else there, or a package is missing."""
+
+
+class BusAddress(NamedTuple):
+    """A parsed address.
+
+    Attributes:
+        carrier: ``"shm"``, ``"zenoh"`` or ``"dds"``.
+        name: of the robot.
+        place: what follows ``@``; empty if nothing does.
+    """
+
+    carrier: str
+    name: str
+    place: str
+
+
+def parse_address(address: str) -> BusAddress:
+    """Take an address apart.
+
+    Raises:
+        InvalidValueError: it does not have the form ``carrier://name`` or ``carrier://name@place``.
+    """
+    match = _ADDRESS.fullmatch(address)
+    if match is None:
+        raise InvalidValueError("bus", address, _FORM)
+    check_choice("bus carrier", match["carrier"], tuple(_CARRIERS))
+    return BusAddress(match["carrier"], match["name"], match["place"] or "")
+
+
+def open_bus(address: str) -> RobotInterface:
+    """The controller's end of a bus.
+
+    Raises:
+        InvalidValueError: the address makes no sense.
+        BusError: no robot is there (shared memory), another controller has it, or a package is missing.
+    """
+    parsed = parse_address(address)
+    return _carrier(parsed).open_interface(parsed)
+
+
+def open_endpoint(address: str) -> RobotEndpoint:
+    """The robot's end of a bus.
+
+    Raises:
+        InvalidValueError: the address makes no sense.
+        BusError: another robot of this name runs, or a package is missing.
+    """
+    parsed = parse_address(address)
+    return _carrier(parsed).open_endpoint(parsed)
+
+
+def _carrier(address: BusAddress) -> Any:
+    """The module that speaks for a carrier; its package is imported only now."""
+    try:
+        return import_module(f"sprintlab.deployment.bus.{_CARRIERS[address.carrier]}")
+    except ModuleNotFoundError as error:
+        raise BusError(
+            f"{address.carrier}:// needs the package {error.name}: pip install 'sprintlab[{address.carrier}]'"
+        ) from error

@@ -1,0 +1,98 @@
+"""A ring of messages in memory that two processes share: one writes, one reads, nobody waits.
+
+Each slot has a stamp beside its bytes, which the writer makes odd before and even after it touches the
+slot (a sequence lock); the reader copies the bytes and believes them only if the stamp was the expected one
+before and after. A reader that is too slow loses the oldest messages, and counts them. What a processor with
+weaker memory ordering than x86 might still let through, the checksum inside each message catches.
+
+Layout, in 8-byte words of the machine's own byte order: messages written so far, then for each slot its stamp
+and the message, padded to whole words.
+"""
+
+from __future__ import annotations
+
+_WORD = 8
+
+
+def ring_size(slots: int, message_size: int) -> int:
+    """Bytes that a ring of ``slots`` messages of ``message_size`` bytes takes."""
+    return _WORD * (1 + slots * (1 + -(-message_size // _WORD)))
+
+
+class _Ring:
+    """What reader and writer know of the layout."""
+
+    def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
+        self._memory = memory[: ring_size(slots, message_size)]
+        self._words = self._memory.cast("Q")
+        self._slots = slots
+        self._size = message_size
+        self._words_per_slot = 1 + -(-message_size // _WORD)
+
+    def _slot(self, index: int) -> int:
+        """Word at which the slot of message ``index`` starts."""
+        return 1 + (index % self._slots) * self._words_per_slot
+
+    def release(self) -> None:
+        """Let go of the memory, so that it can be unmapped."""
+        self._words.release()
+        self._memory.release()
+
+
+class RingWriter(_Ring):
+    """The end that writes; ``memory`` must hold zeros, or what an earlier writer left."""
+
+    def write(self, message: bytes) -> None:
+        """Put a message in the ring; the oldest one makes room."""
+        index = self._words[0]
+        word = self._slot(index)
+        self._words[word] = 2 * index + 1
+        start = _WORD * (word + 1)
+        self._memory[start : start + self._size] = message
+        self._words[word] = 2 * index + 2
+        self._words[0] = index + 1
+
+
+class RingReader(_Ring):
+    """The end that reads, from the oldest message that is still there when it comes.
+
+    Attributes:
+        lost: messages that were overwritten before they were read.
+        torn: messages that changed while they were copied, and were dropped (they count as lost too).
+    """
+
+    def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
+        super().__init__(memory, slots, message_size)
+        self.lost = 0
+        self.torn = 0
+        self._next = max(self._words[0] - slots + 1, 0)
+
+    def skip(self) -> None:
+        """Pass over everything that has been written so far."""
+        self._next = self._words[0]
+
+    def read(self) -> bytes | None:
+        """The next message, or None if all have been read."""
+        while True:
+            written = self._words[0]
+            # The oldest slot is the one that the writer takes next: it is left alone.
+            oldest = written - self._slots + 1
+            if self._next < oldest:
+                self.lost += oldest - self._next
+                self._next = oldest
+            if self._next >= written:
+                return None
+            message = self._copy(self._next)
+            self._next += 1
+            if message is not None:
+                return message
+            self.torn += 1
+            self.lost += 1
+
+    def _copy(self, index: int) -> bytes | None:
+        word, stamp = self._slot(index), 2 * index + 2
+        start = _WORD * (word + 1)
+        if self._words[word] != stamp:
+            return None
+        message = bytes(self._memory[start : start + self._size])
+        return message if self._words[word] == stamp else None

@@ -1,0 +1,341 @@
+"""Robot and controller on one machine: three rings in one memory-mapped file.
+
+The file lives in ``/dev/shm`` where there is one. Its owner, the robot, holds a lock on it which the system
+takes away when the process ends, however it ends: a file without a lock is the rest of a crash, and the next
+robot removes it. A controller holds a lock of its own on a second file, so that there is one at most.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import mmap
+import os
+import struct
+import tempfile
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from sprintlab.deployment.bus.address import BusAddress, BusError
+from sprintlab.deployment.bus.ring import RingReader, RingWriter, ring_size
+from sprintlab.deployment.interface import (
+    JointCommand,
+    MessageError,
+    MessageType,
+    PositionFix,
+    RobotState,
+    decode,
+    encode,
+    message_size,
+)
+
+PREFIX = "sprintlab-"
+"""How the names of the files begin."""
+
+_MAGIC = 0x53505254_00000001  # "SPRT", version of this file's layout
+_HEADER_WORDS = 8
+_MAGIC_WORD, _ROBOT_LEFT, _CONTROLLER_LEFT = range(3)
+
+
+class _Channel(NamedTuple):
+    """One ring of the file."""
+
+    kind: type[RobotState] | type[JointCommand] | type[PositionFix]
+    slots: int
+
+    @property
+    def size(self) -> int:
+        return ring_size(self.slots, message_size(self.kind))
+
+
+# A quarter of a second at 1 kHz: more than any watchdog allows.
+_CHANNELS = {
+    "state": _Channel(RobotState, 256),
+    "command": _Channel(JointCommand, 256),
+    "fix": _Channel(PositionFix, 16),
+}
+
+
+def shared_folder() -> Path:
+    """Where the files are: memory if the system has such a folder, else the temporary folder."""
+    memory = Path("/dev/shm")
+    return memory if memory.is_dir() else Path(tempfile.gettempdir())
+
+
+def remove_orphans(folder: Path | None = None) -> list[str]:
+    """Delete files whose owner is gone.
+
+    Returns:
+        The names of the robots whose files were deleted.
+    """
+    removed = []
+    for path in (folder or shared_folder()).glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError), path.open("rb+") as file:
+            if _lock(file):
+                path.unlink()
+                removed.append(path.name.removeprefix(PREFIX))
+    return sorted(removed)
+
+
+def open_interface(address: BusAddress) -> SharedMemoryInterface:
+    """The controller's end.
+
+    Raises:
+        BusError: no robot of this name runs on this machine, or another controller drives it.
+    """
+    _refuse_place(address)
+    return SharedMemoryInterface(address.name)
+
+
+def open_endpoint(address: BusAddress) -> SharedMemoryEndpoint:
+    """The robot's end.
+
+    Raises:
+        BusError: a robot of this name runs already, or the memory cannot be had.
+    """
+    _refuse_place(address)
+    return SharedMemoryEndpoint(address.name)
+
+
+class _Mapped:
+    """One end: the file in memory, a ring for each kind of message."""
+
+    def __init__(self, file: IO[bytes], path: Path) -> None:
+        self.malformed = 0
+        self._file, self._path = file, path
+        self._map = mmap.mmap(file.fileno(), 0)
+        self._memory = memoryview(self._map)
+        self._words = self._memory[: 8 * _HEADER_WORDS].cast("Q")
+        self._rings: list[RingReader | RingWriter] = []
+        self._closed = False
+
+    def _reader(self, name: str) -> RingReader:
+        channel = _CHANNELS[name]
+        ring = RingReader(self._part(name), channel.slots, message_size(channel.kind))
+        self._rings.append(ring)
+        return ring
+
+    def _writer(self, name: str) -> RingWriter:
+        channel = _CHANNELS[name]
+        ring = RingWriter(self._part(name), channel.slots, message_size(channel.kind))
+        self._rings.append(ring)
+        return ring
+
+    def _part(self, name: str) -> memoryview:
+        start = 8 * _HEADER_WORDS
+        for other, channel in _CHANNELS.items():
+            if other == name:
+                break
+            start += channel.size
+        return self._memory[start : start + _CHANNELS[name].size]
+
+    def _next(self, ring: RingReader, kind: type[MessageType]) -> MessageType | None:
+        while (content := ring.read()) is not None:
+            try:
+                return decode(kind, content)
+            except MessageError:
+                self.malformed += 1
+        return None
+
+    def _release(self) -> None:
+        self._closed = True
+        for ring in self._rings:
+            ring.release()
+        self._words.release()
+        self._memory.release()
+        with contextlib.suppress(BufferError):
+            self._map.close()
+        self._file.close()
+
+
+class SharedMemoryInterface(_Mapped):
+    """The controller's end in shared memory.
+
+    Attributes:
+        malformed: messages that ``decode`` refused.
+    """
+
+    def __init__(self, name: str) -> None:
+        path = _path(name)
+        lock = _open_locked(_path(f"{name}.controller"))
+        if lock is None:
+            raise BusError(f"another controller drives the robot {name!r} on this machine")
+        self._lock = lock
+        try:
+            super().__init__(_open_running(path, name), path)
+            if self._words[_MAGIC_WORD] != _MAGIC:
+                raise BusError(f"{path} was made by another version of sprintlab")
+        except BaseException:
+            self._unlock()
+            raise
+        self._states, self._fixes = self._reader("state"), self._reader("fix")
+        self._commands = self._writer("command")
+        self._words[_CONTROLLER_LEFT] = 0
+
+    @property
+    def lost(self) -> int:
+        """States that were overwritten before they were read."""
+        return self._states.lost
+
+    @property
+    def peer_left(self) -> bool:
+        """Whether the robot has closed its end in good order."""
+        return self._closed or bool(self._words[_ROBOT_LEFT])
+
+    def receive(self) -> RobotState | None:
+        """The next state in order of arrival; None if there is none left."""
+        return self._next(self._states, RobotState)
+
+    def receive_fix(self) -> PositionFix | None:
+        """The newest position fix not yet read, if any."""
+        newest = None
+        while (fix := self._next(self._fixes, PositionFix)) is not None:
+            newest = fix
+        return newest
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the robot."""
+        self._commands.write(encode(command))
+
+    def close(self) -> None:
+        """Let go of the bus; a second call does nothing."""
+        if self._closed:
+            return
+        self._words[_CONTROLLER_LEFT] = 1
+        self._release()
+        self._unlock()
+
+    def _unlock(self) -> None:
+        with contextlib.suppress(OSError):
+            os.unlink(self._lock.name)
+        self._lock.close()
+
+
+class SharedMemoryEndpoint(_Mapped):
+    """The robot's end in shared memory; it makes the file, and removes it when closed.
+
+    Attributes:
+        malformed: messages that ``decode`` refused.
+    """
+
+    def __init__(self, name: str) -> None:
+        path = _path(name)
+        remove_orphans()
+        file = _create(path)
+        if file is None:
+            raise BusError(f"a robot named {name!r} runs already on this machine")
+        super().__init__(file, path)
+        self._states, self._fixes = self._writer("state"), self._writer("fix")
+        self._commands = self._reader("command")
+
+    @property
+    def lost(self) -> int:
+        """Commands that were overwritten before they were read."""
+        return self._commands.lost
+
+    @property
+    def peer_left(self) -> bool:
+        """Whether the last controller has closed its end in good order."""
+        return self._closed or bool(self._words[_CONTROLLER_LEFT])
+
+    def receive_command(self) -> JointCommand | None:
+        """The next command in order of arrival; None if there is none left."""
+        return self._next(self._commands, JointCommand)
+
+    def publish(self, state: RobotState) -> None:
+        """Send a state."""
+        self._states.write(encode(state))
+
+    def publish_fix(self, fix: PositionFix) -> None:
+        """Send a position fix."""
+        self._fixes.write(encode(fix))
+
+    def close(self) -> None:
+        """Let go of the bus and remove the file; a second call does nothing."""
+        if self._closed:
+            return
+        self._words[_ROBOT_LEFT] = 1
+        with contextlib.suppress(OSError):
+            self._path.unlink()
+        self._release()
+
+
+def _refuse_place(address: BusAddress) -> None:
+    if address.place:
+        raise BusError(f"shared memory is on this machine: leave @{address.place} out of the address")
+
+
+def _path(name: str) -> Path:
+    return shared_folder() / f"{PREFIX}{name}"
+
+
+def _lock(file: IO[bytes]) -> bool:
+    """Take the lock on an open file if nobody has it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _create(path: Path) -> IO[bytes] | None:
+    """A new file of zeros under its lock; None if there is one already.
+
+    It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it.
+    """
+    size = 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        file = os.fdopen(handle, "rb+")
+        _lock(file)
+        file.truncate(size)
+        file.write(struct.pack("=Q", _MAGIC))
+        file.flush()
+    except OSError as error:
+        raise BusError(f"cannot make shared memory in {path.parent}: {error.strerror or error}") from error
+    try:
+        os.link(name, path)
+    except FileExistsError:
+        file.close()
+        return None
+    finally:
+        os.unlink(name)
+    return file
+
+
+def _open_running(path: Path, name: str) -> IO[bytes]:
+    """The file of a robot that runs.
+
+    Raises:
+        BusError: there is none, or the robot behind it has crashed.
+    """
+    try:
+        file = path.open("rb+")
+    except OSError as error:
+        raise BusError(f"no robot named {name!r} runs on this machine; start it first") from error
+    if _lock(file):
+        file.close()
+        raise BusError(f"the robot {name!r} has crashed and left its memory behind; start it again")
+    return file
+
+
+def _open_locked(path: Path) -> IO[bytes] | None:
+    """A lock file of one's own; None while another process has it."""
+    while True:
+        try:
+            file = path.open("ab+")
+        except OSError as error:
+            raise BusError(f"cannot make {path}: {error.strerror or error}") from error
+        if not _lock(file):
+            file.close()
+            return None
+        if _is_still(path, file):
+            return file
+        file.close()
+
+
+def _is_still(path: Path, file: IO[bytes]) -> bool:
+    """Whether an open file still bears its name: somebody may have tidied up between opening and locking."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    return False
