@@ -18,6 +18,7 @@ from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.race import Race
+from sprintlab.cli.replay import Replay
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
@@ -27,6 +28,7 @@ INTERRUPTED = 130
 
 Command = (
     Annotated[Race, tyro.conf.subcommand(name="race")]
+    | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]

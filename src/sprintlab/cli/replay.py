@@ -1,0 +1,96 @@
+"""``sprintlab replay``: a recorded run as one interactive 3D page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from sprintlab.cli.output import print_json, stdout_console
+from sprintlab.core.errors import SprintlabError
+
+RUNS = Path("runs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """Write a recorded run as one HTML file: orbit, scrub, slow motion, speed and torque; opens offline.
+
+    Attributes:
+        run_folder: folder of a race, or a recorded trajectory (.npz); the newest race in runs/ when left out.
+        robot: a robot's name or parameter table (.toml); what the race's result.json says when left out.
+        out: the page to write; replay.html beside the trajectory when left out.
+        json: print JSON only.
+    """
+
+    run_folder: tyro.conf.Positional[Path | None] = None
+    robot: str | None = None
+    out: Path | None = None
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Write the page; raises ``SprintlabError`` when there is no recording or it is another robot's."""
+        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.viewer.replay import load_arrays, write_replay
+
+        trajectory = trajectory_path(self.run_folder)
+        result = race_result(trajectory.with_name("result.json"))
+        arrays = load_arrays(trajectory)
+        page = self.out or trajectory.with_name("replay.html")
+        robot = chosen_robot(self.robot or str(result.get("robot", "bp2")))
+        write_replay(page, arrays, robot, replay_text(trajectory, robot.name, result))
+        if self.json:
+            print_json({"page": str(page), "bytes": page.stat().st_size})
+        else:
+            stdout_console().print(f"replay: {page}", soft_wrap=True)
+        return 0
+
+
+def trajectory_path(run: Path | None) -> Path:
+    """The recorded trajectory of a run.
+
+    Raises:
+        SprintlabError: there is no such run, or none at all.
+    """
+    if run is None:
+        races = sorted(RUNS.glob("race-*/trajectory.npz"), key=lambda path: path.stat().st_mtime)
+        if not races:
+            raise SprintlabError(f"there is no race in {RUNS}/ yet; run one with: sprintlab race")
+        return races[-1]
+    if not run.exists():
+        raise SprintlabError(f"{run} does not exist; name the folder of a race or a trajectory (.npz)")
+    return run / "trajectory.npz" if run.is_dir() else run
+
+
+def race_result(path: Path) -> dict[str, Any]:
+    """The numbers beside a trajectory; empty where there are none.
+
+    Raises:
+        SprintlabError: the file is there and is no JSON object.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SprintlabError(f"{path} cannot be read: {error}") from error
+    if not isinstance(numbers, dict):
+        raise SprintlabError(f"{path} is no result of a race")
+    return numbers
+
+
+def replay_text(trajectory: Path, robot: str, result: dict[str, Any]) -> Any:
+    """Heading and subtitle of the page."""
+    from sprintlab.viewer.replay import ReplayText
+
+    time = result.get("time_100m_s")
+    sprint = trajectory.name == "trajectory.npz" and time is not None
+    title = f"{robot.upper()}: 100 m in {time:.2f} s" if sprint else f"{robot.upper()}: {trajectory.stem}"
+    policy, top = result.get("policy"), result.get("top_speed_command_m_s")
+    parts = [f"policy {policy}" if policy else "", f"command up to {top:g} m/s" if top else ""]
+    audit = result.get("audit", {}).get("passed")
+    parts.append("" if audit is None else "exploit audit passed" if audit else "exploit audit FAILED")
+    return ReplayText(title=title, subtitle=", ".join(part for part in parts if part))

@@ -1,0 +1,215 @@
+"""A recorded race as one HTML file with an interactive 3D scene: nothing to install, nothing to load.
+
+The page carries the robot's kinematic tree, its meshes and its generalized positions, and draws them with a
+small WebGL renderer of its own (``templates/replay.js``). Forward kinematics run in the page: positions
+of 23 coordinates take a fifth of the room that the poses of 21 bodies would.
+"""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import base64
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_text
+from sprintlab.motors import electrical_power
+from sprintlab.robots import ModelOptions, RobotDescription, build_model
+from sprintlab.viewer.meshes import Surface, robot_surfaces
+
+Array = NDArray[Any]
+
+FRAME_RATE = 125.0
+"""Frames a second in the page [Hz]; between them it interpolates."""
+
+NEEDED_ARRAYS = (
+    "time",
+    "qpos",
+    "velocity",
+    "command",
+    "joint_velocity",
+    "motor_torque",
+    "torque_lower",
+    "torque_upper",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayText:
+    """What the page says about the run.
+
+    Attributes:
+        title: heading of the page.
+        subtitle: one line below it.
+    """
+
+    title: str
+    subtitle: str = ""
+
+
+def load_arrays(path: Path) -> dict[str, Array]:
+    """The arrays of a recorded trajectory that a replay needs.
+
+    Raises:
+        SprintlabError: the file is missing, no npz archive, lacks an array, or holds no two samples.
+    """
+    try:
+        with np.load(path) as archive:
+            missing = [name for name in NEEDED_ARRAYS if name not in archive]
+            arrays = {name: archive[name] for name in NEEDED_ARRAYS if name in archive}
+    except FileNotFoundError:
+        raise SprintlabError(f"{path} does not exist; a race writes it") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise SprintlabError(f"{path} is no trajectory: it cannot be read as an npz archive") from error
+    if missing:
+        raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
+    if len(arrays["time"]) < 2:
+        raise SprintlabError(f"{path} holds no two samples: there is nothing to replay")
+    return arrays
+
+
+def write_replay(path: Path, arrays: Mapping[str, Array], robot: RobotDescription, text: ReplayText) -> None:
+    """Write the page.
+
+    Args:
+        path: the HTML file.
+        arrays: of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
+        robot: the robot that ran.
+        text: what the page says about it.
+
+    Raises:
+        SprintlabError: the trajectory is another robot's, or the file cannot be written.
+    """
+    atomic_write_text(path, render_replay(arrays, robot, text))
+
+
+def render_replay(arrays: Mapping[str, Array], robot: RobotDescription, text: ReplayText) -> str:
+    """The page as HTML text; arguments and errors as for ``write_replay``."""
+    model = build_model(robot, ModelOptions(visuals=True))
+    if arrays["qpos"].shape[1] != model.nq:
+        raise SprintlabError(
+            f"the trajectory has {arrays['qpos'].shape[1]} coordinates, robot {robot.name} has {model.nq}: "
+            "name the robot that ran with --robot"
+        )
+    frames = _frames(arrays["time"])
+    scene = {
+        "names": [name.replace("_", " ") for name in robot.joint_names],
+        "bodies": _bodies(model),
+        **_packed_surfaces(robot_surfaces(model), _body_numbers(model)),
+        **_recording({name: values[frames] for name, values in arrays.items()}, robot),
+    }
+    # No text inside may end the script element it stands in.
+    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    folder = resources.files("sprintlab.viewer") / "templates"
+    template = _environment().from_string((folder / "replay.html.j2").read_text(encoding="utf-8"))
+    script = (folder / "replay.js").read_text(encoding="utf-8")
+    return template.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
+
+
+def _environment() -> Environment:
+    return Environment(autoescape=True, undefined=StrictUndefined)
+
+
+def _frames(time: Array) -> NDArray[np.int64]:
+    """Indices of the samples that become frames; the last one is always among them."""
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    check_range("sample time", step, 1e-6, 1.0, "s")
+    chosen = np.arange(0, len(time), max(1, round(1.0 / (FRAME_RATE * step))))
+    return chosen if chosen[-1] == len(time) - 1 else np.append(chosen, len(time) - 1)
+
+
+def _recording(arrays: Mapping[str, Array], robot: RobotDescription) -> dict[str, Any]:
+    """Time, coordinates and traces of the frames."""
+    torque, speed = arrays["motor_torque"], arrays["joint_velocity"] * robot.gear.ratio
+    power = electrical_power(robot.motors, torque, speed).sum(axis=1)
+    share = torque_share(torque, arrays["torque_lower"], arrays["torque_upper"])
+    return {
+        "time": _packed(arrays["time"], np.float32),
+        "qpos": _packed(arrays["qpos"], np.float32),
+        "speed": _packed(arrays["velocity"][:, 0], np.float32),
+        "command": _packed(arrays["command"][:, 0], np.float32),
+        "power": _packed(power, np.float32),
+        "share": _packed(np.rint(100.0 * share), np.uint8),
+    }
+
+
+def torque_share(torque: Array, lower: Array, upper: Array) -> Array:
+    """Share of the torque that the motor can give at its present speed, 0 to 1, same shape.
+
+    Torque in the driving and in the braking direction is compared with the limit on its own side; where
+    that side allows none, any torque counts as all.
+    """
+    limit = np.where(torque >= 0.0, upper, lower)
+    usable = np.where(limit * torque > 0.0, np.abs(limit), np.abs(torque))
+    return np.clip(np.abs(torque) / np.where(usable > 0.0, usable, 1.0), 0.0, 1.0)
+
+
+def _packed(values: Array, kind: Any) -> str:
+    """An array as base64 of its little-endian bytes."""
+    data = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
+    return base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def _body_numbers(model: mujoco.MjModel) -> dict[str, int]:
+    return {model.body(index).name: index for index in range(model.nbody)}
+
+
+def _bodies(model: mujoco.MjModel) -> list[dict[str, Any]]:
+    """The kinematic tree: parent, place in it, and the joints that move it."""
+    return [
+        {
+            "name": model.body(index).name,
+            "parent": int(model.body_parentid[index]),
+            "position": model.body_pos[index].tolist(),
+            "quaternion": model.body_quat[index].tolist(),
+            "joints": [_joint(model, joint) for joint in _joints_of(model, index)],
+        }
+        for index in range(model.nbody)
+    ]
+
+
+def _joints_of(model: mujoco.MjModel, body: int) -> range:
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    return range(first, first + count) if count else range(0)
+
+
+def _joint(model: mujoco.MjModel, joint: int) -> dict[str, Any]:
+    address = int(model.jnt_qposadr[joint])
+    kinds = {mujoco.mjtJoint.mjJNT_FREE: "free", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
+    return {
+        "kind": kinds.get(model.jnt_type[joint], "hinge"),
+        "axis": model.jnt_axis[joint].tolist(),
+        "anchor": model.jnt_pos[joint].tolist(),
+        "address": address,
+        "reference": float(model.qpos0[address]),
+    }
+
+
+def _packed_surfaces(surfaces: tuple[Surface, ...], bodies: Mapping[str, int]) -> dict[str, Any]:
+    """All meshes in two arrays: positions as 16-bit integers of ``unit`` metres, faces as indices."""
+    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    unit = float(np.abs(vertices).max()) / 32767.0
+    counts = [(len(surface.vertices), len(surface.faces)) for surface in surfaces]
+    return {
+        "unit": unit,
+        "vertices": _packed(np.rint(vertices / unit), np.int16),
+        "faces": _packed(np.concatenate([surface.faces for surface in surfaces]), np.uint16),
+        "surfaces": [
+            {"body": bodies[item.body], "color": item.color, "vertices": points, "faces": triangles}
+            for item, (points, triangles) in zip(surfaces, counts, strict=True)
+        ],
+    }

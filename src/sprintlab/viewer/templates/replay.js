@@ -1,0 +1,486 @@
+// The replay page: forward kinematics of a recorded run, drawn with WebGL 2. No library.
+// Names and units: metres, seconds, quaternions w x y z, z points up, the run goes along x.
+"use strict";
+
+const element = (name) => document.getElementById(name);
+const data = JSON.parse(element("data").textContent);
+
+// --- numbers ------------------------------------------------------------------------------------------------
+
+function unpack(text, Kind) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return new Kind(bytes.buffer);
+}
+
+const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+const subtract = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const unit = (a) => { const size = Math.hypot(...a) || 1; return a.map((value) => value / size); };
+
+function multiply(p, q) {
+  return [
+    p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+    p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+    p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+    p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+  ];
+}
+
+function rotate(q, v) {
+  const axis = [q[1], q[2], q[3]];
+  const twice = cross(axis, v).map((value) => 2 * value);
+  return add(add(v, twice.map((value) => q[0] * value)), cross(axis, twice));
+}
+
+// Column-major matrix of a pose.
+function poseMatrix(position, [w, x, y, z]) {
+  return new Float32Array([
+    1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y), 0,
+    2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x), 0,
+    2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y), 0,
+    ...position, 1,
+  ]);
+}
+
+function matrixProduct(a, b) {
+  const product = new Float32Array(16);
+  for (let column = 0; column < 4; column++)
+    for (let row = 0; row < 4; row++)
+      for (let k = 0; k < 4; k++) product[4 * column + row] += a[4 * k + row] * b[4 * column + k];
+  return product;
+}
+
+function perspective(angle, aspect, near, far) {
+  const scale = 1 / Math.tan(angle / 2), depth = near - far;
+  return new Float32Array([scale / aspect, 0, 0, 0, 0, scale, 0, 0,
+    0, 0, (far + near) / depth, -1, 0, 0, 2 * far * near / depth, 0]);
+}
+
+function lookAt(eye, target) {
+  const back = unit(subtract(eye, target)), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
+  return new Float32Array([right[0], up[0], back[0], 0, right[1], up[1], back[1], 0,
+    right[2], up[2], back[2], 0, -dot(right, eye), -dot(up, eye), -dot(back, eye), 1]);
+}
+
+// --- the recording ------------------------------------------------------------------------------------------
+
+const time = unpack(data.time, Float32Array), qpos = unpack(data.qpos, Float32Array);
+const traces = { speed: unpack(data.speed, Float32Array), command: unpack(data.command, Float32Array),
+  power: unpack(data.power, Float32Array) };
+const share = unpack(data.share, Uint8Array);
+const coordinates = qpos.length / time.length, joints = data.names.length;
+const start = time[0], end = time[time.length - 1];
+
+// Frame before a moment and how far it is to the next one, 0 to 1.
+function locate(moment) {
+  let low = 0, high = time.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (time[middle] <= moment) low = middle; else high = middle;
+  }
+  return [low, Math.min(Math.max((moment - time[low]) / (time[high] - time[low]), 0), 1)];
+}
+
+// Coordinates at a moment; the base's quaternion is interpolated linearly and normalized.
+function coordinatesAt(moment) {
+  const [frame, part] = locate(moment), first = frame * coordinates;
+  const sign = dot4(first + 3, first + coordinates + 3) < 0 ? -1 : 1;
+  const values = Array.from({ length: coordinates }, (_, index) => {
+    const turned = index >= 3 && index < 7 ? sign : 1;
+    return (1 - part) * qpos[first + index] + part * turned * qpos[first + coordinates + index];
+  });
+  values.splice(3, 4, ...unit(values.slice(3, 7)));
+  return values;
+}
+
+function dot4(a, b) { let sum = 0; for (let i = 0; i < 4; i++) sum += qpos[a + i] * qpos[b + i]; return sum; }
+
+function traceAt(name, moment) {
+  const [frame, part] = locate(moment);
+  return (1 - part) * traces[name][frame] + part * traces[name][frame + 1];
+}
+
+// Position and quaternion of every body (the order of the tree: a parent comes before its children).
+function poses(values) {
+  const result = [{ position: [0, 0, 0], quaternion: [1, 0, 0, 0] }];
+  for (const body of data.bodies.slice(1)) {
+    const parent = result[body.parent];
+    let position = add(parent.position, rotate(parent.quaternion, body.position));
+    let quaternion = multiply(parent.quaternion, body.quaternion);
+    for (const joint of body.joints) {
+      const value = values[joint.address] - joint.reference;
+      if (joint.kind === "free") {
+        position = values.slice(joint.address, joint.address + 3);
+        quaternion = values.slice(joint.address + 3, joint.address + 7);
+      } else if (joint.kind === "slide") {
+        position = add(position, rotate(quaternion, joint.axis.map((part) => part * value)));
+      } else {
+        const anchor = add(position, rotate(quaternion, joint.anchor)), sine = Math.sin(value / 2);
+        quaternion = multiply(quaternion, [Math.cos(value / 2), ...joint.axis.map((part) => part * sine)]);
+        position = subtract(anchor, rotate(quaternion, joint.anchor));
+      }
+    }
+    result.push({ position, quaternion });
+  }
+  return result;
+}
+
+// --- WebGL --------------------------------------------------------------------------------------------------
+
+const ROBOT_VERTEX = `#version 300 es
+layout(location=0) in vec3 place; layout(location=1) in vec3 normal;
+uniform mat4 view, body; uniform vec3 sun; uniform float flatten;
+out vec3 world; out vec3 facing;
+void main() {
+  vec4 point = body * vec4(place, 1.0);
+  if (flatten > 0.5) point.xyz -= sun * (max(point.z, 0.0) - 0.002) / sun.z;
+  world = point.xyz; facing = mat3(body) * normal;
+  gl_Position = view * point;
+}`;
+
+const ROBOT_FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 world; in vec3 facing; uniform vec3 color, sun, eye; uniform float flatten; out vec4 pixel;
+void main() {
+  if (flatten > 0.5) { pixel = vec4(0.0, 0.0, 0.0, 0.38); return; }
+  vec3 n = normalize(facing), v = normalize(eye - world), h = normalize(v + sun);
+  float diffuse = max(dot(n, sun), 0.0), sky = 0.5 + 0.5 * n.z;
+  vec3 light = color * (0.30 + 0.34 * sky + 0.72 * diffuse) + 0.30 * pow(max(dot(n, h), 0.0), 48.0);
+  light += 0.10 * pow(1.0 - max(dot(n, v), 0.0), 3.0);
+  pixel = vec4(pow(light, vec3(0.85)), 1.0);
+}`;
+
+const GROUND_VERTEX = `#version 300 es
+layout(location=0) in vec3 place; uniform mat4 view; uniform vec3 centre; out vec3 world;
+void main() { world = place + vec3(centre.xy, 0.0); gl_Position = view * vec4(world, 1.0); }`;
+
+// A running track: lanes along x, a line every ten metres, start and finish broad.
+const GROUND_FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 world; uniform vec3 eye, haze; uniform float distance_; out vec4 pixel;
+float line(float offset, float half_width) {
+  float blur = fwidth(offset) + 1e-4;
+  return 1.0 - smoothstep(half_width - blur, half_width + blur, abs(offset));
+}
+void main() {
+  float lane = 1.22, edge = 1.5 * lane;
+  vec3 color = mix(vec3(0.30, 0.42, 0.27), vec3(0.60, 0.28, 0.20), step(abs(world.y), 2.0 * lane));
+  vec2 tile = floor(world.xy); color *= 0.97 + 0.03 * mod(tile.x + tile.y, 2.0);
+  float mark = 0.0;
+  for (int i = 0; i < 4; i++) mark = max(mark, line(world.y - (float(i) * lane - edge), 0.025));
+  float ten = world.x - 10.0 * round(world.x / 10.0), inside = step(abs(world.y), edge);
+  bool goal = abs(world.x) < 5.0 || abs(world.x - distance_) < 5.0;
+  mark = max(mark, inside * line(ten, goal ? 0.08 : 0.02));
+  float metre = world.x - round(world.x);
+  mark = max(mark, step(edge - 0.15, abs(world.y)) * inside * line(metre, 0.012));
+  color = mix(color, vec3(0.93), mark);
+  float away = length(world.xy - eye.xy);
+  pixel = vec4(mix(color, haze, smoothstep(12.0, 70.0, away)), 1.0);
+}`;
+
+function program(gl, vertex, fragment) {
+  const made = gl.createProgram();
+  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    gl.attachShader(made, shader);
+  }
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
+  return { made, at: (name) => gl.getUniformLocation(made, name) };
+}
+
+// Normals that are smooth where neighbouring vertices are shared and sharp where they are not.
+function normalsOf(vertices, faces) {
+  const sums = new Float32Array(vertices.length);
+  const corner = (index) => [vertices[3 * index], vertices[3 * index + 1], vertices[3 * index + 2]];
+  for (let face = 0; face < faces.length; face += 3) {
+    const [a, b, c] = [corner(faces[face]), corner(faces[face + 1]), corner(faces[face + 2])];
+    const area = cross(subtract(b, a), subtract(c, a));
+    for (let k = 0; k < 3; k++) for (let i = 0; i < 3; i++) sums[3 * faces[face + k] + i] += area[i];
+  }
+  for (let i = 0; i < sums.length; i += 3) sums.set(unit([sums[i], sums[i + 1], sums[i + 2]]), i);
+  return sums;
+}
+
+function upload(gl, vertices, faces, normals) {
+  const array = gl.createVertexArray();
+  gl.bindVertexArray(array);
+  [vertices, normals].forEach((values, location) => {
+    if (!values) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(location);
+    gl.vertexAttribPointer(location, 3, gl.FLOAT, false, 0, 0);
+  });
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+  gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+  return { array, count: faces.length };
+}
+
+function robotMeshes(gl) {
+  const places = Float32Array.from(unpack(data.vertices, Int16Array), (value) => value * data.unit);
+  const indices = unpack(data.faces, Uint16Array);
+  let vertex = 0, face = 0;
+  return data.surfaces.map((surface) => {
+    const vertices = places.subarray(3 * vertex, 3 * (vertex += surface.vertices));
+    const faces = indices.subarray(3 * face, 3 * (face += surface.faces));
+    return { ...upload(gl, vertices, faces, normalsOf(vertices, faces)), body: surface.body, color: surface.color };
+  });
+}
+
+const SUN = unit([-0.35, -0.5, 1.1]), HAZE = [0.70, 0.78, 0.86];
+
+class Scene {
+  constructor(canvas) {
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: true, stencil: true, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("this browser offers no WebGL 2");
+    this.gl = gl;
+    this.canvas = canvas;
+    this.robot = program(gl, ROBOT_VERTEX, ROBOT_FRAGMENT);
+    this.ground = program(gl, GROUND_VERTEX, GROUND_FRAGMENT);
+    this.meshes = robotMeshes(gl);
+    const far = 120;
+    this.plane = upload(gl, new Float32Array([-far, -far, 0, far, -far, 0, far, far, 0, -far, far, 0]),
+      new Uint16Array([0, 1, 2, 0, 2, 3]), null);
+    gl.enable(gl.DEPTH_TEST);
+  }
+
+  resize() {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const width = Math.round(this.canvas.clientWidth * ratio), height = Math.round(this.canvas.clientHeight * ratio);
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+  }
+
+  draw(bodyPoses, eye, target) {
+    const gl = this.gl;
+    this.resize();
+    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    gl.clearColor(...HAZE, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+    const aspect = this.canvas.width / Math.max(this.canvas.height, 1);
+    const view = matrixProduct(perspective(0.72, aspect, 0.05, 300), lookAt(eye, target));
+    this.drawGround(view, eye);
+    gl.useProgram(this.robot.made);
+    gl.uniformMatrix4fv(this.robot.at("view"), false, view);
+    gl.uniform3fv(this.robot.at("sun"), SUN);
+    gl.uniform3fv(this.robot.at("eye"), eye);
+    const matrices = bodyPoses.map((pose) => poseMatrix(pose.position, pose.quaternion));
+    this.drawShadow(matrices);
+    this.drawRobot(matrices, 0);
+  }
+
+  drawGround(view, eye) {
+    const gl = this.gl;
+    gl.useProgram(this.ground.made);
+    gl.uniformMatrix4fv(this.ground.at("view"), false, view);
+    gl.uniform3fv(this.ground.at("centre"), eye);
+    gl.uniform3fv(this.ground.at("eye"), eye);
+    gl.uniform3fv(this.ground.at("haze"), HAZE);
+    gl.uniform1f(this.ground.at("distance_"), 100);
+    gl.bindVertexArray(this.plane.array);
+    gl.drawElements(gl.TRIANGLES, this.plane.count, gl.UNSIGNED_SHORT, 0);
+  }
+
+  // The robot pressed flat along the sunlight; the stencil keeps overlapping parts from darkening twice.
+  drawShadow(matrices) {
+    const gl = this.gl;
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    this.drawRobot(matrices, 1);
+    gl.disable(gl.STENCIL_TEST);
+    gl.disable(gl.BLEND);
+  }
+
+  drawRobot(matrices, flatten) {
+    const gl = this.gl;
+    gl.uniform1f(this.robot.at("flatten"), flatten);
+    for (const mesh of this.meshes) {
+      gl.uniformMatrix4fv(this.robot.at("body"), false, matrices[mesh.body]);
+      gl.uniform3fv(this.robot.at("color"), mesh.color);
+      gl.bindVertexArray(mesh.array);
+      gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_SHORT, 0);
+    }
+  }
+}
+
+// --- camera -------------------------------------------------------------------------------------------------
+
+class Orbit {
+  constructor(canvas) {
+    Object.assign(this, { azimuth: -0.9, elevation: 0.22, distance: 2.6, centre: [0, 0, 0.4], pointers: new Map() });
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    canvas.addEventListener("pointermove", (event) => this.drag(event));
+    for (const name of ["pointerup", "pointercancel"])
+      canvas.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(0.0012 * event.deltaY));
+    }, { passive: false });
+  }
+
+  zoom(factor) { this.distance = Math.min(Math.max(this.distance * factor, 0.6), 60); }
+
+  drag(event) {
+    const before = this.pointers.get(event.pointerId);
+    if (!before) return;
+    const here = [event.clientX, event.clientY];
+    if (this.pointers.size === 2) {
+      const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
+      const span = (place) => Math.hypot(place[0] - other[0], place[1] - other[1]) || 1;
+      this.zoom(span(before) / span(here));
+    } else if (event.buttons & 2 || event.shiftKey) {
+      this.pan(here[0] - before[0], here[1] - before[1]);
+    } else {
+      this.azimuth -= 0.006 * (here[0] - before[0]);
+      this.elevation = Math.min(Math.max(this.elevation + 0.006 * (here[1] - before[1]), 0.02), 1.5);
+    }
+    this.pointers.set(event.pointerId, here);
+  }
+
+  pan(right, down) {
+    const scale = 0.0012 * this.distance, side = [-Math.sin(this.azimuth), Math.cos(this.azimuth)];
+    this.centre = [this.centre[0] - scale * right * side[0], this.centre[1] - scale * right * side[1],
+      Math.max(this.centre[2] + scale * down, 0.05)];
+  }
+
+  eye() {
+    const level = Math.cos(this.elevation) * this.distance;
+    return add(this.centre, [Math.cos(this.azimuth) * level, Math.sin(this.azimuth) * level,
+      Math.sin(this.elevation) * this.distance]);
+  }
+}
+
+// --- the page -----------------------------------------------------------------------------------------------
+
+const state = { now: start, playing: true, rate: 1, follow: true, last: null };
+const bars = data.names.map((name) => {
+  const row = document.createElement("div");
+  row.className = "bar";
+  row.append(name, document.createElement("i"));
+  row.lastChild.append(document.createElement("b"));
+  element("bars").append(row);
+  return row.lastChild.firstChild;
+});
+
+function goTo(moment) {
+  state.now = Math.min(Math.max(moment, start), end);
+}
+
+function setPlaying(playing) {
+  if (playing && state.now >= end) state.now = start;
+  state.playing = playing;
+  element("play").textContent = playing ? "Pause" : "Play";
+}
+
+function drawPlot() {
+  const canvas = element("plot"), ratio = window.devicePixelRatio || 1, pen = canvas.getContext("2d");
+  canvas.width = canvas.clientWidth * ratio;
+  canvas.height = canvas.clientHeight * ratio;
+  pen.scale(ratio, ratio);
+  const style = getComputedStyle(document.documentElement), tone = (name) => style.getPropertyValue(name);
+  const width = canvas.clientWidth, height = canvas.clientHeight, left = 34, base = height - 16;
+  const top = Math.max(1, ...traces.speed, ...traces.command) * 1.08;
+  const x = (moment) => left + (width - left - 4) * (moment - start) / (end - start), y = (value) => base - (base - 6) * value / top;
+  pen.font = "11px system-ui, sans-serif";
+  pen.fillStyle = tone("--quiet");
+  pen.strokeStyle = tone("--line");
+  for (let value = 0; value <= top; value += top > 6 ? 4 : 1) {
+    pen.beginPath(); pen.moveTo(left, y(value)); pen.lineTo(width - 4, y(value)); pen.stroke();
+    pen.textAlign = "right"; pen.fillText(`${value}`, left - 6, y(value) + 4);
+  }
+  pen.textAlign = "center";
+  for (let moment = Math.ceil(start / 2) * 2; moment < end; moment += 2) pen.fillText(`${moment} s`, x(moment), height - 3);
+  for (const [name, color] of [["command", "--warm"], ["speed", "--accent"]]) {
+    pen.strokeStyle = tone(color); pen.lineWidth = 1.6; pen.beginPath();
+    traces[name].forEach((value, frame) => pen.lineTo(x(time[frame]), y(Math.max(value, 0))));
+    pen.stroke();
+  }
+  pen.strokeStyle = tone("--ink"); pen.lineWidth = 1.2; pen.beginPath();
+  pen.moveTo(x(state.now), 2); pen.lineTo(x(state.now), base); pen.stroke();
+  return { left, width };
+}
+
+function showNumbers() {
+  const [frame] = locate(state.now);
+  element("speed").textContent = traceAt("speed", state.now).toFixed(1);
+  element("way").textContent = (qpos[frame * coordinates] - qpos[0]).toFixed(1);
+  element("clock").textContent = state.now.toFixed(2);
+  element("power").textContent = (traceAt("power", state.now) / 1000).toFixed(1);
+  bars.forEach((bar, joint) => {
+    const value = share[frame * joints + joint];
+    bar.style.width = `${value}%`;
+    bar.classList.toggle("full", value >= 99);
+  });
+  element("scrub").value = String((state.now - start) / (end - start));
+}
+
+function bind() {
+  element("play").addEventListener("click", () => setPlaying(!state.playing));
+  element("rate").addEventListener("change", (event) => { state.rate = Number(event.target.value); });
+  element("follow").addEventListener("change", (event) => { state.follow = event.target.checked; });
+  element("scrub").addEventListener("input", (event) => {
+    setPlaying(false);
+    goTo(start + Number(event.target.value) * (end - start));
+  });
+  const seek = (event) => {
+    if (!(event.buttons & 1)) return;
+    const area = event.target.getBoundingClientRect(), left = 34;
+    setPlaying(false);
+    goTo(start + (event.clientX - area.left - left) / (area.width - left - 4) * (end - start));
+  };
+  for (const name of ["pointerdown", "pointermove"]) element("plot").addEventListener(name, seek);
+  window.addEventListener("keydown", (event) => {
+    if (/INPUT|SELECT|BUTTON/.test(event.target.tagName) && event.key === " ") return;
+    if (event.key === " ") { event.preventDefault(); setPlaying(!state.playing); }
+    if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
+      setPlaying(false);
+      goTo(state.now + (event.key === "ArrowRight" ? 1 : -1) * (event.shiftKey ? 0.5 : 0.02));
+    }
+  });
+}
+
+function main() {
+  let scene;
+  try {
+    scene = new Scene(element("scene"));
+  } catch (error) {
+    element("failure").hidden = false;
+    element("failure").textContent = `The scene cannot be drawn: ${error.message}. The traces below still work.`;
+  }
+  const camera = new Orbit(element("scene"));
+  let base = null;
+  bind();
+  const frame = (stamp) => {
+    if (state.playing && state.last !== null) goTo(state.now + state.rate * Math.min((stamp - state.last) / 1000, 0.1));
+    if (state.playing && state.now >= end) setPlaying(false);
+    state.last = stamp;
+    const values = coordinatesAt(state.now);
+    if (state.follow) {
+      const from = base || [values[0], values[1], camera.centre[2]];
+      if (!base) camera.centre = [values[0], values[1], camera.centre[2]];
+      camera.centre = add(camera.centre, [values[0] - from[0], values[1] - from[1], 0]);
+    }
+    base = values.slice(0, 3);
+    if (scene) scene.draw(poses(values), camera.eye(), camera.centre);
+    drawPlot();
+    showNumbers();
+    requestAnimationFrame(frame);
+  };
+  requestAnimationFrame(frame);
+  // For the console: replay.goTo(8), replay.setPlaying(false), replay.bodyPosition("FL_shank").
+  window.replay = { state, goTo, setPlaying, camera, duration: end - start,
+    bodyPosition: (name) => poses(coordinatesAt(state.now))[data.bodies.findIndex((body) => body.name === name)].position };
+}
+
+main();
