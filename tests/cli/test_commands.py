@@ -8,8 +8,7 @@ import sys
 import pytest
 
 from sprintlab.cli import train
-from sprintlab.motors import PmsmParameters, save_motor
-from sprintlab.robots import load_robot, parameter_table
+from sprintlab.robots import parameter_table
 
 HEAVY = ("mujoco", "torch", "onnxruntime", "matplotlib", "numpy", "warp")
 
@@ -46,35 +45,6 @@ def test_robot_table_has_a_row_for_every_parameter(call):
 def test_robot_list(call):
     assert call("robot", "list").out.split() == ["bp2"]
     assert json.loads(call("robot", "list", "--json").out) == ["bp2"]
-
-
-def test_motor_envelope_ends_without_driving_torque_at_the_no_load_speed(call):
-    found = json.loads(call("motor", "envelope", "bp2", "hip", "--points", 5, "--json").out)
-    rows = found["rows"]
-    hip = load_robot("bp2").motors.peak_torque[1]
-    assert len(rows) == 5
-    assert rows[0]["refined upper"] == pytest.approx(hip)
-    assert rows[-1]["speed"] == pytest.approx(found["no_load_speed"])
-    assert rows[-1]["refined upper"] == pytest.approx(0.0, abs=1e-6)
-    assert found["critical_speed_refined"] < found["critical_speed_v_d_0"] < found["no_load_speed"]
-
-
-def test_motor_envelope_of_a_file_draws_a_figure(call, tmp_path):
-    motor = PmsmParameters(
-        pole_pairs=21,
-        stator_resistance=0.1,
-        q_axis_inductance=6e-5,
-        flux_linkage=6e-3,
-        peak_torque=15.0,
-        rotor_inertia=7e-4,
-    )
-    save_motor(motor, tmp_path / "motor.toml")
-    picture = tmp_path / "envelope.png"
-    outcome = call("motor", "envelope", tmp_path / "motor.toml", "--bus-voltage", 48, "--figure", picture)
-    assert outcome.status == 0 and "at 48 V" in outcome.out
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    shown = json.loads(call("motor", "show", tmp_path / "motor.toml", "--json").out)
-    assert shown["motor"]["peak_torque"] == 15.0 and shown["bus_voltage"] == 60.0
 
 
 def test_doctor_prints_json_only(call, monkeypatch):

@@ -259,45 +259,6 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     return figure
 
 
-def envelope_figure(
-    motor: Any, bus_voltage: float, title: str, theme: Theme = LIGHT, samples: int = 801
-) -> Figure:
-    """The torque-speed envelope of one motor, motor side, all four quadrants.
-
-    Args:
-        motor: ``PmsmParameters`` with one number a field.
-        bus_voltage: [V].
-        title: printed above the axes.
-        samples: speeds drawn.
-    """
-    figure, axes = themed_figure(theme, (7.5, 4.8), 1, 1)
-    axis = axes[0]
-    top = 1.15 * envelope_top_speed(motor, bus_voltage)
-    speed = np.linspace(-top, top, samples)
-    curves = limits_of_models(motor, speed, bus_voltage)
-    _draw_limits(axis, speed, curves, theme)
-    axis.axhline(0.0, color=theme.muted, linewidth=0.6)
-    axis.axvline(0.0, color=theme.muted, linewidth=0.6)
-    axis.set_xlim(-top, top)
-    axis.set_xlabel("motor speed [rad/s]")
-    axis.set_ylabel("motor torque [N m]")
-    set_title(axis, title, theme)
-    figure.legend(
-        handles=_envelope_handles(theme),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=theme.foreground,
-    )
-    return figure
-
-
-def envelope_top_speed(motor: Any, bus_voltage: float) -> float:
-    """The no-load speed of one motor as a plain number [rad/s]."""
-    return float(np.max(np.asarray(no_load_speed(motor, bus_voltage))))
-
-
 def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
     """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, 12)`` bool."""
     margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
@@ -427,10 +388,10 @@ def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
         np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
     )
     grid = np.linspace(-1.0, 1.0, 401)[:, None] * top
-    return {"speed": grid, **limits_of_models(robot.motors, grid, robot.bus_voltage)}
+    return {"speed": grid, **_limits_of_models(robot.motors, grid, robot.bus_voltage)}
 
 
-def limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
+def _limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
     """Lower and upper limit of each model; NaN, which is not drawn, where no current fits the voltage."""
     curves: dict[str, Any] = {}
     beyond = np.asarray(voltage_infeasible(motor, speed, bus_voltage))

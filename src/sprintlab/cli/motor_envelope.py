@@ -1,0 +1,191 @@
+"""``sprintlab motor envelope``: a joint's torque-speed envelope under every model, numbers and picture."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from sprintlab.cli.motor_source import ChosenMotor, chosen_motor
+from sprintlab.cli.output import plain_table, print_json, stdout_console
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sprintlab.evaluation.operating_points import OperatingPoints
+
+SHORT_NAMES = {"simplified-dc": "v_d = 0", "refined + saturation": "refined + sat."}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorEnvelope:
+    """Print and draw the torque-speed envelope of a joint under every motor model, all four quadrants.
+
+    Attributes:
+        source: a motor file (TOML) or the name of a robot.
+        joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
+        bus_voltage: [V]; the robot's own, or 60 for a motor file.
+        gear_ratio: motor speed over joint speed; the robot's own, or 1 for a motor file.
+        gear_efficiency: the robot's own, or 1 for a motor file.
+        figure: PNG to draw; none when left out.
+        trajectory: trajectory.npz of a race, drawn over the envelope and compared with it.
+        points: speeds in the table, from standstill to the no-load speed.
+        json: print JSON only.
+    """
+
+    source: tyro.conf.Positional[str] = "bp2"
+    joint: tyro.conf.Positional[str] = "hip"
+    bus_voltage: float | None = None
+    gear_ratio: float | None = None
+    gear_efficiency: float | None = None
+    figure: Path | None = None
+    trajectory: Path | None = None
+    points: int = 13
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Print the envelope; raises ``SprintlabError`` for an unknown source or a bad field."""
+        from sprintlab.core.checks import check_range
+
+        check_range("points", self.points, 2, 10_000)
+        chosen = chosen_motor(
+            self.source, self.joint, self.bus_voltage, self.gear_ratio, self.gear_efficiency
+        )
+        operated = self._operating_points(chosen)
+        if self.figure is not None:
+            _draw(self.figure, chosen, operated)
+        numbers = envelope_numbers(chosen.drive, self.points)
+        if operated is not None:
+            numbers["operating_points"] = operated.summary(chosen.drive)
+        if self.json:
+            print_json(numbers)
+        else:
+            _print(chosen.title, numbers, self.figure)
+        return 0
+
+    def _operating_points(self, chosen: ChosenMotor) -> OperatingPoints | None:
+        if self.trajectory is None:
+            return None
+        from sprintlab.evaluation.operating_points import load_operating_points
+        from sprintlab.robots import load_robot
+
+        robot = load_robot("bp2" if self.source.endswith(".toml") else self.source)
+        columns = chosen.joints or tuple(
+            index for index, name in enumerate(robot.joint_names) if name.endswith(self.joint)
+        )
+        return load_operating_points(self.trajectory, columns)
+
+
+def envelope_numbers(drive: Any, points: int) -> dict[str, Any]:
+    """Everything about a joint's envelope, ready for JSON: speeds in rad/s and torques in N m, joint side."""
+    from sprintlab.motors import MOTOR_MODELS, chart
+
+    return {
+        "bus_voltage": drive.bus_voltage,
+        "gear": asdict(drive.gear),
+        "side": "joint",
+        "no_load_speed": drive.no_load_speed,
+        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
+        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
+        "peak_power": {name: asdict(chart.peak_power(drive, name)) for name in chart.envelope_names()},
+        "d_axis_cost": [
+            {**asdict(cost), "lost": cost.lost}
+            for cost in (chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES)
+        ],
+        "rows": envelope_rows(drive, points),
+    }
+
+
+def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
+    """The envelopes at evenly spaced speeds from 0 to the no-load speed, one dictionary a speed.
+
+    ``NAME upper`` bounds driving and ``NAME lower`` braking; at negative speed they trade places and signs.
+    """
+    import numpy as np
+
+    from sprintlab.motors import chart
+
+    speed = np.linspace(0.0, drive.no_load_speed, points)
+    columns: dict[str, Any] = {"speed": speed}
+    for name in chart.envelope_names():
+        columns[f"{name} lower"], columns[f"{name} upper"] = chart.joint_limits(drive, speed, name)
+    return [{name: float(values[i]) for name, values in columns.items()} for i in range(points)]
+
+
+def _draw(path: Path, chosen: ChosenMotor, operated: OperatingPoints | None) -> None:
+    from sprintlab.core.files import atomic_write_bytes
+    from sprintlab.evaluation.figures import png_bytes
+    from sprintlab.evaluation.motor_figures import workbench_figure
+
+    atomic_write_bytes(path, png_bytes(workbench_figure(chosen.drive, chosen.title, operated)))
+
+
+def _print(title: str, numbers: dict[str, Any], figure: Path | None) -> None:
+    console = stdout_console()
+    console.print(_limits_table(title, numbers["rows"]))
+    console.print("[dim]driving torque, braking torque below it; negative speeds mirror both[/]\n")
+    console.print(_models_table(numbers))
+    console.print()
+    console.print(_cost_table(numbers["d_axis_cost"]))
+    if "operating_points" in numbers:
+        console.print()
+        console.print(_operating_table(numbers["operating_points"]))
+    console.print("\nspeed in rad/s, torque in N m, power in W, all on the joint's side of the gear")
+    if figure is not None:
+        console.print(f"figure: {figure}", soft_wrap=True)
+
+
+def _limits_table(title: str, rows: list[dict[str, float]]) -> Table:
+    names = [name.removesuffix(" upper") for name in rows[0] if name.endswith(" upper")]
+    headings = [SHORT_NAMES.get(name, name) for name in names]
+    table = plain_table(title, "speed", "", *headings, numbers=("speed", *headings))
+    for row in rows:
+        table.add_row(f"{row['speed']:.2f}", "drive", *(f"{row[f'{name} upper']:.2f}" for name in names))
+        table.add_row("", "brake", *(f"{row[f'{name} lower']:.2f}" for name in names), style="dim")
+    return table
+
+
+def _models_table(numbers: dict[str, Any]) -> Table:
+    columns = ("whole peak torque up to", "drives up to", "most power", "at speed", "with torque")
+    table = plain_table("Speeds and power", "model", *columns, numbers=columns)
+    for name, power in numbers["peak_power"].items():
+        ends = [_text(numbers[key].get(name)) for key in ("critical_speed", "end_of_drive")]
+        if name not in numbers["critical_speed"]:
+            ends = [_text(numbers[key]["refined"]) for key in ("critical_speed", "end_of_drive")]
+        values = (f"{power['power']:.0f}", f"{power['speed']:.2f}", f"{power['torque']:.2f}")
+        table.add_row(SHORT_NAMES.get(name, name), *ends, *values)
+    table.add_row("no-load speed", "", f"{numbers['no_load_speed']:.2f}")
+    return table
+
+
+def _cost_table(costs: list[dict[str, float]]) -> Table:
+    columns = ("speed", "v_d = 0", "refined", "lost", "|v_d| / V")
+    table = plain_table(
+        "What the d-axis voltage costs", "share of the no-load speed", *columns, numbers=columns
+    )
+    for cost in costs:
+        table.add_row(
+            f"{cost['share']:.0%}",
+            f"{cost['speed']:.2f}",
+            f"{cost['torque_without']:.2f}",
+            f"{cost['torque']:.2f}",
+            f"{cost['lost']:.1%}",
+            f"{cost['voltage_share']:.2f}",
+        )
+    return table
+
+
+def _operating_table(summary: dict[str, float]) -> Table:
+    table = plain_table("Operating points of the trajectory", "quantity", "value", numbers=("value",))
+    table.add_row("samples", f"{summary['samples']:.0f}")
+    table.add_row("highest speed over no-load speed", f"{summary['speed_ratio']:.3f}")
+    table.add_row("greatest torque over the peak torque", f"{summary['torque_ratio']:.3f}")
+    for name, share in summary["beyond"].items():  # pyright: ignore[reportAttributeAccessIssue]
+        table.add_row(f"share beyond {SHORT_NAMES.get(name, name)}", f"{share:.2%}")
+    return table
+
+
+def _text(value: float | None) -> str:
+    return "no limit" if value is None else f"{value:.2f}"

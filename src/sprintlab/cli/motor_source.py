@@ -1,0 +1,98 @@
+"""Which motor a ``sprintlab motor`` command is about: a file, or a joint of a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from sprintlab.core.errors import InvalidValueError
+
+DEFAULT_BUS_VOLTAGE = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChosenMotor:
+    """A motor with what surrounds it.
+
+    Attributes:
+        drive: ``JointDrive`` of plain numbers.
+        title: for tables and figures.
+        joints: columns of a trajectory that this motor drives; empty for a motor file.
+    """
+
+    drive: Any
+    title: str
+    joints: tuple[int, ...]
+
+
+def chosen_motor(
+    source: str,
+    joint: str,
+    bus_voltage: float | None,
+    gear_ratio: float | None = None,
+    gear_efficiency: float | None = None,
+) -> ChosenMotor:
+    """The motor that the command line names; what it leaves out comes from the robot.
+
+    Raises:
+        SprintlabError: no such robot or file; ``InvalidValueError``: no such joint, a bad voltage or gear.
+    """
+    from sprintlab.core.checks import check_positive
+    from sprintlab.motors.chart import JointDrive
+
+    if bus_voltage is not None:
+        check_positive("bus_voltage", bus_voltage, "V")
+    if source.endswith(".toml"):
+        motor, gear, voltage, name, joints = _from_file(source)
+    else:
+        motor, gear, voltage, name, joints = _from_robot(source, joint)
+    voltage = bus_voltage or voltage
+    gear = _replaced_gear(gear, gear_ratio, gear_efficiency)
+    geared = f", gear {gear.ratio:g}" if gear.ratio != 1.0 else ""
+    return ChosenMotor(
+        drive=JointDrive(motor=motor, gear=gear, bus_voltage=voltage),
+        title=f"{name} at {voltage:g} V{geared}",
+        joints=joints,
+    )
+
+
+def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+    from sprintlab.motors import Gear, load_motor
+
+    motor = load_motor(source)
+    if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
+        raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
+    return _single(motor, 0), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
+
+
+def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+    from sprintlab.robots import load_robot
+
+    robot = load_robot(source)
+    chosen = [index for index, name in enumerate(robot.joint_names) if joint in (name, name.split("_", 1)[1])]
+    if not chosen:
+        kinds = dict.fromkeys(name.split("_", 1)[1] for name in robot.joint_names)
+        raise InvalidValueError("joint", joint, "choose one of " + ", ".join([*kinds, *robot.joint_names]))
+    first = chosen[0]
+    motor, gear = _single(robot.motors, first), _single(robot.gear, first)
+    return motor, gear, float(robot.bus_voltage), f"{source} {joint} motor", tuple(chosen)
+
+
+def _single(table: Any, index: int) -> Any:
+    """The element at ``index`` of a dataclass of arrays, with one plain number a field."""
+    import numpy as np
+
+    columns = {item.name: np.atleast_1d(getattr(table, item.name)) for item in fields(table)}
+    return type(table)(
+        **{name: float(column[min(index, len(column) - 1)]) for name, column in columns.items()}
+    )
+
+
+def _replaced_gear(gear: Any, ratio: float | None, efficiency: float | None) -> Any:
+    from sprintlab.motors import Gear
+
+    return Gear(
+        ratio=gear.ratio if ratio is None else ratio,
+        efficiency=gear.efficiency if efficiency is None else efficiency,
+    )

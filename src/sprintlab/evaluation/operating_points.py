@@ -1,0 +1,76 @@
+"""Where a recorded run worked in the torque-speed plane of a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.motors.chart import JointDrive, envelope_names, joint_limits
+
+FloatArray = NDArray[np.float64]
+
+_MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
+_NEEDED = ("joint_velocity", "joint_torque")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperatingPoints:
+    """Samples of one or several joints, joint side.
+
+    Attributes:
+        speed: (n,) joint velocity [rad/s].
+        torque: (n,) torque delivered to the joint [N m], saturation, gear and efficiency in.
+    """
+
+    speed: FloatArray
+    torque: FloatArray
+
+    def summary(self, drive: JointDrive) -> dict[str, Any]:
+        """How near the samples come to the limits of ``drive``; ``beyond`` holds one share an envelope."""
+        margin = _MARGIN * drive.peak_torque
+        beyond: dict[str, float] = {}
+        for name in envelope_names():
+            lower, upper = joint_limits(drive, self.speed, name)
+            outside = (self.torque > upper + margin) | (self.torque < lower - margin)
+            beyond[name] = float(np.mean(outside))
+        return {
+            "samples": len(self.speed),
+            "speed_ratio": float(np.abs(self.speed).max()) / drive.no_load_speed,
+            "torque_ratio": float(np.abs(self.torque).max()) / drive.peak_torque,
+            "beyond": beyond,
+        }
+
+
+def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
+    """Read the operating points of some joints from a recorded trajectory.
+
+    Args:
+        path: ``trajectory.npz`` or ``profile.npz`` of a race.
+        joints: columns to take, together.
+
+    Raises:
+        SprintlabError: the file cannot be read, or holds no such arrays.
+        InvalidValueError: no joint was chosen, or a value is not finite.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: np.asarray(archive[name], dtype=float) for name in _NEEDED}
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except (BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise SprintlabError(
+            f"{path} is no recorded trajectory: it must hold {' and '.join(_NEEDED)} ({error})"
+        ) from error
+    if not joints:
+        raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
+    speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
+    if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
+        raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
+    return OperatingPoints(speed=speed, torque=torque)

@@ -1,0 +1,125 @@
+"""``sprintlab motor envelope`` and ``motor show``."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sprintlab.motors import MOTOR_MODELS, PmsmParameters, save_motor
+from sprintlab.robots import load_robot
+
+
+@pytest.fixture
+def motor_file(tmp_path):
+    motor = PmsmParameters(
+        pole_pairs=21,
+        stator_resistance=0.1,
+        q_axis_inductance=6e-5,
+        flux_linkage=6e-3,
+        peak_torque=15.0,
+        saturation=0.1,
+        rotor_inertia=7e-4,
+    )
+    save_motor(motor, tmp_path / "motor.toml")
+    return tmp_path / "motor.toml"
+
+
+@pytest.fixture
+def trajectory(tmp_path):
+    """Two samples of 12 joints: at rest, and the hips at 10 rad/s with 40 N m."""
+    speed, torque = np.zeros((2, 12)), np.zeros((2, 12))
+    speed[1, 1::3], torque[1, 1::3] = 10.0, 40.0
+    np.savez(tmp_path / "trajectory.npz", joint_velocity=speed, joint_torque=torque)
+    return tmp_path / "trajectory.npz"
+
+
+def envelope(call, *arguments):
+    outcome = call("motor", "envelope", *arguments, "--json")
+    assert outcome.status == 0, outcome.err
+    return json.loads(outcome.out)
+
+
+def test_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(call):
+    found = envelope(call, "bp2", "hip", "--points", 5)
+    robot = load_robot("bp2")
+    peak = robot.motors.peak_torque[1] * robot.gear.ratio[1] * robot.gear.efficiency[1]
+    rows = found["rows"]
+    assert len(rows) == 5
+    assert rows[0]["refined upper"] == pytest.approx(peak)
+    assert rows[0]["refined + saturation upper"] == pytest.approx(peak * (1 - robot.motors.saturation[1]))
+    assert rows[-1]["speed"] == pytest.approx(found["no_load_speed"])
+    assert rows[-1]["refined upper"] == pytest.approx(0.0, abs=1e-6)
+    critical = found["critical_speed"]
+    assert critical["refined"] < critical["simplified-dc"] < found["no_load_speed"]
+    assert critical["square"] is None
+
+
+def test_every_model_has_its_columns_and_power(call, motor_file):
+    found = envelope(call, motor_file, "--points", 2)
+    names = {*MOTOR_MODELS, "refined + saturation"}
+    assert set(found["rows"][0]) == {
+        "speed",
+        *(f"{name} {end}" for name in names for end in ("lower", "upper")),
+    }
+    assert set(found["peak_power"]) == names
+    power = found["peak_power"]
+    assert (
+        power["refined + saturation"]["power"] < power["refined"]["power"] < power["simplified-dc"]["power"]
+    )
+
+
+def test_the_gear_moves_torque_and_speed(call, motor_file):
+    alone = envelope(call, motor_file, "--points", 2)
+    geared = envelope(call, motor_file, "--points", 2, "--gear-ratio", 6, "--gear-efficiency", 0.9)
+    assert geared["no_load_speed"] == pytest.approx(alone["no_load_speed"] / 6)
+    assert geared["rows"][0]["square upper"] == pytest.approx(alone["rows"][0]["square upper"] * 5.4)
+    assert geared["peak_power"]["refined"]["power"] == pytest.approx(
+        0.9 * alone["peak_power"]["refined"]["power"]
+    )
+
+
+def test_the_d_axis_costs_nothing_while_the_peak_torque_fits(call):
+    half, *faster = envelope(call, "bp2", "hip")["d_axis_cost"]
+    assert [half["share"], *(cost["share"] for cost in faster)] == [0.5, 0.75, 0.9]
+    assert half["lost"] == 0.0
+    assert all(0.1 < cost["lost"] < 0.5 and 0.0 < cost["voltage_share"] < 1.0 for cost in faster)
+
+
+def test_tables_and_figure(call, motor_file, tmp_path):
+    picture = tmp_path / "envelope.png"
+    outcome = call("motor", "envelope", motor_file, "--bus-voltage", 48, "--figure", picture)
+    assert outcome.status == 0 and "at 48 V" in outcome.out
+    for text in ("d-axis voltage costs", "no-load speed", "brake", "v_d = 0"):
+        assert text in outcome.out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_operating_points_are_compared_with_every_envelope(call, trajectory, tmp_path):
+    picture = tmp_path / "envelope.png"
+    points = envelope(call, "bp2", "hip", "--trajectory", trajectory, "--figure", picture)["operating_points"]
+    assert points["samples"] == 8  # two samples of four hips
+    assert set(points["beyond"].values()) == {0.0}
+    assert picture.stat().st_size > 0
+    weak = envelope(call, "bp2", "hip", "--trajectory", trajectory, "--gear-efficiency", 0.3)
+    assert weak["operating_points"]["beyond"]["refined"] == 0.5
+    one = envelope(call, "bp2", "RL_hip", "--trajectory", trajectory)
+    assert one["operating_points"]["samples"] == 2
+
+
+def test_trajectories_that_are_none(call, tmp_path, motor_file):
+    def refused(path):
+        outcome = call("motor", "envelope", "bp2", "hip", "--trajectory", path)
+        assert outcome.status == 2 and len(outcome.err.splitlines()) == 1
+        return outcome.err
+
+    assert "cannot read" in refused(tmp_path / "none.npz")
+    np.savez(tmp_path / "other.npz", time=np.zeros(3))
+    assert "joint_velocity" in refused(tmp_path / "other.npz")
+    assert "no recorded trajectory" in refused(motor_file)
+
+
+def test_show_is_on_the_motor_side(call, motor_file):
+    shown = json.loads(call("motor", "show", motor_file, "--json").out)
+    assert shown["motor"]["peak_torque"] == 15.0 and shown["bus_voltage"] == 60.0
+    robot = json.loads(call("motor", "show", "bp2", "hip", "--json").out)
+    assert robot["no_load_speed"] == pytest.approx(6 * envelope(call, "bp2", "hip")["no_load_speed"])
