@@ -1,0 +1,80 @@
+"""The last gate before a command leaves: position, torque and envelope limits."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sprintlab.control import pd_torque
+from sprintlab.deployment.interface import FloatArray, JointCommand, JointMode, RobotState
+from sprintlab.motors import torque_limits
+from sprintlab.robots import RobotDescription
+
+
+class GuardedServo(NamedTuple):
+    """A servo command that keeps every limit: target [rad], gains, feedforward [N m], all ``(12,)``."""
+
+    target_position: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    feedforward_torque: FloatArray
+
+
+class CommandGuard:
+    """Keeps what is asked of the joints within their limits.
+
+    Torque: the joint's law ``stiffness (target - position) - damping velocity`` is evaluated at the last
+    state and clipped to the motors' envelope (refined model, measured speed and bus voltage, through the
+    gear). Where it is clipped, *both gains are scaled* by the same factor: the command stays a spring and
+    a damper about the same target, so that on a robot that has moved on since it never pushes the other way,
+    as a shifted torque would. Position: in the last ``zone`` before a limit the torque towards the limit
+    fades to zero, and targets beyond a limit are moved to it, their torque being carried as feedforward.
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._motors = robot.motors
+        self._ratio = np.asarray(robot.gear.ratio)
+        self._lower, self._upper = np.ascontiguousarray(robot.position_limits.T)
+        self._zone = robot.soft_stop.zone
+        self._highest_voltage = 1.25 * robot.bus_voltage
+
+    def torque_interval(self, state: RobotState) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest joint torque [N m] ``(12,)`` that may be asked for at ``state``."""
+        voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
+        lower, upper = torque_limits(self._motors, state.joint_velocity * self._ratio, voltage)
+        above = np.clip((self._upper - state.joint_position) / self._zone, 0.0, 1.0)
+        below = np.clip((state.joint_position - self._lower) / self._zone, 0.0, 1.0)
+        lower, upper = lower * self._ratio, upper * self._ratio
+        return np.where(lower < 0.0, lower * below, lower), np.where(upper > 0.0, upper * above, upper)
+
+    def servo(
+        self, target: FloatArray, stiffness: FloatArray, damping: FloatArray, state: RobotState
+    ) -> GuardedServo:
+        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(12,)``."""
+        lower, upper = self.torque_interval(state)
+        wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
+        allowed = np.minimum(np.maximum(wanted, lower), upper)
+        same_sign = wanted * allowed > 0.0
+        scale = np.where(same_sign, allowed / np.where(same_sign, wanted, 1.0), 0.0)
+        scale = np.where(allowed == wanted, 1.0, scale)
+        reachable = np.minimum(np.maximum(target, self._lower), self._upper)
+        scaled = stiffness * scale
+        carried = scaled * (target - reachable) + np.where(scale > 0.0, 0.0, allowed)
+        return GuardedServo(reachable, scaled, damping * scale, carried)
+
+
+def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:
+    """Joint torque [N m] ``(12,)`` that a command asks for at a state."""
+    if command.mode == JointMode.OFF:
+        return np.zeros_like(state.joint_velocity)
+    if command.mode == JointMode.DAMPING:
+        return -command.damping * state.joint_velocity
+    law = pd_torque(
+        command.stiffness,
+        command.damping,
+        command.target_position,
+        state.joint_position,
+        state.joint_velocity,
+    )
+    return law + command.feedforward_torque
