@@ -19,6 +19,7 @@ from sprintlab.training.settings import SimulationSettings
 from sprintlab.training.simulation import _joint_drives, training_model
 
 ENVIRONMENTS = 256
+DELAY = 3
 ROBOT = load_robot("bp2")
 MODEL = training_model(ROBOT, SimulationSettings(environments=ENVIRONMENTS))
 
@@ -31,6 +32,7 @@ def inputs() -> dict[str, np.ndarray]:
     limits = ROBOT.position_limits
     drawn = {
         "target": random.uniform(limits[:, 0] - 1, limits[:, 1] + 1, shape),
+        "previous_target": random.uniform(limits[:, 0] - 1, limits[:, 1] + 1, shape),
         "stiffness": ROBOT.stiffness * random.uniform(0.5, 2, shape),
         "damping": ROBOT.damping * random.uniform(0.5, 2, shape),
         "strength": random.uniform(0.8, 1.2, shape),
@@ -51,10 +53,13 @@ def joint_addresses() -> tuple[list[int], list[int]]:
     return [int(joint.qposadr[0]) for joint in joints], [int(joint.dofadr[0]) for joint in joints]
 
 
-def kernel_torque(inputs: dict[str, np.ndarray], model: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def kernel_torque(
+    inputs: dict[str, np.ndarray], model: str, substep: int = DELAY
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The kernel's ``control``, ``drive_torque`` and ``on_limit``, each ``(n, 12)``."""
     voltage = phase_voltage_limit(inputs["bus"]).astype(np.float32)
-    names = ("target", "stiffness", "damping", "strength", "resistance_factor", "friction_factor")
+    names = ("stiffness", "damping", "strength", "resistance_factor", "friction_factor")
+    targets, delay = (inputs["target"], inputs["previous_target"]), np.full(ENVIRONMENTS, DELAY, np.int32)
     outputs = [wp.zeros((ENVIRONMENTS, 12), dtype=float, device="cpu") for _ in range(3)]
     values = [*(inputs[name] for name in names), voltage, inputs["qpos"], inputs["qvel"]]
     wp.launch(
@@ -62,8 +67,11 @@ def kernel_torque(inputs: dict[str, np.ndarray], model: str) -> tuple[np.ndarray
         dim=(ENVIRONMENTS, 12),
         inputs=[
             wp.array(_joint_drives(ROBOT, MODEL), dtype=JointDrive, device="cpu"),
+            *(wp.array(value, dtype=float, device="cpu") for value in targets),
+            wp.array(delay, dtype=int, device="cpu"),
             *(wp.array(value, dtype=float, device="cpu") for value in values),
             MODEL_CODES[model],
+            substep,
         ],
         outputs=outputs,
         device="cpu",
@@ -95,3 +103,10 @@ def test_the_models_differ_on_these_inputs(inputs: dict[str, np.ndarray]) -> Non
     refined, simplified, square = (kernel_torque(inputs, model)[1] for model in MOTOR_MODELS)
     assert np.abs(refined - simplified).max() > 1.0
     assert np.abs(simplified - square).max() > 1.0
+
+
+def test_the_previous_target_holds_until_the_delay_is_over(inputs: dict[str, np.ndarray]) -> None:
+    swapped = {**inputs, "target": inputs["previous_target"], "previous_target": inputs["target"]}
+    early, late = (kernel_torque(inputs, "refined", substep)[1] for substep in (DELAY - 1, DELAY))
+    assert np.abs(early - late).max() > 1.0
+    np.testing.assert_array_equal(early, kernel_torque(swapped, "refined", DELAY)[1])

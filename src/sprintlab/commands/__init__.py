@@ -1,5 +1,6 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
+from sprintlab.commands.grid import CommandGrid, GridBins
 from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed
 from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
 from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self_paced
@@ -13,8 +14,10 @@ from sprintlab.commands.state import CommandState, initial_state, limit_yaw_rate
 
 __all__ = [
     "AdaptiveSchedule",
+    "CommandGrid",
     "CommandState",
     "FixedAccelerationSchedule",
+    "GridBins",
     "Phase",
     "RangeGrowth",
     "SpeedProfile",

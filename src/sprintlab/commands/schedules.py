@@ -7,8 +7,8 @@ of the ``random`` argument ``(n, 8)``:
 ====== =========================================================
 column draws
 ====== =========================================================
-0, 1   target speed and the kind of target
-2, 3   target yaw rate and whether there is one
+0, 1   target speed (or its place in its bin) and the kind of target
+2, 3   target yaw rate (or its place in its bin) and whether there is one (or which bin)
 4      time for which the targets persist
 5, 6   command inside the neighbourhood, and whether it is biased
 7      time for which the command holds, or the acceleration
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
@@ -46,6 +47,8 @@ class TargetSampling:
         zero_share: share of speed targets that are exactly zero.
         yaw_share: share of draws with a yaw-rate target; the others are straight.
         yaw_limit: greatest yaw-rate target [rad/s].
+        grid: curriculum from which the other speed targets and their yaw rates are drawn; None: they are
+            uniform over the range.
 
     Raises:
         InvalidValueError: a share outside [0, 1], or an interval that is not ordered.
@@ -57,6 +60,7 @@ class TargetSampling:
     zero_share: float = 0.04
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
+    grid: CommandGrid | None = CommandGrid()
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, "s")
@@ -79,6 +83,20 @@ class TargetSampling:
         turning = self.yaw_limit * (2.0 * random[:, 2] - 1.0)
         return xp.where(random[:, 3] < self.yaw_share, turning, xp.zeros_like(turning))
 
+    def draw(
+        self, random: Array, lower: Array | float, upper: Array | float, weights: Array | None
+    ) -> tuple[Array, Array]:
+        """Speed targets [m/s] and yaw-rate targets [rad/s] ``(n,)``, from the grid where it has its share."""
+        xp = namespace(random)
+        speed, yaw_rate = self.speed(random, lower, upper), self.yaw_rate(random)
+        if self.grid is None or weights is None:
+            return speed, yaw_rate
+        kind = random[:, 1]
+        ours = (kind >= self.top_share) & (kind < 1.0 - self.zero_share)
+        places = xp.stack((random[:, 3], random[:, 0], random[:, 2]), axis=1)
+        grid_speed, grid_yaw_rate = self.grid.draw(weights, places, lower, upper)
+        return xp.where(ours, grid_speed, speed), xp.where(ours, grid_yaw_rate, yaw_rate)
+
     def duration(self, random: Array) -> Array:
         """Times for which the targets persist [s] ``(n,)``."""
         shortest, longest = self.persistence
@@ -93,14 +111,16 @@ class TargetSampling:
         upper: Array | float,
         fresh: Array,
         random: Array,
+        weights: Array | None,
     ) -> tuple[CommandState, Array]:
         """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
         xp = namespace(random)
         remaining = state.time_to_target - dt
         renewed = fresh | (remaining <= 0.0)
+        speed, yaw_rate = self.draw(random, lower, upper, weights)
         return state._replace(
-            target_speed=xp.where(renewed, self.speed(random, lower, upper), state.target_speed),
-            target_yaw_rate=xp.where(renewed, self.yaw_rate(random), state.target_yaw_rate),
+            target_speed=xp.where(renewed, speed, state.target_speed),
+            target_yaw_rate=xp.where(renewed, yaw_rate, state.target_yaw_rate),
             time_to_target=xp.where(renewed, self.duration(random), remaining),
         ), renewed
 
@@ -151,6 +171,7 @@ class AdaptiveSchedule:
         friction: Array | float,
         fresh: Array,
         random: Array,
+        weights: Array | None = None,
     ) -> CommandState:
         """The state one policy step later.
 
@@ -163,10 +184,11 @@ class AdaptiveSchedule:
             friction: ground friction coefficient ``(n,)``.
             fresh: environments just reset ``(n,)``: target and command are redrawn at once.
             random: uniform in [0, 1) ``(n, 8)``.
+            weights: of the grid curriculum's bins ``(rows, columns)``; None: no grid.
         """
         xp = namespace(random)
         state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random
+            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
         )
         remaining = state.time_to_update - dt
         update = renewed | (remaining <= 0.0)
@@ -189,10 +211,10 @@ class UniformSchedule:
     """Commands uniform over the range, given at once: no scheduling.
 
     Attributes:
-        targets: how targets are drawn; by default none is drawn from the top in preference.
+        targets: how targets are drawn; by default uniformly, with neither grid nor preference for the top.
     """
 
-    targets: TargetSampling = TargetSampling(top_share=0.0)
+    targets: TargetSampling = TargetSampling(top_share=0.0, grid=None)
 
     def advance(
         self,
@@ -205,9 +227,12 @@ class UniformSchedule:
         friction: Array | float,
         fresh: Array,
         random: Array,
+        weights: Array | None = None,
     ) -> CommandState:
         """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``, ``speed`` unused."""
-        state, _ = self.targets.advance(state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random)
+        state, _ = self.targets.advance(
+            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
+        )
         commanded = clip(state.target_speed, lower, upper)
         return state._replace(
             command=assemble_command(commanded, state.target_yaw_rate, friction),
@@ -246,11 +271,12 @@ class FixedAccelerationSchedule:
         friction: Array | float,
         fresh: Array,
         random: Array,
+        weights: Array | None = None,
     ) -> CommandState:
         """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
         xp = namespace(random)
         state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random
+            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
         )
         gentlest, hardest = self.acceleration
         acceleration = xp.where(renewed, gentlest + (hardest - gentlest) * random[:, 7], state.acceleration)

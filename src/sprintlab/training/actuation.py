@@ -83,6 +83,8 @@ def stop_torque(drive: JointDrive, position: float, velocity: float):
 def joint_torque_kernel(
     drives: wp.array(dtype=JointDrive),
     target: wp.array2d(dtype=float),
+    previous_target: wp.array2d(dtype=float),
+    delay: wp.array(dtype=int),
     stiffness: wp.array2d(dtype=float),
     damping: wp.array2d(dtype=float),
     strength: wp.array2d(dtype=float),
@@ -92,18 +94,24 @@ def joint_torque_kernel(
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
     model: int,
+    substep: int,
     control: wp.array2d(dtype=float),
     drive_torque: wp.array2d(dtype=float),
     on_limit: wp.array2d(dtype=float),
 ):
-    """Torque on each joint ``(environments, 12)``; ``voltage`` is the phase voltage limit [V]."""
+    """Torque on each joint ``(environments, 12)``; ``voltage`` is the phase voltage limit [V].
+
+    The previous target still holds in the first ``delay`` substeps of a policy step.
+    """
     environment, joint = wp.tid()
     drive = drives[joint]
     position = qpos[environment, drive.qpos_index]
     velocity = qvel[environment, drive.qvel_index]
+    wanted = target[environment, joint]
+    if substep < delay[environment]:
+        wanted = previous_target[environment, joint]
     desired = (
-        stiffness[environment, joint] * (target[environment, joint] - position)
-        - damping[environment, joint] * velocity
+        stiffness[environment, joint] * (wanted - position) - damping[environment, joint] * velocity
     ) / drive.ratio
     interval = motor_interval(
         drive,

@@ -71,6 +71,8 @@ class RewardSettings:
     Attributes:
         linear_tracking: of ``exp(-|v_xy - command|^2)``.
         angular_tracking: of ``exp(-(yaw rate - command)^2)``.
+        progress: of the forward speed over 10 m/s, up to the commanded speed; not in the paper. Under ACS the
+            command follows the robot, so that tracking alone pays no more at 12 m/s than at 8.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
         leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper. Without it legs
             pass through each other, which the simulator's feet-only contacts would allow.
@@ -92,6 +94,7 @@ class RewardSettings:
 
     linear_tracking: float = 1.0
     angular_tracking: float = 0.5
+    progress: float = 0.0
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
     action_rate: RewardWeight = _constant(-0.01)
@@ -142,6 +145,7 @@ class RandomizationSettings:
         bus_voltage: relative change of the bus.
         resistance: relative change of the stator resistance (a warm winding has more).
         dry_friction: factor of the joints' dry friction.
+        delay: time from the policy's reading to the joints' new targets [s], in whole physics steps.
         angular_velocity_noise: uniform, symmetric [rad/s].
         gravity_noise: on the unit vector.
         joint_position_noise: [rad].
@@ -161,6 +165,7 @@ class RandomizationSettings:
     bus_voltage: Interval = (0.96, 1.0)
     resistance: Interval = (1.0, 1.25)
     dry_friction: Interval = (0.7, 1.3)
+    delay: Interval = (0.0, 0.006)
     angular_velocity_noise: float = 0.15
     gravity_noise: float = 0.02
     joint_position_noise: float = 0.01
@@ -176,12 +181,14 @@ class RandomizationSettings:
         for name in ("gain", "strength", "center_of_mass"):
             check_range(name, getattr(self, name), 0.0, 0.5)
         check_positive("push_interval", self.push_interval, "s")
+        check_range("delay[0]", self.delay[0], 0.0, self.delay[1], "s")
+        check_range("delay[1]", self.delay[1], 0.0, 0.02, "s")
 
     def without(self) -> RandomizationSettings:
         """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
         return replace(
             self, friction=(0.9, 0.9), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
-            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0),
+            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
             angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
             joint_velocity_noise=0.0, push_speed=0.0,
         )  # fmt: skip
@@ -250,7 +257,7 @@ class StageSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PpoSettings:
-    """PPO (rsl_rl).
+    """PPO.
 
     Attributes:
         steps: environment steps an iteration.
@@ -262,6 +269,7 @@ class PpoSettings:
         gae: lambda of the generalized advantage estimate.
         clip: of the likelihood ratio.
         entropy: weight of the entropy bonus.
+        value_weight: of the value loss.
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
         hidden: widths of actor and critic.
@@ -279,6 +287,7 @@ class PpoSettings:
     gae: float = 0.95
     clip: float = 0.2
     entropy: float = 0.005
+    value_weight: float = 1.0
     initial_std: float = 0.6
     least_std: float = 0.2
     hidden: tuple[int, ...] = (512, 256, 128)
@@ -291,6 +300,47 @@ class PpoSettings:
         check_range("discount", self.discount, 0.0, 1.0)
         check_range("gae", self.gae, 0.0, 1.0)
         check_range("least_std", self.least_std, 1e-6, self.initial_std)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorSettings:
+    """The VAE estimator; what the paper leaves open follows DreamWaQ's open implementations.
+
+    Attributes:
+        latent: size of ``z`` (the paper's 16).
+        encoder: widths of the encoder's layers.
+        decoder: widths of the decoder's layers.
+        learning_rate: of its own optimizer, which the policy's adaptive rate does not touch.
+        epochs: passes over the rollout; one is enough, and the update is the dearest part of an iteration.
+        contact_weight: of the contacts' cross-entropy.
+        latent_weight: beta, of the latent's divergence from a standard normal. With the reconstruction a mean
+            over 45 numbers, more than a few thousandths makes the latent collapse.
+        velocity_scale: of the velocity's squared error, per m/s; unscaled, 12 m/s would drown all else.
+        height_scale: of the height's squared error, per metre.
+
+    Raises:
+        InvalidValueError: a size below one or a number that is not positive.
+    """
+
+    latent: int = 16
+    encoder: tuple[int, ...] = (128, 64)
+    decoder: tuple[int, ...] = (64, 128)
+    learning_rate: float = 1e-3
+    epochs: int = 1
+    contact_weight: float = 0.2
+    latent_weight: float = 1e-3
+    velocity_scale: float = 0.5
+    height_scale: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("latent", "epochs"):
+            check_range(name, getattr(self, name), 1, 1000)
+        for name in ("learning_rate", "velocity_scale", "height_scale"):
+            check_positive(name, getattr(self, name))
+        for name in ("contact_weight", "latent_weight"):
+            check_range(name, getattr(self, name), 0.0, 1000.0)
+        for name in ("encoder", "decoder"):
+            check_range(f"layers of {name}", len(getattr(self, name)), 1, 20)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,6 +365,7 @@ class TrainingSettings:
     episodes: EpisodeSettings = EpisodeSettings()
     stages: StageSettings = StageSettings()
     ppo: PpoSettings = PpoSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
     observation: ObservationLayout = field(default_factory=ObservationLayout)
     seed: int = 0
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 # mujoco and warp ship no type stubs for what is used here.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
-import gc
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import mujoco
@@ -18,21 +15,10 @@ import warp as wp
 from sprintlab.motors import phase_voltage_limit
 from sprintlab.robots import ModelOptions, RobotDescription, build_model
 from sprintlab.training.actuation import MODEL_CODES, JointDrive, joint_torque_kernel
+from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
 
 RANDOMIZED_FIELDS = ("geom_friction", "body_mass", "body_subtreemass", "body_ipos")
-
-
-@contextmanager
-def suspended_garbage_collection() -> Iterator[None]:
-    """Keep the collector from destroying old graphs inside a capture, which would corrupt the new one."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def training_model(robot: RobotDescription, settings: SimulationSettings) -> mujoco.MjModel:
@@ -85,6 +71,8 @@ class BatchSimulation:
     Attributes (torch views on the simulator's own memory, ``n`` environments):
         qpos, qvel: state ``(n, nq)``, ``(n, nv)``.
         target: joint targets [rad] ``(n, 12)``: write here, then ``step``.
+        previous_target: in force during the first ``delay`` substeps ``(n, 12)``.
+        delay: substeps before the target takes effect ``(n,)``.
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage: randomized, writable.
@@ -135,7 +123,8 @@ class BatchSimulation:
             return torch.tensor(values, dtype=torch.float32, device=self.device).repeat(n, 1)
 
         self.stiffness, self.damping = rows(robot.stiffness), rows(robot.damping)
-        self.target = rows(robot.default_pose)
+        self.target, self.previous_target = rows(robot.default_pose), rows(robot.default_pose)
+        self.delay = torch.zeros(n, dtype=torch.int32, device=self.device)
         self.strength = torch.ones(n, joints, device=self.device)
         self.drive_torque = torch.zeros(n, joints, device=self.device)
         self.on_limit = torch.zeros(n, joints, device=self.device)
@@ -144,14 +133,17 @@ class BatchSimulation:
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
         drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
-        inputs = [self.target, self.stiffness, self.damping, self.strength]
-        inputs += [self.resistance_factor, self.friction_factor, self.voltage]
+        targets = [self.target, self.previous_target]
+        factors = [self.stiffness, self.damping, self.strength]
+        factors += [self.resistance_factor, self.friction_factor, self.voltage]
         self._launch = {
             "kernel": joint_torque_kernel,
             "dim": (n, joints),
             "inputs": [
                 drives,
-                *(wp.from_torch(tensor, dtype=wp.float32) for tensor in inputs),
+                *(wp.from_torch(tensor, dtype=wp.float32) for tensor in targets),
+                wp.from_torch(self.delay, dtype=wp.int32),
+                *(wp.from_torch(tensor, dtype=wp.float32) for tensor in factors),
                 self.data.qpos,
                 self.data.qvel,
                 MODEL_CODES[actuator_model],
@@ -176,8 +168,9 @@ class BatchSimulation:
         return capture.graph
 
     def _substeps(self) -> None:
-        for _ in range(self.settings.substeps):
-            wp.launch(**self._launch)
+        inputs = self._launch["inputs"]
+        for substep in range(self.settings.substeps):
+            wp.launch(**{**self._launch, "inputs": [*inputs, substep]})
             mujoco_warp.step(self.model, self.data)
 
     def step(self) -> None:

@@ -1,0 +1,150 @@
+"""The grid curriculum over forward speed and yaw rate (Margolis et al. 2022), vectorized.
+
+Every bin has a weight; targets are drawn from bins in proportion. A robot that holds its target when the
+target's time is up makes its bin and the neighbours likelier. Weights never fall. The grid decides where
+targets lie; a schedule (``AdaptiveSchedule``) decides how the command moves to them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sprintlab.control.arrays import Array, clip, namespace
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
+
+
+class GridBins(NamedTuple):
+    """Bins of ``n`` targets: rows and columns of the grid, whole numbers ``(n,)``."""
+
+    row: Array
+    column: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandGrid:
+    """Geometry of the grid and its rule.
+
+    Attributes:
+        speed: lowest and highest speed [m/s].
+        speed_bin: height of a bin [m/s].
+        yaw_limit: greatest yaw rate either way [rad/s].
+        yaw_bins: columns.
+        start: bins whose middle is no faster than this, either way, are open at the start [m/s].
+        gain: weight that a success adds to the bin and to each of its eight neighbours.
+        linear_success: a target counts as held when ``exp(-(v - v*)^2)`` exceeds this.
+        angular_success: the same of the yaw rate.
+
+    Raises:
+        InvalidValueError: bounds out of order, no bins, or a share outside [0, 1].
+    """
+
+    speed: tuple[float, float] = (-2.0, 14.0)
+    speed_bin: float = 0.5
+    yaw_limit: float = 1.0
+    yaw_bins: int = 5
+    start: float = 1.0
+    gain: float = 0.2
+    linear_success: float = 0.8
+    angular_success: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_positive("speed_bin", self.speed_bin, "m/s")
+        check_positive("yaw_limit", self.yaw_limit, "rad/s")
+        if not self.speed[0] + self.speed_bin <= self.speed[1]:
+            raise InvalidValueError("speed", self.speed, "a pair (lowest, highest) at least one bin apart")
+        check_range("yaw_bins", self.yaw_bins, 1, 1000)
+        for name in ("gain", "linear_success", "angular_success"):
+            check_range(name, getattr(self, name), 0.0, 1.0)
+
+    @property
+    def rows(self) -> int:
+        """Bins along the speed."""
+        return round((self.speed[1] - self.speed[0]) / self.speed_bin)
+
+    @property
+    def yaw_bin(self) -> float:
+        """Width of a bin [rad/s]."""
+        return 2.0 * self.yaw_limit / self.yaw_bins
+
+    def middle_speeds(self, like: Array) -> Array:
+        """Speed in the middle of each row [m/s] ``(rows,)``, in the type and on the device of ``like``."""
+        xp = namespace(like)
+        steps = xp.arange(self.rows, dtype=like.dtype, device=like.device)
+        return self.speed[0] + (steps + 0.5) * self.speed_bin
+
+    def initial_weights(self, like: Array) -> Array:
+        """One for the slow bins, nothing for the others ``(rows, columns)``."""
+        xp = namespace(like)
+        slow = xp.astype(xp.abs(self.middle_speeds(like)) < self.start, like.dtype)
+        return xp.broadcast_to(slow[:, None], (self.rows, self.yaw_bins)) + 0.0
+
+    def bins(self, speed: Array, yaw_rate: Array) -> GridBins:
+        """The bins in which targets ``(n,)`` lie; those outside count to the nearest."""
+        xp = namespace(speed)
+        row = xp.floor((speed - self.speed[0]) / self.speed_bin)
+        column = xp.floor((yaw_rate + self.yaw_limit) / self.yaw_bin)
+        whole = xp.int64
+        return GridBins(
+            xp.astype(clip(row, 0.0, self.rows - 1.0), whole),
+            xp.astype(clip(column, 0.0, self.yaw_bins - 1.0), whole),
+        )
+
+    def draw(
+        self, weights: Array, random: Array, lower: Array | float, upper: Array | float
+    ) -> tuple[Array, Array]:
+        """Targets from the bins whose middle lies in ``[lower, upper]``, in proportion to their weights.
+
+        Args:
+            weights: ``(rows, columns)``.
+            random: uniform in [0, 1) ``(n, 3)``: bin, place along the speed, place along the yaw rate.
+            lower: bottom of the allowed speeds [m/s].
+            upper: top of the allowed speeds [m/s].
+
+        Returns:
+            Speeds [m/s] and yaw rates [rad/s], each ``(n,)``.
+        """
+        xp = namespace(weights)
+        middle = self.middle_speeds(weights)
+        inside = xp.astype((middle >= lower) & (middle <= upper), weights.dtype)
+        cumulative = xp.cumulative_sum(xp.reshape(weights * inside[:, None], (-1,)))
+        chosen = xp.searchsorted(cumulative, random[:, 0] * cumulative[-1], side="right")
+        chosen = clip(chosen, 0, self.rows * self.yaw_bins - 1)
+        row = xp.astype(chosen // self.yaw_bins, weights.dtype)
+        column = xp.astype(chosen % self.yaw_bins, weights.dtype)
+        return (
+            self.speed[0] + (row + random[:, 1]) * self.speed_bin,
+            -self.yaw_limit + (column + random[:, 2]) * self.yaw_bin,
+        )
+
+    def held(self, speed_error: Array, yaw_error: Array) -> Array:
+        """Whether errors [m/s], [rad/s] ``(n,)`` count as success: both kernels above their thresholds."""
+        xp = namespace(speed_error)
+        linear = xp.exp(-(speed_error**2)) > self.linear_success
+        return linear & (xp.exp(-(yaw_error**2)) > self.angular_success)
+
+    def learn(self, weights: Array, bins: GridBins, success: Array) -> Array:
+        """Weights after the successes ``(n,)`` of targets in ``bins``: a bin and its neighbours gain, up to 1.
+
+        However many robots succeed in a bin at once, it gains once: the rule does not depend on their number.
+        """
+        xp = namespace(weights)
+        rows = xp.arange(self.rows, device=weights.device)
+        columns = xp.arange(self.yaw_bins, device=weights.device)
+        in_row = xp.astype((bins.row[:, None] == rows) & success[:, None], weights.dtype)
+        in_column = xp.astype(bins.column[:, None] == columns, weights.dtype)
+        hit = xp.astype(xp.matmul(xp.matrix_transpose(in_row), in_column) > 0.0, weights.dtype)
+        near = _spread(xp, _spread(xp, hit, 0), 1)
+        return clip(weights + self.gain * (hit + near), 0.0, 1.0)
+
+
+def _spread(xp: Any, marks: Array, axis: int) -> Array:
+    """Marks of 0 and 1 widened by one bin either way along axis 0 or 1."""
+    first, last = (slice(None, 1), slice(1, None)) if axis == 0 else (np.s_[:, :1], np.s_[:, 1:])
+    rest = slice(None, -1) if axis == 0 else np.s_[:, :-1]
+    empty = xp.zeros_like(marks[first])
+    ahead, behind = xp.concat((marks[last], empty), axis=axis), xp.concat((empty, marks[rest]), axis=axis)
+    return xp.maximum(xp.maximum(marks, ahead), behind)

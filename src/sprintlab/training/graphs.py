@@ -1,0 +1,44 @@
+"""Work on fixed buffers as one CUDA graph; on the CPU the same work is simply done."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import torch
+
+WARM_UP = 3
+"""Runs before a capture: PyTorch's advice for its allocator, cuBLAS and optimizers."""
+
+
+@contextmanager
+def suspended_garbage_collection() -> Iterator[None]:
+    """Keep the collector from destroying old graphs inside a capture, which would corrupt the new one."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def captured(work: Callable[[], None], device: str) -> Callable[[], None]:
+    """``work`` as a graph to be launched; ``work`` itself where ``device`` is no GPU.
+
+    It is run ``WARM_UP`` times first and leaves its traces in the buffers: the caller restores them.
+    """
+    if not str(device).startswith("cuda"):
+        return work
+    stream = torch.cuda.Stream(device)
+    stream.wait_stream(torch.cuda.current_stream(device))
+    with torch.cuda.stream(stream):
+        for _ in range(WARM_UP):
+            work()
+    torch.cuda.current_stream(device).wait_stream(stream)
+    torch.cuda.synchronize(device)
+    graph = torch.cuda.CUDAGraph()
+    with suspended_garbage_collection(), torch.cuda.graph(graph):
+        work()
+    return graph.replay
