@@ -1,0 +1,245 @@
+"""The simulated robot on a bus: at the pace of the clock, or step by step with its controller."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.interface import RobotEndpoint, RobotState
+from sprintlab.deployment.simulator.world import SimulatedWorld
+from sprintlab.plant import MotionRecorder
+
+_GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
+_POLL = 2e-5  # [s] between two looks at the bus in lock-step
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaceOptions:
+    """How fast simulated time passes, and when it ends.
+
+    Attributes:
+        speed_factor: simulated seconds per second of the clock; 1 is real time.
+        lock_step: pass one step for each answer of the controller instead, however long that takes. The
+            result then does not depend on the machine's load.
+        duration: end after this much simulated time [s]; ``None`` for no end.
+        end_with_controller: end when a controller that was there has left.
+        patience: in lock-step, give up when no answer has come for this long [s].
+
+    Raises:
+        InvalidValueError: a field is not positive.
+    """
+
+    speed_factor: float = 1.0
+    lock_step: bool = False
+    duration: float | None = None
+    end_with_controller: bool = False
+    patience: float = 30.0
+
+    def __post_init__(self) -> None:
+        check_range("speed_factor", self.speed_factor, 0.01, 100.0)
+        check_positive("patience", self.patience, "s")
+        if self.duration is not None:
+            check_positive("duration", self.duration, "s")
+
+
+@dataclass(kw_only=True)
+class SimulatorReport:
+    """What happened to the simulated robot.
+
+    Attributes:
+        simulated_time: [s].
+        distance: way along x [m].
+        greatest_distance: farthest the robot came along x [m].
+        finish_times: simulated time at which each metre mark of ``marks`` was passed [s].
+        top_speed: highest mean speed along x over half a second [m/s].
+        fall_reason: empty if the robot did not fall.
+        commands_accepted: by the robot.
+        commands_dropped: old, duplicated, damaged, or refused by the latched watchdog.
+        watchdog_trips: how often the robot's watchdog took over.
+        late_steps: steps that began more than one step late (real time only).
+        given_up: clock time that the simulation could not make up for [s] (real time only).
+    """
+
+    simulated_time: float = 0.0
+    distance: float = 0.0
+    greatest_distance: float = 0.0
+    finish_times: dict[float, float] = field(default_factory=dict)
+    top_speed: float = 0.0
+    fall_reason: str = ""
+    commands_accepted: int = 0
+    commands_dropped: int = 0
+    watchdog_trips: int = 0
+    late_steps: int = 0
+    given_up: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        marks = {f"{mark:g}": moment for mark, moment in self.finish_times.items()}
+        return {**asdict(self), "finish_times": marks}
+
+
+class _Observer:
+    """Fills the report from the true state of the plant."""
+
+    def __init__(self, world: SimulatedWorld, marks: tuple[float, ...]) -> None:
+        self.report = SimulatorReport()
+        self._world, self._marks = world, marks
+        self._way: list[float] = []
+        self._window = round(0.5 * world.robot.plant.options.motor_rate)
+
+    def look(self) -> None:
+        report, position = self.report, float(self._world.robot.plant.data.qpos[0])
+        report.greatest_distance = max(report.greatest_distance, position)
+        for mark in self._marks:
+            if position >= mark:
+                report.finish_times.setdefault(mark, self._world.time)
+        self._way.append(position)
+        if len(self._way) > self._window:
+            report.top_speed = max(report.top_speed, (position - self._way[-1 - self._window]) / 0.5)
+
+    def finish(self) -> SimulatorReport:
+        robot = self._world.robot
+        self.report.simulated_time = self._world.time
+        self.report.distance = float(robot.plant.data.qpos[0])
+        self.report.fall_reason = robot.fall_reason
+        self.report.commands_accepted = robot.accepted
+        self.report.commands_dropped = robot.dropped
+        self.report.watchdog_trips = robot.watchdog_trips
+        return self.report
+
+
+def run_simulator(
+    world: SimulatedWorld,
+    endpoint: RobotEndpoint,
+    pace: PaceOptions,
+    *,
+    marks: tuple[float, ...] = (100.0,),
+    recorder: MotionRecorder | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[float, float], None] = lambda time, distance: None,
+) -> SimulatorReport:
+    """Be a robot on the bus until told to stop.
+
+    Args:
+        world: robot and links.
+        endpoint: the robot's end of the bus; not closed here.
+        pace: real time or lock-step, and when to end.
+        marks: distances whose passing is timed [m].
+        recorder: takes samples of the true state.
+        stopped: asked at every step.
+        progress: told simulated time [s] and distance [m] ten times a simulated second.
+
+    Raises:
+        SprintlabError: in lock-step, the controller no longer answers.
+        SimulationError: the simulated state is no longer finite.
+    """
+    observer = _Observer(world, marks)
+    run = _LockStep(world, endpoint, pace) if pace.lock_step else _RealTime(world, endpoint, pace)
+    steps = 0
+    while not stopped() and not run.over():
+        if not run.exchange(stopped):
+            break
+        world.step(recorder)
+        observer.look()
+        steps += 1
+        if steps % 100 == 0:
+            progress(world.time, observer.report.greatest_distance)
+    observer.report.late_steps, observer.report.given_up = run.late_steps, run.given_up
+    return observer.finish()
+
+
+class _Run:
+    """What both paces share."""
+
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
+        self.late_steps = 0
+        self.given_up = 0.0
+        self._world, self._endpoint, self._pace = world, endpoint, pace
+        self._period = 1.0 / world.robot.plant.options.motor_rate
+        self._answered = 0
+        self._had_controller = False
+
+    def over(self) -> bool:
+        """Whether the run's own end has come."""
+        pace = self._pace
+        if pace.duration is not None and self._world.time >= pace.duration - 0.5 * self._period:
+            return True
+        return pace.end_with_controller and self._had_controller and self._controller_left()
+
+    def _controller_left(self) -> bool:
+        return bool(getattr(self._endpoint, "peer_left", False))
+
+    def _publish(self, timestamp: int) -> int:
+        """Send what arrives now; returns the newest state's sequence, 0 if none arrived."""
+        newest = 0
+        for message in self._world.messages(timestamp):
+            if isinstance(message, RobotState):
+                self._endpoint.publish(message)
+                newest = max(newest, message.sequence)
+            else:
+                self._endpoint.publish_fix(message)
+        return newest
+
+    def _collect(self) -> None:
+        """Take every command that waits on the bus."""
+        while (command := self._endpoint.receive_command()) is not None:
+            self._had_controller = True
+            self._answered = max(self._answered, command.state_sequence)
+            self._world.hand_over(command)
+
+
+class _RealTime(_Run):
+    """Steps at the pace of the clock."""
+
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
+        super().__init__(world, endpoint, pace)
+        self._next = time.monotonic()
+
+    def exchange(self, stopped: Callable[[], bool]) -> bool:
+        """Wait for the next step's moment, publish, collect."""
+        del stopped  # the loop asks once a step, which is soon enough
+        step = self._period / self._pace.speed_factor
+        self._next += step
+        lag = time.monotonic() - self._next
+        if lag < 0.0:
+            time.sleep(-lag)
+        elif lag > step:
+            self.late_steps += 1
+        if lag > _GREATEST_LAG:
+            self.given_up += lag
+            self._next += lag
+        self._collect()
+        self._publish(time.monotonic_ns())
+        return True
+
+
+class _LockStep(_Run):
+    """One step for each answer."""
+
+    def exchange(self, stopped: Callable[[], bool]) -> bool:
+        """Publish, and wait for the answer to the newest state that arrived.
+
+        Returns:
+            False when the controller has left.
+
+        Raises:
+            SprintlabError: no answer came in time.
+        """
+        newest = self._publish(round(1e9 * self._world.time))
+        deadline = time.monotonic() + self._pace.patience
+        self._collect()
+        while self._answered < newest:
+            if stopped() or (self._had_controller and self._controller_left()):
+                self._collect()
+                return self._answered >= newest
+            if time.monotonic() > deadline:
+                raise SprintlabError(
+                    f"the controller has not answered for {self._pace.patience:g} s in lock-step"
+                )
+            time.sleep(_POLL)
+            self._collect()
+        return True

@@ -1,0 +1,201 @@
+"""The robot's own electronics around the plant: command checks, watchdog, sensors."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from sprintlab.deployment.interface import (
+    FloatArray,
+    JointCommand,
+    JointMode,
+    MessageError,
+    PositionFix,
+    RobotState,
+    RobotStatus,
+    check_command,
+)
+from sprintlab.deployment.simulator.options import SimulatorOptions
+from sprintlab.motors import DriveOutput
+from sprintlab.plant import MotionRecorder, Plant
+from sprintlab.robots import RobotDescription
+
+_SETTLING = 2.0  # [s] that a robot takes to sink to the ground
+_UPRIGHT = 0.8  # of the standing height
+_SUDDEN = 0.5  # [s] from upright to the ground
+_MOVING = 0.5  # [m/s]
+
+
+class _Blind:
+    """Records nothing."""
+
+    def sample(self, data: Any, drive: DriveOutput, targets: FloatArray) -> None:
+        """Look away."""
+
+    def watch_feet(self, data: Any) -> None:
+        """Look away."""
+
+
+class SimulatedRobot:
+    """A plant that behaves on the bus as ``sprintlab.deployment.interface`` asks of a robot.
+
+    Args:
+        robot: what to simulate.
+        options: how.
+
+    Attributes:
+        accepted: commands acted on.
+        dropped: commands refused: old, duplicated, damaged, or a servo command to a latched watchdog.
+        watchdog_trips: how often the watchdog took over from a controller.
+        fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
+            or trunk or knee on the ground either above 0.5 m/s or within 0.5 s of standing under servo
+            commands.
+
+    Raises:
+        RobotModelError: the robot's model does not compile.
+    """
+
+    def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
+        self.plant = Plant(robot, options.plant, options.trial)
+        self.accepted = self.dropped = self.watchdog_trips = 0
+        self.fall_reason = ""
+        self._robot, self._options = robot, options
+        self._random = np.random.default_rng(options.seed)
+        self._period = 1.0 / options.plant.motor_rate
+        self._steps = self._states = self._fixes = 0
+        self._command: JointCommand | None = None
+        self._command_time = 0.0
+        self._expired = True
+        self._upright_time = -math.inf
+        self._drive: DriveOutput | None = None
+        if options.start == "lying":
+            self._settle()
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self._steps * self._period
+
+    def accept(self, command: JointCommand) -> bool:
+        """Act on a command from now on, unless the robot must not; returns whether it does."""
+        try:
+            check_command(command)
+        except MessageError:
+            self.dropped += 1
+            return False
+        old = self._command is not None and command.sequence <= self._command.sequence
+        if old or (self._expired and command.mode == JointMode.SERVO):
+            self.dropped += 1
+            return False
+        self.accepted += 1
+        self._command, self._command_time, self._expired = command, self.time, False
+        return True
+
+    def step(self, recorder: MotionRecorder | None = None) -> None:
+        """Live for one motor step."""
+        self._watch()
+        measured = self.plant.measurement()
+        wanted, targets = self._wanted(measured.joint_position, measured.joint_velocity)
+        self._drive = self.plant.drive_joints(wanted, targets, recorder or _Blind())
+        self._steps += 1
+        self._notice_falls()
+
+    def state(self, timestamp: int) -> RobotState:
+        """What the sensors say now; ``timestamp`` in nanoseconds."""
+        measured = self.plant.measurement()
+        noise, noisy = self._options.noise, self._noisy
+        self._states += 1
+        torque = np.zeros(len(self._robot.joint_names)) if self._drive is None else self._drive.torque
+        return RobotState(
+            sequence=self._states,
+            timestamp=timestamp,
+            joint_position=noisy(np.asarray(measured.joint_position), noise.joint_position),
+            joint_velocity=noisy(np.asarray(measured.joint_velocity), noise.joint_velocity),
+            joint_torque=noisy(torque, noise.joint_torque),
+            quaternion=self._turned(self.plant.data.qpos[3:7].copy()),
+            angular_velocity=noisy(np.asarray(measured.angular_velocity), noise.angular_velocity),
+            bus_voltage=self._options.plant.bus_voltage or self._robot.bus_voltage,
+            command_sequence=0 if self._command is None else self._command.sequence,
+            status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
+        )
+
+    def fix(self, timestamp: int) -> PositionFix | None:
+        """A position fix if one is due at this step; ``timestamp`` in nanoseconds."""
+        due = self._options.fix_rate * self.time
+        if self._options.fix_rate == 0.0 or due + 1e-6 < self._fixes:
+            return None
+        self._fixes = math.floor(due + 1e-6) + 1
+        noise, data = self._options.noise, self.plant.data
+        return PositionFix(
+            sequence=self._fixes,
+            timestamp=timestamp,
+            position=self._noisy(data.qpos[:3].copy(), noise.track_position),
+            velocity=self._noisy(data.qvel[:3].copy(), noise.track_velocity),
+        )
+
+    def _watch(self) -> None:
+        """Take over when no command has come for too long; only another safe command ends that."""
+        silence = self.time - self._command_time
+        if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
+            self._expired = True
+            self.watchdog_trips += 1
+
+    def _wanted(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Joint torques asked of the motors [N m] and, for the record, joint targets [rad]."""
+        command = self._command
+        if self._expired or command is None:
+            return -self._robot.damping * velocity, position
+        if command.mode == JointMode.OFF:
+            return np.zeros_like(velocity), position
+        damping = -command.damping * velocity
+        if command.mode == JointMode.DAMPING:
+            return damping, position
+        spring = command.stiffness * (command.target_position - position)
+        return spring + damping + command.feedforward_torque, command.target_position
+
+    def _notice_falls(self) -> None:
+        """Lying down in good order is no fall: slowly, or with damped joints from a stand."""
+        data = self.plant.data
+        if data.qpos[2] > _UPRIGHT * self._robot.standing_height:
+            self._upright_time = self.time
+        if self.fall_reason or not self.plant.fall_reason:
+            return
+        serving = self._command is not None and self._command.mode == JointMode.SERVO and not self._expired
+        sudden = serving and self.time - self._upright_time < _SUDDEN
+        moving = self._upright_time >= 0.0 and math.hypot(*data.qvel[:2].tolist()) > _MOVING
+        if self.plant.fall_reason == "tilt" or sudden or moving:
+            self.fall_reason = self.plant.fall_reason
+
+    def _settle(self) -> None:
+        """Sink to the ground with damped joints, and call the place where that ends the origin."""
+        data = self.plant.data
+        for _ in range(round(_SETTLING / self._period)):
+            wanted = -self._robot.damping * self.plant.measurement().joint_velocity
+            self.plant.drive_joints(wanted, self._robot.default_pose, _Blind())
+        data.qpos[:2] = 0.0
+        data.qvel[:] = 0.0
+        data.time = 0.0
+
+    def _noisy(self, value: FloatArray, deviation: float) -> FloatArray:
+        if deviation == 0.0:
+            return np.array(value, dtype=float)
+        return value + deviation * self._random.standard_normal(value.shape)
+
+    def _turned(self, quaternion: FloatArray) -> FloatArray:
+        """The orientation, turned by a small random rotation in the body frame."""
+        deviation = self._options.noise.orientation
+        if deviation == 0.0:
+            return quaternion
+        x, y, z = 0.5 * deviation * self._random.standard_normal(3)
+        w0, x0, y0, z0 = quaternion
+        turned = np.array(
+            [
+                w0 - x0 * x - y0 * y - z0 * z,
+                x0 + w0 * x + y0 * z - z0 * y,
+                y0 + w0 * y + z0 * x - x0 * z,
+                z0 + w0 * z + x0 * y - y0 * x,
+            ]
+        )
+        return turned / np.linalg.norm(turned)

@@ -1,0 +1,51 @@
+"""A simulated robot, and the two links between it and whoever drives it."""
+
+from __future__ import annotations
+
+from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
+from sprintlab.deployment.simulator.link import Link
+from sprintlab.deployment.simulator.options import SimulatorOptions
+from sprintlab.deployment.simulator.robot import SimulatedRobot
+from sprintlab.plant import MotionRecorder
+from sprintlab.robots import RobotDescription
+
+
+class SimulatedWorld:
+    """Robot and links in simulated time. It knows no bus: messages go in and come out.
+
+    Args:
+        robot: what to simulate.
+        options: how.
+
+    Attributes:
+        robot: the simulated robot.
+    """
+
+    def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
+        self.robot = SimulatedRobot(robot, options)
+        seed = options.seed
+        self._states: Link[RobotState | PositionFix] = Link(options.to_controller, seed + 1)
+        self._commands: Link[JointCommand] = Link(options.to_robot, seed + 2)
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.robot.time
+
+    def hand_over(self, command: JointCommand) -> None:
+        """Give a command to the link, as a controller does."""
+        self._commands.push(self.time, command)
+
+    def step(self, recorder: MotionRecorder | None = None) -> None:
+        """Let the commands that have arrived act, and live for one motor step."""
+        for command in self._commands.pop(self.time):
+            self.robot.accept(command)
+        self.robot.step(recorder)
+
+    def messages(self, timestamp: int) -> list[RobotState | PositionFix]:
+        """Measure, and return what arrives at the controller now; ``timestamp`` in nanoseconds."""
+        fix = self.robot.fix(timestamp)
+        if fix is not None:
+            self._states.push(self.time, fix)
+        self._states.push(self.time, self.robot.state(timestamp))
+        return self._states.pop(self.time)
