@@ -148,7 +148,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=Fa
         sequence: rises by one whenever the source is alive; a frozen sequence counts as a lost source.
         timestamp: the source's monotonic clock [ns].
         velocity: forward, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
-        request: ``Request``.
+        request: ``Request``; obeyed as soon as the robot is fit for it, while the source repeats it.
     """
 
     sequence: int

@@ -1,4 +1,4 @@
-"""What keeps the robot, and those around it, whole: monitors, limits, reactions, the robot's watchdog."""
+"""What keeps the robot, and those around it, whole: monitors, limits, reactions."""
 
 from sprintlab.deployment.safety.body import BodyMonitor, trunk_tilt
 from sprintlab.deployment.safety.faults import RESPONSES, Fault, Reaction, Response
@@ -6,7 +6,6 @@ from sprintlab.deployment.safety.guard import CommandGuard, GuardedServo, implie
 from sprintlab.deployment.safety.settings import SafetySettings
 from sprintlab.deployment.safety.source import SourceMonitor, VelocityLimiter, VelocityLimits
 from sprintlab.deployment.safety.states import StateMonitor
-from sprintlab.deployment.safety.watchdog import RobotWatchdog
 
 __all__ = [
     "RESPONSES",
@@ -16,7 +15,6 @@ __all__ = [
     "GuardedServo",
     "Reaction",
     "Response",
-    "RobotWatchdog",
     "SafetySettings",
     "SourceMonitor",
     "StateMonitor",

@@ -63,6 +63,16 @@ class CommandGuard:
         carried = scaled * (target - reachable) + np.where(scale > 0.0, 0.0, allowed)
         return GuardedServo(reachable, scaled, damping * scale, carried)
 
+    def damping(self, damping: FloatArray, state: RobotState) -> GuardedServo:
+        """As ``servo`` for a command that only damps: no target, no stiffness, no feedforward."""
+        zeros = np.zeros_like(damping)
+        lower, upper = self.torque_interval(state)
+        wanted = -damping * state.joint_velocity
+        allowed = np.minimum(np.maximum(wanted, np.minimum(lower, 0.0)), np.maximum(upper, 0.0))
+        moving = wanted != 0.0
+        scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
+        return GuardedServo(zeros, zeros, damping * scale, zeros)
+
 
 def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:
     """Joint torque [N m] ``(12,)`` that a command asks for at a state."""

@@ -24,13 +24,12 @@ class SourceMonitor:
         self.velocity: FloatArray = np.zeros(3)
         self._sequence: int | None = None
         self._heard_at: float | None = None
-        self._request = Request.NONE
 
     def accept(self, command: OperatorCommand | None, time: float) -> tuple[Request, list[Fault]]:
         """Take one reading of the source.
 
         Returns:
-            What the operator newly asks for (a request that is merely repeated counts once), and faults.
+            What the operator asks for, and faults.
         """
         if command is None or command.sequence == self._sequence:
             return Request.NONE, []
@@ -38,9 +37,7 @@ class SourceMonitor:
         if old or command.velocity.shape != (3,) or not np.isfinite(command.velocity).all():
             return Request.NONE, [Fault.SOURCE_INVALID]
         self._sequence, self._heard_at, self.velocity = command.sequence, time, command.velocity
-        new = command.request if command.request != self._request else Request.NONE
-        self._request = command.request
-        return new, []
+        return command.request, []
 
     def lost(self, time: float) -> bool:
         """Whether the source has been silent for too long; also when it has never spoken."""

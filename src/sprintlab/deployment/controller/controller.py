@@ -1,0 +1,485 @@
+"""The controller as a function of time: states in, one joint command out, no clock and no bus of its own.
+
+It steps at 1 kHz. Every 20 ms it reads the command source and, in ``run``, the policy, through
+``sprintlab.control.PolicyRuntime``: the very code that the evaluation uses. What it sends has passed
+``CommandGuard``. Simulated time and real time are the same to it.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections import Counter, deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from sprintlab.commands import heading_angle, heading_command, wrap_angle
+from sprintlab.control import Measurement, Policy, PolicyRuntime
+from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
+from sprintlab.deployment.controller.motion import JointMotion, Waypoint, folded_pose
+from sprintlab.deployment.interface import (
+    CommandSource,
+    ControlTick,
+    FloatArray,
+    JointCommand,
+    JointMode,
+    OperatorCommand,
+    PositionFix,
+    Request,
+    RobotState,
+    RobotStatus,
+    SourceView,
+)
+from sprintlab.deployment.safety import (
+    RESPONSES,
+    BodyMonitor,
+    CommandGuard,
+    Fault,
+    Reaction,
+    SafetySettings,
+    SourceMonitor,
+    StateMonitor,
+    VelocityLimiter,
+    VelocityLimits,
+    trunk_tilt,
+)
+from sprintlab.deployment.safety.timer import Persistence
+from sprintlab.robots import RobotDescription
+
+POLICY_PERIOD_NS = 20_000_000
+
+_FOLD_TIME = 1.0  # s
+_RISE_TIME = 1.5  # s
+_SINK_TIME = 1.5  # s
+_DAMP_TIME = 1.0  # s of damping after sinking
+_SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
+_STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
+_BRAKED_TIME = 0.6  # s at zero command before the policy hands over
+_BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
+_BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
+_LATE_WINDOW = 50  # policy steps
+
+
+class Course:
+    """The line along which a run began: what heading, offset and speed are relative to."""
+
+    def __init__(self, heading: float) -> None:
+        self.heading = heading
+        self.origin: FloatArray | None = None
+
+    def relative_heading(self, state: RobotState) -> float:
+        """Yaw away from the course [rad]."""
+        return float(wrap_angle(np.asarray(float(heading_angle(state.quaternion)) - self.heading)))
+
+    def offset_and_speed(self, fix: PositionFix | None) -> tuple[float, float | None]:
+        """Offset to the left [m] and speed along the course [m/s]; zero and None without a fix."""
+        if fix is None:
+            return 0.0, None
+        if self.origin is None:
+            self.origin = fix.position
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        east, north = (fix.position - self.origin)[:2].tolist()
+        vx, vy = fix.velocity[:2].tolist()
+        return c * north - s * east, c * vx + s * vy
+
+
+class Controller:
+    """Runs one policy on one robot.
+
+    Args:
+        policy: the loaded policy.
+        robot: the robot it drives.
+        source: where the commanded velocity comes from.
+        safety: thresholds.
+        limits: bounds of the commanded velocity.
+
+    Attributes:
+        mode: what it does now.
+        fault_counts: how often each fault was noticed.
+        stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
+        policy_time: duration of the last policy step [s].
+
+    Raises:
+        ContractMismatchError: the policy was not made for this robot.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        robot: RobotDescription,
+        source: CommandSource,
+        *,
+        safety: SafetySettings | None = None,
+        limits: VelocityLimits | None = None,
+    ) -> None:
+        self._robot, self._source = robot, source
+        self._safety = safety or SafetySettings()
+        self._runtime = PolicyRuntime(policy, robot)
+        self._states = StateMonitor(robot, self._safety)
+        self._body = BodyMonitor(robot, self._safety)
+        self._guard = CommandGuard(robot)
+        self._operator = SourceMonitor(self._safety.source_timeout)
+        self._limiter = VelocityLimiter(limits or VelocityLimits())
+        self._folded = folded_pose(robot)
+        self._zeros = np.zeros(len(robot.joint_names))
+        self._velocity = np.zeros(3)
+        self._targets: FloatArray = np.array(robot.default_pose)
+        self._motion = JointMotion(self._targets, 0.0)
+        self._course = Course(0.0)
+        self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
+        self._slow = Persistence(_BRAKED_TIME)
+        self._start: int | None = None
+        self._now = self._next_policy = 0
+        self._sequence = 0
+        self._answer, self._answered_at = 0, 0.0
+        self._fix: PositionFix | None = None
+        self._fix_at = 0.0
+        self._faults: list[Fault] = []
+        self._run_started = 0.0
+        self._brake_started: float | None = None
+        self._after_brake = Mode.STAND
+        self._held = False
+        self.mode = Mode.PASSIVE
+        self.fault_counts: Counter[Fault] = Counter()
+        self.stop_reason = ""
+        self.policy_time = 0.0
+
+    @property
+    def state(self) -> RobotState | None:
+        """The last accepted state."""
+        return self._states.last
+
+    @property
+    def braking(self) -> bool:
+        """Whether a run is being brought to a stand."""
+        return self._brake_started is not None
+
+    def step(self, now: int, states: Sequence[RobotState], fix: PositionFix | None = None) -> ControlTick:
+        """One step of the 1 kHz loop.
+
+        Args:
+            now: monotonic clock [ns], above that of the step before.
+            states: what arrived since then, in order of arrival.
+            fix: a position fix that arrived.
+
+        Returns:
+            What happened; its ``command`` is to be sent at once.
+        """
+        begin = clock.perf_counter_ns()
+        self._faults = []
+        self._watch_loop(now)
+        time = (self._now - (self._start or 0)) * 1e-9
+        for state in states:
+            self._take_state(state, time)
+        self._take_fix(fix, time)
+        self._watch_link(time)
+        self._react(time)
+        policy_step = now >= self._next_policy
+        if policy_step:
+            self._policy_period(now, time)
+            self._react(time)
+        self._advance_mode(time)
+        command = self._command(now)
+        return ControlTick(
+            time=time,
+            mode=self.mode.value,
+            state=self._states.last,
+            command=command,
+            velocity=self._velocity,
+            targets=self._targets,
+            policy_step=policy_step and self.mode is Mode.RUN,
+            fix=fix,
+            faults=tuple(fault.value for fault in self._faults),
+            compute_time=(clock.perf_counter_ns() - begin) * 1e-9,
+        )
+
+    # ---- what comes in -------------------------------------------------------------------------------
+
+    def _note(self, *faults: Fault) -> None:
+        self._faults.extend(faults)
+        self.fault_counts.update(faults)
+
+    def _watch_loop(self, now: int) -> None:
+        if self._start is None:
+            self._start = self._now = self._next_policy = now
+        stalled = (now - self._now) * 1e-9 >= self._safety.stall_time
+        self._now = now
+        if stalled and self.mode in ACTIVE_MODES:
+            self._note(Fault.LOOP_STALLED)
+
+    def _take_state(self, state: RobotState, time: float) -> None:
+        faults = self._states.accept(state, time)
+        self._note(*faults)
+        if self._states.last is not state:
+            return
+        if state.command_sequence != self._answer:
+            self._answer, self._answered_at = state.command_sequence, time
+            # A robot that obeyed another controller before drops what does not count on from there.
+            self._sequence = max(self._sequence, self._answer)
+        carried = self.mode in (Mode.STAND, Mode.RUN)
+        self._note(*self._body.check(state, time, carried=carried))
+
+    def _take_fix(self, fix: PositionFix | None, time: float) -> None:
+        if fix is None:
+            return
+        finite = np.isfinite(fix.position).all() and np.isfinite(fix.velocity).all()
+        if not finite or (self._fix is not None and fix.sequence <= self._fix.sequence):
+            self._note(Fault.FIX_INVALID)
+            return
+        self._fix, self._fix_at = fix, time
+
+    def _watch_link(self, time: float) -> None:
+        if self.mode not in ACTIVE_MODES:
+            if self.mode is Mode.PASSIVE and self._states.stale(time):
+                self._forget_robot()
+            return
+        if self._states.stale(time):
+            self._note(Fault.STATE_STALE)
+        elif time - self._answered_at >= self._safety.answer_timeout - 1e-9:
+            self._note(Fault.COMMANDS_UNANSWERED)
+        if self._states.last is not None and self._states.last.status & RobotStatus.WATCHDOG_EXPIRED:
+            self._note(Fault.WATCHDOG_EXPIRED)
+
+    def _forget_robot(self) -> None:
+        """Whatever comes next may be a robot that was restarted."""
+        self._states.reset()
+        self._body.reset()
+        self._fix, self._answer = None, 0
+
+    # ---- reactions -----------------------------------------------------------------------------------
+
+    def _react(self, time: float) -> None:
+        """Follow the gravest reaction to the faults of this step."""
+        reactions = {RESPONSES[fault].reaction for fault in self._faults}
+        if Reaction.STOP in reactions and self.mode in ACTIVE_MODES:
+            gravest = (f for f in self._faults if RESPONSES[f].reaction is Reaction.STOP)
+            self._enter_stop(next(gravest).value)
+        elif Reaction.BRAKE in reactions and self.mode is Mode.RUN:
+            self._held = True
+            self._start_brake(time, Mode.STAND)
+
+    def _enter_stop(self, reason: str) -> None:
+        self.mode, self.stop_reason = Mode.STOP, reason
+        self._brake_started = None
+        self._limiter.reset()
+        self._velocity = np.zeros(3)
+
+    def _start_brake(self, time: float, then: Mode) -> None:
+        self._after_brake = then
+        if self._brake_started is None:
+            self._brake_started = time
+            self._slow.reset()
+
+    # ---- 50 Hz ---------------------------------------------------------------------------------------
+
+    def _policy_period(self, now: int, time: float) -> None:
+        late = (now - self._next_policy) * 1e-9 > self._safety.late_step
+        in_time = now - self._next_policy < POLICY_PERIOD_NS
+        self._next_policy = (self._next_policy if in_time else now) + POLICY_PERIOD_NS
+        state = self._states.last
+        if state is None:
+            return
+        self._watch_lateness(late)
+        request, faults = self._operator.accept(self._read_source(state, time), time)
+        self._note(*faults)
+        self._obey(request, state, time)
+        if self.mode is Mode.RUN:
+            self._run_policy(state, time)
+
+    def _watch_lateness(self, late: bool) -> None:
+        self._late.append(late)
+        if self.mode is Mode.RUN and sum(self._late) >= self._safety.late_steps and not self.braking:
+            self._note(Fault.POLICY_LATE)
+
+    def _read_source(self, state: RobotState, time: float) -> OperatorCommand | None:
+        try:
+            return self._source.read(self._view(state, time))
+        except Exception:  # whatever breaks in a device must not break the loop
+            self._note(Fault.SOURCE_INVALID)
+            return None
+
+    def _view(self, state: RobotState, time: float) -> SourceView:
+        fix = self._fix if time - self._fix_at <= self._safety.fix_timeout else None
+        offset, speed = self._course.offset_and_speed(fix)
+        return SourceView(
+            time=time,
+            running_time=time - self._run_started if self.mode is Mode.RUN else None,
+            mode=self.mode.value,
+            state=state,
+            fix=fix,
+            heading=self._course.relative_heading(state),
+            lateral_offset=offset,
+            forward_speed=speed,
+        )
+
+    def _obey(self, request: Request, state: RobotState, time: float) -> None:
+        if request == Request.STOP and self.mode in ACTIVE_MODES:
+            self._enter_stop("operator")
+        if request == Request.STAND and self.mode is Mode.STAND:
+            self._held = False
+        goal = REQUESTED.get((self.mode, request))
+        if goal is None:
+            return
+        if self.mode is Mode.RUN:
+            self._start_brake(time, goal)
+        elif self._may_leave(goal, state, time):
+            self._enter(goal, state, time)
+
+    def _may_leave(self, goal: Mode, state: RobotState, time: float) -> bool:
+        """Whether the robot is fit for ``goal``; an unfit robot stays where it is."""
+        if self.mode is Mode.PASSIVE:
+            return self._ready(state, time)
+        if self.mode is Mode.STOP:
+            return self._states.stale(time) or self._at_rest(state)
+        return goal is not Mode.RUN or not (self._held or self._operator.lost(time))
+
+    def _ready(self, state: RobotState, time: float) -> bool:
+        answered = time - self._answered_at < self._safety.answer_timeout and state.command_sequence > 0
+        upright = trunk_tilt(state) < self._safety.start_tilt
+        return answered and upright and state.status == RobotStatus.READY and self._at_rest(state)
+
+    def _at_rest(self, state: RobotState) -> bool:
+        return float(np.abs(state.joint_velocity).max()) < self._safety.start_speed
+
+    def _run_policy(self, state: RobotState, time: float) -> None:
+        dt = POLICY_PERIOD_NS * 1e-9
+        if self._operator.lost(time) and not self.braking:
+            self._note(Fault.SOURCE_LOST)
+            self._react(time)
+        if self.braking:
+            offset, _ = self._course.offset_and_speed(self._fix)
+            heading = self._course.relative_heading(state)
+            yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
+            self._velocity = self._limiter.brake(dt, yaw_rate)
+        else:
+            self._velocity = self._limiter.advance(self._operator.velocity, dt)
+        begin = clock.perf_counter_ns()
+        try:
+            targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
+        except SprintlabError:
+            targets = np.full_like(self._targets, np.nan)
+        self.policy_time = (clock.perf_counter_ns() - begin) * 1e-9
+        if np.isfinite(targets).all():
+            self._targets = targets
+        else:
+            self._note(Fault.POLICY_INVALID)
+
+    # ---- modes ---------------------------------------------------------------------------------------
+
+    def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
+        self.mode = mode
+        standing = np.array(self._robot.default_pose)
+        here = state.joint_position.copy()
+        if mode is Mode.STAND_UP:
+            self._held = False
+            self._motion = JointMotion(
+                here, time, Waypoint(self._folded, _FOLD_TIME), Waypoint(standing, _RISE_TIME)
+            )
+        elif mode is Mode.STAND:
+            self._brake_started = None
+            self._velocity = np.zeros(3)
+            self._motion = JointMotion(here, time, Waypoint(standing, _SETTLE_TIME))
+        elif mode is Mode.LIE_DOWN:
+            self._brake_started = None
+            self._velocity = np.zeros(3)
+            self._motion = JointMotion(here, time, Waypoint(self._folded, _SINK_TIME))
+        elif mode is Mode.RUN:
+            self._start_run(state, time)
+        else:
+            self._forget_robot()
+
+    def _start_run(self, state: RobotState, time: float) -> None:
+        self._runtime.reset()
+        self._limiter.reset()
+        self._late.clear()
+        self._course = Course(float(heading_angle(state.quaternion)))
+        self._run_started = time
+
+    def _advance_mode(self, time: float) -> None:
+        """Leave a mode that has done its work, and move the targets of those without a policy."""
+        state = self._states.last
+        if state is None:
+            return
+        if self.mode is Mode.RUN:
+            self._end_brake(state, time)
+        elif self.mode is Mode.STAND_UP and time >= self._motion.end_time:
+            self._end_stand_up(state, time)
+        elif self.mode is Mode.LIE_DOWN and time >= self._motion.end_time + _DAMP_TIME:
+            self.mode = Mode.PASSIVE
+        if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN):
+            self._targets = self._motion.target(time)
+
+    def _end_stand_up(self, state: RobotState, time: float) -> None:
+        error = float(np.abs(state.joint_position - self._robot.default_pose).max())
+        if error <= _STAND_ERROR:
+            self._enter(Mode.STAND, state, time)
+        else:
+            self._note(Fault.STAND_FAILED)
+            self._react(time)
+
+    def _end_brake(self, state: RobotState, time: float) -> None:
+        """Hand over from the policy once the command is zero and the joints have calmed down."""
+        if self._brake_started is None:
+            return
+        calm = float(np.abs(state.joint_velocity).max()) < _BRAKED_SPEED
+        if self._slow.update(calm and not self._velocity[:2].any(), time):
+            self._enter(self._after_brake, state, time)
+        elif time - self._brake_started > self._longest_brake:
+            self._note(Fault.BRAKE_FAILED)
+            self._react(time)
+
+    @property
+    def _longest_brake(self) -> float:
+        limits = self._limiter.limits
+        return limits.forward / limits.braking + _BRAKED_TIME + _BRAKE_RESERVE
+
+    # ---- what goes out -------------------------------------------------------------------------------
+
+    def _command(self, now: int) -> JointCommand:
+        state = self._states.last
+        if self.mode is Mode.PASSIVE or state is None:
+            return self._send(now, JointMode.OFF, self._zeros, self._zeros, self._zeros, self._zeros)
+        if self.mode is not Mode.STOP and not self._damps_after_sinking():
+            servo = self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, state)
+            if all(math.isfinite(float(part.sum())) for part in servo):
+                return self._send(now, JointMode.SERVO, *servo)
+            self._note(Fault.POLICY_INVALID)
+            self._enter_stop(Fault.POLICY_INVALID.value)
+        return self._send(now, JointMode.DAMPING, *self._guard.damping(self._robot.damping, state))
+
+    def _damps_after_sinking(self) -> bool:
+        time = (self._now - (self._start or 0)) * 1e-9
+        return self.mode is Mode.LIE_DOWN and time >= self._motion.end_time
+
+    def _send(
+        self,
+        now: int,
+        mode: JointMode,
+        target: FloatArray,
+        stiffness: FloatArray,
+        damping: FloatArray,
+        feedforward: FloatArray,
+    ) -> JointCommand:
+        self._sequence += 1
+        return JointCommand(
+            sequence=self._sequence,
+            timestamp=now,
+            mode=mode,
+            target_position=target,
+            stiffness=stiffness,
+            damping=damping,
+            feedforward_torque=feedforward,
+            state_sequence=self._states.last.sequence if self._states.last else 0,
+        )
+
+
+def _measurement(state: RobotState) -> Measurement:
+    return Measurement(
+        angular_velocity=state.angular_velocity,
+        projected_gravity=np.asarray(gravity_in_body(state.quaternion)),
+        joint_position=state.joint_position,
+        joint_velocity=state.joint_velocity,
+    )
