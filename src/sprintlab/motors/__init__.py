@@ -1,6 +1,14 @@
 """Permanent-magnet motors: what torque they can give at which speed, from their parameters alone."""
 
 from sprintlab.motors.arrays import Array
+from sprintlab.motors.battery import (
+    Battery,
+    battery_current,
+    discharged,
+    loaded_voltage,
+    open_circuit_voltage,
+    shared_bus_voltage,
+)
 from sprintlab.motors.drive import DriveOutput, drive_torque
 from sprintlab.motors.envelope import (
     MOTOR_MODELS,
@@ -11,35 +19,60 @@ from sprintlab.motors.envelope import (
     voltage_infeasible,
 )
 from sprintlab.motors.files import load_motor, save_motor
+from sprintlab.motors.flux_weakening import DqCurrents, dq_currents, mtpv_currents, weakening_current
 from sprintlab.motors.gear import Gear, joint_torque, motor_speed, reflected_inertia
 from sprintlab.motors.parameters import PmsmParameters, motor_like, stack_motors
 from sprintlab.motors.power import copper_loss, electrical_power
 from sprintlab.motors.saturation import desaturate, saturate
+from sprintlab.motors.thermal import (
+    COPPER_COEFFICIENT,
+    WindingHeat,
+    flux_factor,
+    heated_motor,
+    resistance_factor,
+    warmed,
+)
 from sprintlab.motors.voltage import VOLTAGE_UTILIZATION, phase_voltage_limit
 
 __all__ = [
+    "COPPER_COEFFICIENT",
     "MOTOR_MODELS",
     "VOLTAGE_UTILIZATION",
     "Array",
+    "Battery",
+    "DqCurrents",
     "DriveOutput",
     "Gear",
     "MotorModel",
     "PmsmParameters",
+    "WindingHeat",
+    "battery_current",
     "copper_loss",
     "critical_speed",
     "desaturate",
+    "discharged",
+    "dq_currents",
     "drive_torque",
     "electrical_power",
+    "flux_factor",
+    "heated_motor",
     "joint_torque",
     "load_motor",
+    "loaded_voltage",
     "motor_like",
     "motor_speed",
+    "mtpv_currents",
     "no_load_speed",
+    "open_circuit_voltage",
     "phase_voltage_limit",
     "reflected_inertia",
+    "resistance_factor",
     "saturate",
     "save_motor",
+    "shared_bus_voltage",
     "stack_motors",
     "torque_limits",
     "voltage_infeasible",
+    "warmed",
+    "weakening_current",
 ]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.envelope import MotorModel, torque_limits
+from sprintlab.motors.flux_weakening import weakening_current
 from sprintlab.motors.gear import Gear, joint_torque, motor_speed
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.saturation import saturate
@@ -22,6 +23,8 @@ class DriveOutput(NamedTuple):
     """Least admissible ``motor_torque`` [N m]."""
     upper: Array
     """Greatest admissible ``motor_torque`` [N m]."""
+    direct_current: Array = 0.0
+    """i_d of flux weakening [A]; 0 in the other models."""
 
 
 def drive_torque(
@@ -49,7 +52,12 @@ def drive_torque(
         InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
     """
     xp, (desired, ratio) = as_arrays(desired_joint_torque, gear.ratio)
-    lower, upper = torque_limits(motor, motor_speed(gear, joint_velocity), bus_voltage, model)
+    speed = motor_speed(gear, joint_velocity)
+    lower, upper = torque_limits(motor, speed, bus_voltage, model)
     motor_torque = xp.minimum(xp.maximum(desired / ratio, lower), upper)
     torque = joint_torque(gear, saturate(motor, motor_torque))
-    return DriveOutput(torque, motor_torque, lower, upper)
+    if model == "flux-weakening":
+        direct = weakening_current(motor, motor_torque, speed, bus_voltage)
+    else:
+        direct = xp.zeros_like(motor_torque)
+    return DriveOutput(torque, motor_torque, lower, upper, direct)

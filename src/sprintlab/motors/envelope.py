@@ -1,11 +1,12 @@
-"""The torque-speed envelope of a motor with i_d = 0 behind an inverter with a limited voltage.
+"""The torque-speed envelope of a motor behind an inverter with a limited voltage.
 
-With the electrical speed ``w = N omega`` and the torque ``1.5 N psi i``, the phase voltages are
+With i_d = 0, the electrical speed ``w = N omega`` and the torque ``1.5 N psi i``, the phase voltages are
 ``v_d = -w L i`` and ``v_q = R i + w psi``; the inverter demands ``v_d^2 + v_q^2 <= V^2``. For a given
 speed this is one interval of the current, for a given current one of the speed.
 
 The models differ in what they keep: ``refined`` all of it, ``simplified-dc`` drops ``v_d`` (the usual
 straight torque-speed line; the same as L = 0), ``square`` drops the voltage limit altogether.
+``flux-weakening`` is the refined law with a d-axis current where that helps: see ``flux_weakening``.
 """
 
 from __future__ import annotations
@@ -14,12 +15,17 @@ from typing import Any, Literal, NamedTuple
 
 from sprintlab.core.checks import check_choice
 from sprintlab.motors.arrays import Array, as_arrays
+from sprintlab.motors.flux_weakening import (
+    flux_weakening_critical_speed,
+    flux_weakening_infeasible,
+    flux_weakening_limits,
+)
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.voltage import phase_voltage_limit
 
-MotorModel = Literal["refined", "simplified-dc", "square"]
-MOTOR_MODELS: tuple[MotorModel, ...] = ("refined", "simplified-dc", "square")
-"""The three envelopes, by what they know of the inverter's voltage."""
+MotorModel = Literal["refined", "simplified-dc", "square", "flux-weakening"]
+MOTOR_MODELS: tuple[MotorModel, ...] = ("refined", "simplified-dc", "square", "flux-weakening")
+"""The envelopes: the paper's three, by what they know of the inverter's voltage, and flux weakening."""
 
 
 class _VoltageInterval(NamedTuple):
@@ -39,7 +45,7 @@ def torque_limits(
     ``lower`` braking; the resistive drop helps braking, so the interval is not symmetric. Above the
     no-load speed ``upper`` is negative: the back-EMF itself drives a braking current. Above the speed
     where no current satisfies the voltage limit, the interval reaches from the braking torque that violates
-    it least, ``-1.5 N psi R w psi / Z^2``, to zero: no drive.
+    it least, ``-1.5 N psi R w psi / Z^2``, to zero: no drive. With flux weakening that speed is far higher.
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``speed``.
@@ -59,6 +65,8 @@ def torque_limits(
         xp, (peak, still) = as_arrays(motor.peak_torque, speed)
         upper = peak + 0.0 * still
         return -upper, upper
+    if model == "flux-weakening":
+        return flux_weakening_limits(motor, speed, bus_voltage)
     xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, model)
     lower = interval.middle - interval.half_width
     upper = interval.middle + interval.half_width
@@ -69,18 +77,29 @@ def torque_limits(
     return _clip(xp, lower, peak), _clip(xp, upper, peak)
 
 
-def voltage_infeasible(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> Array:
-    """Where no torque within ``±peak_torque`` satisfies the refined voltage limit: over-speed, to be counted.
+def voltage_infeasible(
+    motor: PmsmParameters, speed: Array, bus_voltage: Array, model: MotorModel = "refined"
+) -> Array:
+    """Where no torque within ``±peak_torque`` satisfies the voltage limit: over-speed, to be counted.
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``speed``.
         speed: mechanical motor speed [rad/s], any shape.
         bus_voltage: DC bus [V], broadcasts with ``speed``.
+        model: one of ``MOTOR_MODELS``; ``"square"`` knows no voltage limit.
 
     Returns:
         Boolean array in the broadcast shape.
+
+    Raises:
+        InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
     """
-    xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, "refined")
+    check_choice("model", model, MOTOR_MODELS)
+    if model == "flux-weakening":
+        return flux_weakening_infeasible(motor, speed, bus_voltage)
+    xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, model)
+    if model == "square":
+        return xp.zeros_like(interval.excess > 0)
     nearest_to_zero = xp.abs(interval.middle) - interval.half_width
     return (interval.excess > 0) | (nearest_to_zero > peak)
 
@@ -94,7 +113,8 @@ def critical_speed(
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``torque``.
-        torque: motor torque before saturation [N m]; negative brakes. The current limit is not applied.
+        torque: motor torque before saturation [N m]; negative brakes. The current limit is not applied,
+            except to the d-axis current of flux weakening.
         bus_voltage: DC bus [V], broadcasts with ``torque``.
         model: one of ``MOTOR_MODELS``; ``"square"`` knows no critical speed and gives infinity.
 
@@ -105,6 +125,8 @@ def critical_speed(
         InvalidValueError: ``model`` is unknown, or ``bus_voltage`` is a negative number.
     """
     check_choice("model", model, MOTOR_MODELS)
+    if model == "flux-weakening":
+        return flux_weakening_critical_speed(motor, torque, bus_voltage)
     xp, (torque, pole_pairs, resistance, inductance, flux, voltage) = as_arrays(
         torque,
         motor.pole_pairs,

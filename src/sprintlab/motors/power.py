@@ -1,4 +1,4 @@
-"""Electrical power of a motor with i_d = 0."""
+"""Electrical power of a motor."""
 
 from __future__ import annotations
 
@@ -6,28 +6,33 @@ from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.parameters import PmsmParameters
 
 
-def copper_loss(motor: PmsmParameters, motor_torque: Array) -> Array:
-    """Heat in the windings, ``1.5 R i_q^2`` [W].
+def copper_loss(motor: PmsmParameters, motor_torque: Array, direct_current: Array = 0.0) -> Array:
+    """Heat in the windings, ``1.5 R (i_d^2 + i_q^2)`` [W].
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``motor_torque``.
-        motor_torque: torque that the current stands for, before saturation [N m].
+        motor_torque: torque that the q-axis current stands for, before saturation [N m].
+        direct_current: i_d of flux weakening [A], broadcasts with ``motor_torque``.
     """
-    _, (torque, resistance, constant) = as_arrays(
-        motor_torque, motor.stator_resistance, motor.torque_constant
+    _, (torque, direct, resistance, constant) = as_arrays(
+        motor_torque, direct_current, motor.stator_resistance, motor.torque_constant
     )
-    return 1.5 * resistance * (torque / constant) ** 2
+    return 1.5 * resistance * ((torque / constant) ** 2 + direct**2)
 
 
-def electrical_power(motor: PmsmParameters, motor_torque: Array, speed: Array) -> Array:
-    """Power drawn from the bus, ``1.5 v_q i_q = tau omega + 1.5 R i_q^2`` [W]; negative when it feeds back.
+def electrical_power(
+    motor: PmsmParameters, motor_torque: Array, speed: Array, direct_current: Array = 0.0
+) -> Array:
+    """Power drawn from the bus, ``1.5 (v_d i_d + v_q i_q)`` [W]; negative when it feeds back.
 
+    That is ``tau omega + 1.5 R (i_d^2 + i_q^2)``: the reactances exchange power between the axes only.
     Saturation takes torque from the shaft, not from the balance: what it takes is counted as drawn.
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``motor_torque``.
-        motor_torque: torque that the current stands for, before saturation [N m].
+        motor_torque: torque that the q-axis current stands for, before saturation [N m].
         speed: mechanical motor speed [rad/s], broadcasts with ``motor_torque``.
+        direct_current: i_d of flux weakening [A], broadcasts with ``motor_torque``.
     """
     _, (torque, speed) = as_arrays(motor_torque, speed)
-    return torque * speed + copper_loss(motor, torque)
+    return torque * speed + copper_loss(motor, torque, direct_current)

@@ -2,16 +2,36 @@
 
 The plant asks for twelve torques a thousand times a second; there the checks and conversions of the general
 law cost more than the law. This second form has the same equations with the constants taken out, in NumPy
-only; a test proves it equal to the first one over random torques and speeds.
+only; a test proves it equal to the first one over random torques and speeds. Flux weakening, which no
+published number uses, calls the general law. ``SuppliedDrive`` puts a battery and warm windings behind it.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_choice, check_positive
-from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, phase_voltage_limit
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Battery,
+    DriveOutput,
+    MotorModel,
+    PmsmParameters,
+    WindingHeat,
+    battery_current,
+    copper_loss,
+    discharged,
+    flux_factor,
+    heated_motor,
+    phase_voltage_limit,
+    shared_bus_voltage,
+    torque_limits,
+    warmed,
+    weakening_current,
+)
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
@@ -32,32 +52,47 @@ class PreparedDrive:
     def __init__(self, robot: RobotDescription, bus_voltage: float, model: MotorModel = "refined") -> None:
         check_positive("bus_voltage", bus_voltage, "V")
         check_choice("model", model, MOTOR_MODELS)
-        motors, gear = robot.motors, robot.gear
-        self._square = model == "square"
-        self._ratio = np.asarray(gear.ratio, dtype=float)
+        self._model = model
+        self._ratio = np.asarray(robot.gear.ratio, dtype=float)
+        self._gain = self._ratio * robot.gear.efficiency
+        self.set_motors(robot.motors)
+        self.set_bus_voltage(bus_voltage)
+
+    def set_bus_voltage(self, bus_voltage: float) -> None:
+        """Go on with another bus voltage [V], not negative."""
+        self._bus_voltage = bus_voltage
+        self._voltage = float(phase_voltage_limit(bus_voltage))
+
+    def set_motors(self, motors: PmsmParameters) -> None:
+        """Go on with other motors, one an element: what heat has made of them."""
+        self._motors = motors
         self._electrical_ratio = self._ratio * motors.pole_pairs
         inductance = np.asarray(motors.q_axis_inductance, dtype=float)
-        self._inductance = inductance if model == "refined" else np.zeros_like(inductance)
+        self._inductance = inductance if self._model == "refined" else np.zeros_like(inductance)
         self._reactive_emf = self._inductance * motors.flux_linkage
         self._squared_resistance = np.asarray(motors.stator_resistance, dtype=float) ** 2
-        self._voltage = float(phase_voltage_limit(bus_voltage))
         self._torque_constant = np.asarray(motors.torque_constant, dtype=float)
         self._brake = np.asarray(motors.stator_resistance * motors.flux_linkage, dtype=float)
         self._peak = np.asarray(motors.peak_torque, dtype=float)
         self._saturation = np.asarray(motors.saturation / motors.peak_torque, dtype=float)
-        self._gain = self._ratio * gear.efficiency
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
         """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
         lower, upper = self.limits(joint_velocity)
         motor_torque = np.minimum(np.maximum(desired_joint_torque / self._ratio, lower), upper)
         torque = motor_torque * (1.0 - self._saturation * np.abs(motor_torque)) * self._gain
-        return DriveOutput(torque, motor_torque, lower, upper)
+        if self._model != "flux-weakening":
+            return DriveOutput(torque, motor_torque, lower, upper)
+        speed = joint_velocity * self._ratio
+        direct = weakening_current(self._motors, motor_torque, speed, self._bus_voltage)
+        return DriveOutput(torque, motor_torque, lower, upper, direct)
 
     def limits(self, joint_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(12,)``."""
-        if self._square:
+        if self._model == "square":
             return -self._peak, self._peak
+        if self._model == "flux-weakening":
+            return torque_limits(self._motors, joint_velocity * self._ratio, self._bus_voltage, self._model)
         speed = joint_velocity * self._electrical_ratio
         squared_impedance = self._squared_resistance + (speed * self._inductance) ** 2
         across = np.sqrt(squared_impedance) * self._voltage
@@ -74,3 +109,110 @@ class PreparedDrive:
 
     def _clip(self, torque: FloatArray) -> FloatArray:
         return np.maximum(np.minimum(torque, self._peak), -self._peak)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupplyState:
+    """How battery and windings are.
+
+    Attributes:
+        bus_voltage: in the last motor step [V].
+        lowest_bus_voltage: so far [V].
+        state_of_charge: [-]; 1 for a bus without a battery.
+        winding_temperature: ``(12,)`` [degC].
+    """
+
+    bus_voltage: float
+    lowest_bus_voltage: float
+    state_of_charge: float
+    winding_temperature: FloatArray
+
+
+class SuppliedDrive:
+    """Twelve drives on one battery, with windings that warm up; either may be left out.
+
+    Bus voltage and torques of a step agree with each other. Copper loss and current of the step then change
+    temperature and charge. The drives set currents by the torque constant at the reference temperature, so
+    that warm magnets give less torque than asked for.
+
+    Args:
+        robot: its motors and gears.
+        bus_voltage: without a battery [V].
+        model: one of ``sprintlab.motors.MOTOR_MODELS``.
+        battery: ``None``: the bus holds ``bus_voltage``.
+        state_of_charge: of the battery at the start [-].
+        heat: ``None``: the windings stay as the motors' parameters say.
+        winding_temperature: at the start [degC].
+        step: time between two calls [s].
+
+    Raises:
+        InvalidValueError: as ``PreparedDrive`` does.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        bus_voltage: float,
+        model: MotorModel = "refined",
+        *,
+        battery: Battery | None = None,
+        state_of_charge: float = 1.0,
+        heat: WindingHeat | None = None,
+        winding_temperature: float = 25.0,
+        step: float = 0.001,
+    ) -> None:
+        self._drive = PreparedDrive(robot, bus_voltage, model)
+        self._motors = self._cold_motors = robot.motors
+        self._ratio = np.asarray(robot.gear.ratio, dtype=float)
+        self._battery, self._heat, self._step = battery, heat, step
+        self._bus_voltage, self._lowest = bus_voltage, np.inf
+        self._charge = state_of_charge
+        self._temperature = np.full(self._ratio.shape, float(winding_temperature))
+
+    @property
+    def state(self) -> SupplyState:
+        """Battery and windings now."""
+        return SupplyState(
+            bus_voltage=self._bus_voltage,
+            lowest_bus_voltage=min(self._lowest, self._bus_voltage),
+            state_of_charge=self._charge,
+            winding_temperature=self._temperature.copy(),
+        )
+
+    def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
+        """Advance by one step; arguments and result as of ``PreparedDrive``, the motors as warm as they are.
+
+        Args:
+            desired_joint_torque: ``(12,)`` [N m].
+            joint_velocity: ``(12,)`` [rad/s].
+        """
+        desired = desired_joint_torque
+        if self._heat is not None:
+            self._motors = heated_motor(self._cold_motors, self._heat, self._temperature)
+            self._drive.set_motors(self._motors)
+            desired = desired * flux_factor(self._heat, self._temperature)
+        if self._battery is not None:
+            self._load_bus(self._battery, desired, joint_velocity)
+        output = self._drive(desired, joint_velocity)
+        loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
+        if self._heat is not None:
+            self._temperature = warmed(self._heat, self._temperature, loss, self._step)
+        if self._battery is not None:
+            power = float((output.motor_torque * joint_velocity * self._ratio + loss).sum())
+            current = battery_current(self._battery, self._bus_voltage, power)
+            self._charge = float(discharged(self._battery, self._charge, current, self._step))
+        return output
+
+    def _load_bus(self, battery: Battery, desired: FloatArray, velocity: FloatArray) -> None:
+        """Find the bus voltage at which the torques draw just the power that lowers the bus to it."""
+        speed = velocity * self._ratio
+
+        def power_at(voltage: FloatArray) -> FloatArray:
+            self._drive.set_bus_voltage(float(voltage))
+            output = self._drive(desired, velocity)
+            loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
+            return np.asarray((output.motor_torque * speed + loss).sum())
+
+        self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at))
+        self._lowest = min(self._lowest, self._bus_voltage)
+        self._drive.set_bus_voltage(self._bus_voltage)

@@ -1,0 +1,175 @@
+"""A battery behind the bus that all joints share: the more they draw, the less voltage each of them has.
+
+An open-circuit voltage ``E`` that falls with the charge, behind an internal resistance ``R``. A load that
+draws the power ``P`` at the terminal voltage ``V`` satisfies ``V^2 - E V + R P = 0``; the greater root is the
+stable one. The power in turn depends on the voltage wherever a motor is on its envelope, so that voltage and
+torque are found together: ``shared_bus_voltage``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.checks import check_finite, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors.arrays import Array, as_arrays
+
+SECONDS_PER_HOUR = 3600.0
+_SOLVER_STEPS = 12
+_SOLVER_TOLERANCE = 1e-6  # [V]
+_LEAST_SLOPE = 0.1  # the residual's slope is 1 where no motor is on its envelope, and more where one drives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Battery:
+    """A pack of equal cells; plain numbers, one pack for the whole robot.
+
+    The defaults are an assumption, not a robot's: 14 cells of the 21700 size in series, three in parallel
+    (58.8 V full, the nearest below a 60 V bus), each with 16 milliohm and 4.2 A h.
+
+    Raises:
+        InvalidValueError: a value is impossible, or the table is not rising.
+    """
+
+    series_cells: int = 14
+    """Cells in series [-]."""
+    charge_table: tuple[float, ...] = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
+    """States of charge at which ``voltage_table`` holds [-], rising from 0 to 1."""
+    voltage_table: tuple[float, ...] = (2.80, 3.15, 3.30, 3.45, 3.62, 3.80, 4.00, 4.20)
+    """Open-circuit voltage of one cell at those states [V], rising; linear between them."""
+    internal_resistance: float = 0.075
+    """Of the whole pack [ohm]."""
+    capacity: float = 12.6
+    """Of the whole pack [A h]."""
+    regeneration_limit: float = 25.0
+    """Greatest current that the pack takes back [A]; a brake resistor burns what comes beyond. 0: none."""
+
+    def __post_init__(self) -> None:
+        """Refuse packs that cannot be."""
+        check_range("battery.series_cells", self.series_cells, 1, 500)
+        check_range("battery.internal_resistance", self.internal_resistance, 0.0, 10.0, "ohm")
+        check_positive("battery.capacity", self.capacity, "A h")
+        check_range("battery.regeneration_limit", self.regeneration_limit, 0.0, 1e5, "A")
+        self._check_tables()
+
+    def _check_tables(self) -> None:
+        charge, voltage = self.charge_table, self.voltage_table
+        for name, table in (("charge_table", charge), ("voltage_table", voltage)):
+            for value in table:
+                check_finite(f"battery.{name}", value)
+            if any(later <= earlier for earlier, later in pairwise(table)):
+                raise InvalidValueError(f"battery.{name}", table, "must rise from number to number")
+        if len(charge) < 2 or len(charge) != len(voltage):
+            raise InvalidValueError(
+                "battery.voltage_table", voltage, "give one voltage for each charge, two at least"
+            )
+        if (charge[0], charge[-1]) != (0.0, 1.0):
+            raise InvalidValueError("battery.charge_table", charge, "must reach from 0 to 1")
+        check_positive("battery.voltage_table", voltage[0], "V")
+
+
+def open_circuit_voltage(battery: Battery, state_of_charge: Array) -> Array:
+    """Voltage of the pack without load [V].
+
+    Args:
+        battery: the pack.
+        state_of_charge: any shape [-]; below 0 and above 1 the ends of the table hold.
+    """
+    xp, (charge,) = as_arrays(state_of_charge)
+    voltage = xp.zeros_like(charge) + battery.voltage_table[0]
+    steps = zip(pairwise(battery.charge_table), pairwise(battery.voltage_table), strict=True)
+    for (start, end), (low, high) in steps:
+        passed = xp.minimum(xp.maximum(charge - start, 0.0 * charge), 0.0 * charge + (end - start))
+        voltage = voltage + passed * ((high - low) / (end - start))
+    return battery.series_cells * voltage
+
+
+def loaded_voltage(battery: Battery, state_of_charge: Array, power: Array) -> Array:
+    """Voltage of the bus while the joints draw a power, ``(E + sqrt(E^2 - 4 R P)) / 2`` [V].
+
+    Args:
+        battery: the pack.
+        state_of_charge: [-], any shape.
+        power: drawn by all joints together [W], negative when they feed back; broadcasts with the charge.
+
+    Returns:
+        In the broadcast shape. More power than ``E^2 / 4 R``, the most that the pack can give, leaves
+        ``E / 2``; more feedback than the pack takes leaves ``E + R x regeneration_limit``.
+    """
+    xp, (power, source) = as_arrays(power, open_circuit_voltage(battery, state_of_charge))
+    squared = source**2 - 4.0 * battery.internal_resistance * power
+    voltage = 0.5 * (source + xp.sqrt(xp.maximum(squared, xp.zeros_like(squared))))
+    return xp.minimum(voltage, source + battery.internal_resistance * battery.regeneration_limit)
+
+
+def shared_bus_voltage(battery: Battery, state_of_charge: Array, power_at: Callable[[Array], Array]) -> Array:
+    """The voltage at which the joints draw just the power that lowers the bus to it [V].
+
+    A root of ``V - loaded_voltage(P(V))`` between the voltages that ``loaded_voltage`` can give, found by
+    secants, each held inside the bracket by a bisection. Tensors take a fixed number of steps and never make
+    the host wait; NumPy stops when the residual is below a microvolt.
+
+    Args:
+        battery: the pack.
+        state_of_charge: [-], one value a pack, e.g. of shape ``(n,)``.
+        power_at: power of all joints together [W] at a bus voltage [V], shaped like ``state_of_charge``.
+
+    Returns:
+        Shaped like ``state_of_charge``.
+    """
+    xp, (source,) = as_arrays(open_circuit_voltage(battery, state_of_charge))
+
+    def residual(voltage: Array) -> Array:
+        return voltage - loaded_voltage(battery, state_of_charge, power_at(voltage))
+
+    low, high = 0.5 * source, source + battery.internal_resistance * battery.regeneration_limit
+    older, older_error = high, residual(high)
+    voltage = older - older_error
+    for _ in range(_SOLVER_STEPS):
+        error = residual(voltage)
+        if _is_small(xp, error):
+            break
+        low, high = xp.where(error > 0, low, voltage), xp.where(error > 0, voltage, high)
+        following = _secant(xp, voltage, error, older, older_error)
+        inside = (following > low) & (following < high)
+        older, older_error = voltage, error
+        voltage = xp.where(error == 0, voltage, xp.where(inside, following, 0.5 * (low + high)))
+    return voltage
+
+
+def battery_current(battery: Battery, voltage: Array, power: Array) -> Array:
+    """Current out of the pack [A], negative into it and then at most ``regeneration_limit``.
+
+    Args:
+        battery: the pack.
+        voltage: of the bus, from ``loaded_voltage`` or ``shared_bus_voltage`` [V].
+        power: drawn by all joints together [W], broadcasts with ``voltage``.
+    """
+    xp, (voltage, power) = as_arrays(voltage, power)
+    current = power / voltage
+    return xp.maximum(current, xp.zeros_like(current) - battery.regeneration_limit)
+
+
+def discharged(battery: Battery, state_of_charge: Array, current: Array, duration: float) -> Array:
+    """State of charge after a current [A] has flown for a duration [s]; stays within 0 and 1."""
+    xp, (charge, current) = as_arrays(state_of_charge, current)
+    left = charge - current * (duration / (SECONDS_PER_HOUR * battery.capacity))
+    nothing = xp.zeros_like(left)
+    return xp.minimum(xp.maximum(left, nothing), nothing + 1.0)
+
+
+def _secant(xp: Any, voltage: Array, error: Array, older: Array, older_error: Array) -> Array:
+    """Where the line through two points of the residual crosses zero; slope 1 where they coincide."""
+    apart = xp.abs(voltage - older) > 1e-6 * voltage
+    distance = xp.where(apart, voltage - older, xp.ones_like(voltage))
+    slope = xp.where(apart, (error - older_error) / distance, xp.ones_like(voltage))
+    return voltage - error / xp.maximum(slope, xp.zeros_like(slope) + _LEAST_SLOPE)
+
+
+def _is_small(xp: Any, error: Array) -> bool:
+    return xp is np and bool((np.abs(error) < _SOLVER_TOLERANCE).all())

@@ -1,0 +1,242 @@
+"""Flux weakening: a negative d-axis current against the magnets, so that the bus suffices at higher speed.
+
+For a surface machine (L_d = L_q = L) the voltage limit ``v_d^2 + v_q^2 <= V^2`` is a disk in the
+(i_d, i_q) plane, with centre ``c = -w psi / Z^2 (w L, R)``, radius ``V / Z`` and ``Z^2 = R^2 + (w L)^2``;
+the current limit is a disk of radius ``I`` about the origin. The admissible currents are what the two disks
+share, and the torque ``1.5 N psi i_q`` is their height. Highest torque at a speed:
+
+- ``(0, I)``, the top of the current disk, where the voltage allows it: maximum torque per ampere (MTPA);
+- the top of the voltage disk, where the current allows it: maximum torque per volt (MTPV);
+- else the crossing of the two circles with the larger ``i_q``.
+
+Between the limits the drive takes the least current for a torque: ``i_d = 0`` where the voltage allows it,
+else the point of the voltage circle that is nearest to it.
+
+Morimoto, Takeda, Hirasa, Taniguchi, "Expansion of operating limits for permanent magnet motor by current
+vector control considering inverter capacity", IEEE Trans. Ind. Appl. 26(5), 1990; here with the resistance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from sprintlab.motors.arrays import Array, as_arrays
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.voltage import phase_voltage_limit
+
+_SMALLEST_SHARE = 1e-12
+"""Of the largest voltage at hand: keeps quotients finite at standstill."""
+_SECTIONS = 64
+"""Golden sections of the d-axis current; 0.618^64 is 4e-14."""
+_GOLDEN_SHARE = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+class DqCurrents(NamedTuple):
+    """Currents in the rotor's frame [A], amplitude invariant."""
+
+    direct: Array
+    """Along the magnets, i_d; negative weakens them."""
+    quadrature: Array
+    """Across the magnets, i_q; makes the torque."""
+
+
+class _CurrentPlane(NamedTuple):
+    """The two disks of one operating point, all arrays of one namespace ``xp``."""
+
+    xp: Any
+    torque_constant: Array
+    """1.5 N psi [N m/A]."""
+    current_limit: Array
+    """Radius of the current disk [A]."""
+    radius: Array
+    """Radius of the voltage disk [A]."""
+    distance: Array
+    """Of the voltage disk's centre from the origin [A]."""
+    direct: Array
+    """d-axis component of the unit vector toward the centre, not positive."""
+    quadrature: Array
+    """Its q-axis component; has the opposite sign of the speed."""
+    chord: Array
+    """Distance of the crossings' chord from the origin along that vector [A], within ``±current_limit``."""
+    empty: Array
+    """Where the disks share nothing."""
+
+
+def flux_weakening_limits(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> tuple[Array, Array]:
+    """Least and greatest torque with flux weakening; see ``torque_limits``, which calls this.
+
+    Above the speed where the disks part, the interval reaches from the torque of the current that violates
+    the voltage limit least, ``-1.5 N psi I R / Z``, to zero: no drive.
+
+    Returns:
+        ``(lower, upper)`` [N m], motor side, before saturation, in the broadcast shape, ``lower <= upper``,
+        never NaN.
+    """
+    plane = _current_plane(motor, speed, bus_voltage)
+    xp = plane.xp
+    upper = _greatest_quadrature(plane, plane.quadrature)
+    lower = -_greatest_quadrature(plane, -plane.quadrature)  # the mirrored plane's greatest
+    nothing = xp.zeros_like(upper)
+    upper = xp.where(plane.empty, xp.maximum(upper, nothing), upper)
+    lower = xp.where(plane.empty, xp.minimum(lower, nothing), xp.minimum(lower, upper))
+    return lower * plane.torque_constant, upper * plane.torque_constant
+
+
+def dq_currents(motor: PmsmParameters, torque: Array, speed: Array, bus_voltage: Array) -> DqCurrents:
+    """Currents with the least copper loss that give a torque within voltage and current limit.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``speed``.
+        torque: motor torque before saturation [N m]; clipped to ``flux_weakening_limits``.
+        speed: mechanical motor speed [rad/s], broadcasts with ``torque``.
+        bus_voltage: DC bus [V], broadcasts with ``speed``.
+
+    Returns:
+        i_d and i_q in the broadcast shape, never NaN. Where no current satisfies the voltage limit, the one
+        that is nearest to it for the clipped torque.
+
+    Raises:
+        InvalidValueError: ``bus_voltage`` is a negative number.
+    """
+    lower, upper = flux_weakening_limits(motor, speed, bus_voltage)
+    xp, (torque, constant, _) = as_arrays(torque, motor.torque_constant, upper)
+    torque = xp.minimum(xp.maximum(torque, lower), upper)
+    return DqCurrents(weakening_current(motor, torque, speed, bus_voltage), torque / constant)
+
+
+def weakening_current(motor: PmsmParameters, torque: Array, speed: Array, bus_voltage: Array) -> Array:
+    """The d-axis current nearest to zero [A] for a torque that lies within ``flux_weakening_limits``.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``speed``.
+        torque: motor torque before saturation [N m].
+        speed: mechanical motor speed [rad/s], broadcasts with ``torque``.
+        bus_voltage: DC bus [V], broadcasts with ``speed``.
+
+    Returns:
+        i_d in the broadcast shape, not positive, never NaN.
+    """
+    plane = _current_plane(motor, speed, bus_voltage)
+    _, (torque, constant) = as_arrays(torque, plane.torque_constant)
+    return _least_direct(plane, torque / constant)
+
+
+def mtpv_currents(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> DqCurrents:
+    """Currents with the greatest torque that the voltage allows, whatever the current: top of its disk.
+
+    Args:
+        motor: parameters, numbers or arrays that broadcast with ``speed``.
+        speed: mechanical motor speed [rad/s], any shape.
+        bus_voltage: DC bus [V], broadcasts with ``speed``.
+    """
+    plane = _current_plane(motor, speed, bus_voltage)
+    direct = plane.distance * plane.direct
+    return DqCurrents(direct, plane.distance * plane.quadrature + plane.radius)
+
+
+def flux_weakening_infeasible(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> Array:
+    """Where no current within the current limit satisfies the voltage limit: ``w psi > V + I Z``."""
+    return _current_plane(motor, speed, bus_voltage).empty
+
+
+def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_voltage: Array) -> Array:
+    """Highest speed at which a torque fits with flux weakening; see ``critical_speed``, which calls this.
+
+    For one current the highest speed is a root of a quadratic. Over the d-axis current, which the torque
+    leaves free between the current limit and zero, that speed has one maximum (speeds above a given one are
+    reached on a chord of the voltage disk), which golden sections find.
+
+    Returns:
+        Mechanical speed [rad/s], not negative; very large where the current limit reaches the centre of the
+        voltage disk (``I >= psi / L``) and the torque is near zero.
+    """
+    xp, (torque, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
+        torque,
+        motor.pole_pairs,
+        motor.stator_resistance,
+        motor.q_axis_inductance,
+        motor.flux_linkage,
+        motor.peak_torque,
+        phase_voltage_limit(bus_voltage),
+    )
+    constant = 1.5 * pole_pairs * flux
+    quadrature, limit = torque / constant, peak / constant
+
+    def highest(direct: Array) -> Array:
+        linkage = (inductance * quadrature) ** 2 + (flux + inductance * direct) ** 2
+        linkage = linkage + (_SMALLEST_SHARE * flux) ** 2
+        drop = resistance * quadrature * flux
+        spare = voltage**2 - resistance**2 * (direct**2 + quadrature**2)
+        discriminant = drop**2 + linkage * spare
+        nothing = xp.zeros_like(discriminant)
+        root = (xp.sqrt(xp.maximum(discriminant, nothing)) - drop) / linkage
+        return xp.where(discriminant < 0, nothing, xp.maximum(root, nothing))
+
+    high = 0.0 * (quadrature + limit + voltage + resistance + inductance)
+    low = high - xp.sqrt(xp.maximum((limit - quadrature) * (limit + quadrature), high))
+    for _ in range(_SECTIONS):
+        step = _GOLDEN_SHARE * (high - low)
+        left, right = high - step, low + step
+        upward = highest(right) >= highest(left)
+        low, high = xp.where(upward, left, low), xp.where(upward, high, right)
+    return xp.maximum(highest(high), highest(xp.zeros_like(high))) / pole_pairs
+
+
+def _current_plane(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> _CurrentPlane:
+    xp, (speed, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
+        speed,
+        motor.pole_pairs,
+        motor.stator_resistance,
+        motor.q_axis_inductance,
+        motor.flux_linkage,
+        motor.peak_torque,
+        phase_voltage_limit(bus_voltage),
+    )
+    constant = 1.5 * pole_pairs * flux
+    limit = peak / constant
+    electrical_speed = pole_pairs * speed
+    reactance = electrical_speed * inductance
+    impedance = xp.sqrt(resistance**2 + reactance**2)
+    emf = xp.abs(electrical_speed) * flux
+    reach = limit * impedance
+    # From the law of cosines; sums and differences keep digits in float32 that squares would lose.
+    chord = (reach**2 + (emf - voltage) * (emf + voltage)) / (
+        2.0 * impedance * (emf + _SMALLEST_SHARE * (reach + voltage))
+    )
+    against = xp.where(speed < 0, resistance, -resistance)
+    return _CurrentPlane(
+        xp=xp,
+        torque_constant=constant,
+        current_limit=limit,
+        radius=voltage / impedance,
+        distance=emf / impedance,
+        direct=-xp.abs(reactance) / impedance,
+        quadrature=against / impedance,
+        chord=xp.minimum(xp.maximum(chord, -limit), limit),
+        empty=emf > voltage + reach,
+    )
+
+
+def _greatest_quadrature(plane: _CurrentPlane, toward: Array) -> Array:
+    """Greatest i_q that both disks hold; ``toward``: the q component of the unit vector to the centre."""
+    xp, limit, radius = plane.xp, plane.current_limit, plane.radius
+    center_direct, center_quadrature = plane.distance * plane.direct, plane.distance * toward
+    half_chord = xp.sqrt(xp.maximum((limit - plane.chord) * (limit + plane.chord), 0.0 * limit))
+    crossing = plane.chord * toward - half_chord * plane.direct
+    top = center_quadrature + radius
+    voltage_decides = center_direct**2 + top**2 <= limit**2
+    current_decides = center_direct**2 + (limit - center_quadrature) ** 2 <= radius**2
+    greatest = xp.where(voltage_decides, top, crossing)
+    return xp.where(current_decides, limit, greatest)
+
+
+def _least_direct(plane: _CurrentPlane, quadrature: Array) -> Array:
+    """The d-axis current nearest to zero that the voltage disk has at ``quadrature``."""
+    xp, limit = plane.xp, plane.current_limit
+    above = quadrature - plane.distance * plane.quadrature
+    squared = (plane.radius - above) * (plane.radius + above)
+    nothing = xp.zeros_like(squared)
+    chord_end = plane.distance * plane.direct + xp.sqrt(xp.maximum(squared, nothing))
+    lowest = -xp.sqrt(xp.maximum((limit - quadrature) * (limit + quadrature), nothing))
+    return xp.maximum(xp.minimum(chord_end, nothing), lowest)
