@@ -14,6 +14,7 @@ from sprintlab.deployment.simulator.world import SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
+_SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two states
 _POLL = 2e-5  # [s] between two looks at the bus in lock-step
 
 
@@ -161,14 +162,14 @@ class _Run:
         self._world, self._endpoint, self._pace = world, endpoint, pace
         self._period = 1.0 / world.robot.plant.options.motor_rate
         self._answered = 0
-        self._had_controller = False
+        self._commands = 0
 
     def over(self) -> bool:
         """Whether the run's own end has come."""
         pace = self._pace
         if pace.duration is not None and self._world.time >= pace.duration - 0.5 * self._period:
             return True
-        return pace.end_with_controller and self._had_controller and self._controller_left()
+        return pace.end_with_controller and self._commands > 0 and self._controller_left()
 
     def _controller_left(self) -> bool:
         return bool(getattr(self._endpoint, "peer_left", False))
@@ -187,7 +188,7 @@ class _Run:
     def _collect(self) -> None:
         """Take every command that waits on the bus."""
         while (command := self._endpoint.receive_command()) is not None:
-            self._had_controller = True
+            self._commands += 1
             self._answered = max(self._answered, command.state_sequence)
             self._world.hand_over(command)
 
@@ -229,14 +230,18 @@ class _LockStep(_Run):
         Raises:
             SprintlabError: no answer came in time.
         """
+        before = self._commands
         newest = self._publish(round(1e9 * self._world.time))
-        deadline = time.monotonic() + self._pace.patience
+        begin = time.monotonic()
         self._collect()
         while self._answered < newest:
-            if stopped() or (self._had_controller and self._controller_left()):
+            waited = time.monotonic() - begin
+            if stopped() or (self._commands and self._controller_left()):
                 self._collect()
                 return self._answered >= newest
-            if time.monotonic() > deadline:
+            if self._commands > before and waited > _SECOND_THOUGHT:
+                return True  # it answered, but does not accept this state
+            if waited > self._pace.patience:
                 raise SprintlabError(
                     f"the controller has not answered for {self._pace.patience:g} s in lock-step"
                 )

@@ -1,0 +1,156 @@
+"""The control thread's end of a log: it hands every tick to a process of its own and never waits.
+
+The file is written elsewhere because compressing and writing in a thread would hold Python's global lock for
+milliseconds, and because a log must survive the controller: when the controller dies, the pipe ends, and the
+writer completes the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO
+
+import msgspec
+
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.deployment.interface import ControlTick, encode
+from sprintlab.deployment.log.topics import (
+    COMMAND,
+    FIX,
+    STATE,
+    TICK,
+    TOPICS,
+    Frame,
+    LogError,
+    TickRecord,
+    pack,
+)
+
+_PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
+_STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
+
+
+class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What a log says of its run.
+
+    Attributes:
+        robot: name of the robot.
+        contract: the policy's contract, JSON.
+        facts: anything else worth keeping: command line, date, policy file, bus.
+    """
+
+    robot: str
+    contract: str
+    facts: dict[str, str] = {}
+
+
+class McapRunLog:
+    """A ``RunLog`` that becomes an MCAP file.
+
+    Args:
+        path: where; must not exist yet.
+        facts: what to say of the run.
+
+    Attributes:
+        dropped: ticks that the writing process was too slow to take.
+
+    Raises:
+        LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
+    """
+
+    def __init__(self, path: Path, facts: LogFacts) -> None:
+        if find_spec("mcap") is None:
+            raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
+        if path.exists():
+            raise LogError(f"{path} exists already; choose another file for the log")
+        self.dropped = 0
+        self._path = path
+        self._last_state = 0
+        # Fails now, not after the run, where the folder cannot be written.
+        atomic_write_bytes(path, b"")
+        path.unlink()
+        self._writer = _start_writer(path)
+        self._pipe: IO[bytes] | None = self._writer.stdin
+        self._send_facts(facts)
+        self._encoder = msgspec.json.Encoder()
+
+    def write(self, tick: ControlTick) -> None:
+        """Keep one tick; what the writing process cannot take at once is dropped and counted."""
+        time = round(1e9 * tick.time)
+        state, command = tick.state, tick.command
+        content = pack(Frame(_COMMAND, time, command.sequence, encode(command)))
+        content += pack(Frame(_TICK, time, command.sequence, self._encoder.encode(_record(tick))))
+        if state is not None and state.sequence != self._last_state:
+            self._last_state = state.sequence
+            content += pack(Frame(_STATE, time, state.sequence, encode(state)))
+        if tick.fix is not None:
+            content += pack(Frame(_FIX, time, tick.fix.sequence, encode(tick.fix)))
+        self._put(content)
+
+    def close(self) -> None:
+        """Finish the file; a second call does nothing.
+
+        Raises:
+            LogError: the file could not be written; the message says why.
+        """
+        if self._pipe is None:
+            return
+        with contextlib.suppress(BrokenPipeError):
+            self._pipe.close()
+        self._pipe = None
+        assert self._writer.stderr is not None
+        complaint = self._writer.stderr.read().decode(errors="replace").strip()
+        if self._writer.wait() != 0:
+            raise LogError(f"the log {self._path} was not completed: {complaint.splitlines()[-1:]}")
+
+    def _send_facts(self, facts: LogFacts) -> None:
+        """The first thing down the pipe, while it may still wait; then wait until the writer is up."""
+        assert self._pipe is not None and self._writer.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._pipe.write(pack(Frame(len(TOPICS), 0, 0, msgspec.json.encode(facts))))
+            self._pipe.flush()
+        self._writer.stdout.readline()
+        os.set_blocking(self._pipe.fileno(), False)
+
+    def _put(self, content: bytes) -> None:
+        """Give a tick to the pipe, which takes all of it or nothing."""
+        if self._pipe is None:
+            return
+        try:
+            os.write(self._pipe.fileno(), content)
+        except OSError:  # full, or the writer is gone: the run matters more
+            self.dropped += 1
+
+
+def _record(tick: ControlTick) -> TickRecord:
+    return TickRecord(
+        time=tick.time,
+        mode=tick.mode,
+        velocity=tuple(tick.velocity.tolist()),
+        targets=tuple(tick.targets.tolist()),
+        policy_step=tick.policy_step,
+        faults=tick.faults,
+        compute_time=tick.compute_time,
+    )
+
+
+def _start_writer(path: Path) -> subprocess.Popen[bytes]:
+    """The writing process; in a session of its own, so that Ctrl-C leaves it its work."""
+    writer = subprocess.Popen(
+        [sys.executable, "-m", "sprintlab.deployment.log.writer", str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert writer.stdin is not None
+    if hasattr(fcntl, "F_SETPIPE_SZ"):
+        with contextlib.suppress(OSError):
+            fcntl.fcntl(writer.stdin.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+    return writer

@@ -1,0 +1,66 @@
+"""What stands in a log file, and how it goes from the controller to the process that writes it."""
+
+from __future__ import annotations
+
+import struct
+from typing import IO, NamedTuple
+
+import msgspec
+
+from sprintlab.core.errors import SprintlabError
+
+STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/controller/tick"
+TOPICS = (STATE, COMMAND, FIX, TICK)
+"""Topics of a log; the first three hold the bus's own bytes, the last JSON."""
+
+CONTRACT_NAME = "contract.json"
+FACTS_NAME = "sprintlab"
+
+_HEAD = struct.Struct("<IBQQ")
+
+
+class LogError(SprintlabError):
+    """A log cannot be written or read."""
+
+
+class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of ``/controller/tick``: what is not in the messages of the bus; see ``ControlTick``."""
+
+    time: float
+    mode: str
+    velocity: tuple[float, ...]
+    targets: tuple[float, ...]
+    policy_step: bool
+    faults: tuple[str, ...]
+    compute_time: float
+
+
+class Frame(NamedTuple):
+    """One message on its way to the file.
+
+    Attributes:
+        topic: index into ``TOPICS``.
+        time: controller's clock [ns].
+        sequence: of the message.
+        content: its bytes.
+    """
+
+    topic: int
+    time: int
+    sequence: int
+    content: bytes
+
+
+def pack(frame: Frame) -> bytes:
+    """The frame's bytes. A pipe takes fewer than 4096 bytes that are written at once whole, or not at all."""
+    return _HEAD.pack(len(frame.content), frame.topic, frame.time, frame.sequence) + frame.content
+
+
+def read_frame(stream: IO[bytes]) -> Frame | None:
+    """The next frame; None at the end, or where the sender was cut off."""
+    head = stream.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return None
+    length, topic, time, sequence = _HEAD.unpack(head)
+    content = stream.read(length)
+    return Frame(topic, time, sequence, content) if len(content) == length else None
