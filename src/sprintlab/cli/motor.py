@@ -7,19 +7,10 @@ from typing import Annotated
 
 import tyro
 
+from sprintlab.cli.motor_datasheet import PARAMETER_UNITS, MotorFromDatasheet
 from sprintlab.cli.motor_envelope import MotorEnvelope
 from sprintlab.cli.motor_source import chosen_motor
 from sprintlab.cli.output import plain_table, print_json, stdout_console
-
-UNITS = {
-    "pole_pairs": "",
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "peak_torque": "N m",
-    "saturation": "",
-    "rotor_inertia": "kg m^2",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +40,7 @@ class MotorShow:
             return 0
         table = plain_table(chosen.title, "quantity", "value", "unit", numbers=("value",))
         for name, value in parameters.items():
-            table.add_row(name, f"{value:.5g}", UNITS.get(name, ""))
+            table.add_row(name, f"{value:.5g}", PARAMETER_UNITS.get(name, ""))
         for name, value in speeds.items():
             table.add_row(name, f"{value:.5g}", "rad/s")
         stdout_console().print(table)
@@ -62,6 +53,7 @@ class Motor:
 
     command: (
         Annotated[MotorEnvelope, tyro.conf.subcommand(name="envelope")]
+        | Annotated[MotorFromDatasheet, tyro.conf.subcommand(name="from-datasheet")]
         | Annotated[MotorShow, tyro.conf.subcommand(name="show")]
     )
 

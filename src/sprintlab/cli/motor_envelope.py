@@ -142,8 +142,8 @@ def _limits_table(title: str, rows: list[dict[str, float]]) -> Table:
     headings = [SHORT_NAMES.get(name, name) for name in names]
     table = plain_table(title, "speed", "", *headings, numbers=("speed", *headings))
     for row in rows:
-        table.add_row(f"{row['speed']:.2f}", "drive", *(f"{row[f'{name} upper']:.2f}" for name in names))
-        table.add_row("", "brake", *(f"{row[f'{name} lower']:.2f}" for name in names), style="dim")
+        table.add_row(_text(row["speed"]), "drive", *(_text(row[f"{name} upper"]) for name in names))
+        table.add_row("", "brake", *(_text(row[f"{name} lower"]) for name in names), style="dim")
     return table
 
 
@@ -154,9 +154,9 @@ def _models_table(numbers: dict[str, Any]) -> Table:
         ends = [_text(numbers[key].get(name)) for key in ("critical_speed", "end_of_drive")]
         if name not in numbers["critical_speed"]:
             ends = [_text(numbers[key]["refined"]) for key in ("critical_speed", "end_of_drive")]
-        values = (f"{power['power']:.0f}", f"{power['speed']:.2f}", f"{power['torque']:.2f}")
+        values = (f"{power['power']:.0f}", _text(power["speed"]), _text(power["torque"]))
         table.add_row(SHORT_NAMES.get(name, name), *ends, *values)
-    table.add_row("no-load speed", "", f"{numbers['no_load_speed']:.2f}")
+    table.add_row("no-load speed", "", _text(numbers["no_load_speed"]))
     return table
 
 
@@ -168,9 +168,7 @@ def _cost_table(costs: list[dict[str, float]]) -> Table:
     for cost in costs:
         table.add_row(
             f"{cost['share']:.0%}",
-            f"{cost['speed']:.2f}",
-            f"{cost['torque_without']:.2f}",
-            f"{cost['torque']:.2f}",
+            *(_text(cost[key]) for key in ("speed", "torque_without", "torque")),
             f"{cost['lost']:.1%}",
             f"{cost['voltage_share']:.2f}",
         )
@@ -188,4 +186,7 @@ def _operating_table(summary: dict[str, float]) -> Table:
 
 
 def _text(value: float | None) -> str:
-    return "no limit" if value is None else f"{value:.2f}"
+    """Two decimals, three below 10; no negative zero."""
+    if value is None:
+        return "no limit"
+    return f"{round(value, 3) + 0.0:.{2 if abs(value) >= 10 else 3}f}"

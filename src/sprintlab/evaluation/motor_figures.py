@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sprintlab.evaluation.figures import LIGHT, Theme, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
-from sprintlab.motors import MOTOR_MODELS, voltage_infeasible
+from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
 from sprintlab.motors.chart import (
     SATURATED,
     JointDrive,
@@ -101,7 +101,8 @@ def _draw_models(axis: Axes, drive: JointDrive, speed: Array, theme: Theme) -> N
 
 def _draw_marks(axis: Axes, drive: JointDrive, theme: Theme) -> None:
     """Where the whole peak torque ends, and where the motor runs free."""
-    for model, marker in (("refined", "o"), ("simplified-dc", "s")):
+    marks: tuple[tuple[MotorModel, str], ...] = (("refined", "o"), ("simplified-dc", "s"))
+    for model, marker in marks:
         speed = peak_torque_speed(drive, model)
         if speed:
             label = f"peak torque up to {speed:.1f} rad/s ({LABELS[model]})"

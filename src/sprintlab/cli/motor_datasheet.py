@@ -1,0 +1,80 @@
+"""``sprintlab motor from-datasheet``: a motor file from a data sheet, every conversion written out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, stdout_console
+
+PARAMETER_UNITS = {
+    "pole_pairs": "",
+    "stator_resistance": "ohm",
+    "q_axis_inductance": "H",
+    "flux_linkage": "Wb",
+    "peak_torque": "N m",
+    "saturation": "",
+    "rotor_inertia": "kg m^2",
+}
+"""Fields of a motor file and their units."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotorFromDatasheet:
+    """Turn a data sheet into a motor file; name what is ambiguous or contradictory, guess nothing.
+
+    Attributes:
+        sheet: the data sheet (TOML): entries as printed, with their units and conventions.
+        out: motor file to write; none when left out.
+        tolerance: difference between entries that say the same, taken for rounding.
+        json: print JSON only.
+    """
+
+    sheet: tyro.conf.Positional[Path]
+    out: Path | None = None
+    tolerance: float = 0.05
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Convert and print; raises ``SprintlabError`` where the sheet is unreadable, unclear or wrong."""
+        from sprintlab.motors.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
+        from sprintlab.motors.datasheet_file import load_datasheet
+
+        sheet = load_datasheet(self.sheet)
+        conversion = convert_datasheet(sheet, self.tolerance)
+        if self.out is not None:
+            save_converted_motor(conversion, sheet, self.out)
+        numbers = conversion_numbers(conversion)
+        if self.json:
+            print_json(numbers)
+        else:
+            self._print(sheet.name or self.sheet.stem, numbers)
+        return 0
+
+    def _print(self, title: str, numbers: dict[str, Any]) -> None:
+        console = stdout_console()
+        steps = plain_table(title, "quantity", "formula", "numbers", "result", "unit", numbers=("result",))
+        for step in numbers["steps"]:
+            steps.add_row(
+                *(step[key] for key in ("quantity", "formula", "numbers")),
+                f"{step['value']:.5g}",
+                step["unit"],
+            )
+        console.print(steps)
+        console.print()
+        console.print(parameter_table(numbers["motor"]))
+        for note in numbers["notes"]:
+            console.print(f"note: {note}")
+        if self.out is not None:
+            console.print(f"motor file: {self.out}", soft_wrap=True)
+
+
+def parameter_table(motor: dict[str, float]) -> Any:
+    """The parameters of a motor file."""
+    table = plain_table("Motor", "parameter", "value", "unit", numbers=("value",))
+    for name, value in motor.items():
+        table.add_row(name, f"{value:.5g}", PARAMETER_UNITS.get(name, ""))
+    return table

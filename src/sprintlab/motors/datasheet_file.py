@@ -1,0 +1,281 @@
+"""Reading a data sheet: entries with their units and conventions, as the maker prints them.
+
+A sheet is a TOML file with one ``[datasheet]`` table. A physical entry is a text with its unit, and where
+makers differ also the convention::
+
+    [datasheet]
+    pole_pairs = 21
+    connection = "star"
+    resistance = { value = "0.19 ohm", between = "lines" }
+    kv = { value = "100 rpm/V", voltage = "dc" }
+
+Nothing is assumed: a missing unit or convention is an error that lists what may be written.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any, cast
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+BETWEEN = ("lines", "phase")
+VOLTAGES = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
+CURRENTS = ("line amplitude", "line rms", "phase amplitude", "phase rms", "dc")
+SIDES = ("motor", "output")
+CONNECTIONS = ("star", "delta")
+
+_RPM = 2.0 * pi / 60.0
+_OHM = {"ohm": 1.0, "mohm": 1e-3}
+_HENRY = {"h": 1.0, "mh": 1e-3, "uh": 1e-6}
+_AMPERE = {"a": 1.0, "ma": 1e-3}
+_TORQUE = {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2}
+_INERTIA = {"kgm^2": 1.0, "kgcm^2": 1e-4, "gcm^2": 1e-7, "gm^2": 1e-3}
+_SPEED = {"rad/s": 1.0, "rpm": _RPM}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EntryKind:
+    """What one entry of a sheet may say.
+
+    Attributes:
+        units: SI factor by unit, written small and without blanks.
+        conventions: allowed words by the key that carries them; every key is needed.
+        sided: whether the entry may be measured at the gear's output (``at``).
+    """
+
+    units: Mapping[str, float]
+    conventions: Mapping[str, tuple[str, ...]]
+    sided: bool = False
+
+
+ENTRIES: dict[str, EntryKind] = {
+    "resistance": EntryKind(units=_OHM, conventions={"between": BETWEEN}),
+    "inductance": EntryKind(units=_HENRY, conventions={"between": BETWEEN}),
+    "q_axis_inductance": EntryKind(units=_HENRY, conventions={}),
+    "flux_linkage": EntryKind(units={"wb": 1.0, "mwb": 1e-3, "vs": 1.0}, conventions={}),
+    "back_emf_constant": EntryKind(
+        units={
+            "vs/rad": 1.0,
+            "v/(rad/s)": 1.0,
+            "v/krpm": 1e-3 / _RPM,
+            "v/rpm": 1.0 / _RPM,
+            "mv/rpm": 1e-3 / _RPM,
+        },
+        conventions={"voltage": VOLTAGES},
+    ),
+    "kv": EntryKind(
+        units={"rpm/v": _RPM, "rad/s/v": 1.0, "rad/(sv)": 1.0}, conventions={"voltage": (*VOLTAGES, "dc")}
+    ),
+    "torque_constant": EntryKind(
+        units={"nm/a": 1.0, "mnm/a": 1e-3}, conventions={"current": CURRENTS}, sided=True
+    ),
+    "rated_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
+    "peak_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
+    "rated_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
+    "peak_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
+    "no_load_speed": EntryKind(units=_SPEED, conventions={}, sided=True),
+    "no_load_voltage": EntryKind(units={"v": 1.0}, conventions={}),
+    "rotor_inertia": EntryKind(units=_INERTIA, conventions={}),
+}
+"""Entries with a unit, by name."""
+
+_PLAIN = ("name", "source", "connection", "poles", "pole_pairs", "saturation", "gear_ratio", "flux_from")
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One entry, unit taken off.
+
+    Attributes:
+        name: a key of ``ENTRIES``.
+        text: as written.
+        value: SI.
+        convention: the word that says what was measured; empty where none is needed.
+        ambiguous: the words to choose from where the sheet gives none.
+        at_output: measured behind the gear.
+    """
+
+    name: str
+    text: str
+    value: float
+    convention: str = ""
+    ambiguous: tuple[str, ...] = ()
+    at_output: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Datasheet:
+    """A data sheet as read.
+
+    Attributes:
+        name: of the motor.
+        source: where its numbers come from.
+        connection: ``"star"``, ``"delta"`` or empty.
+        pole_pairs: N.
+        saturation: alpha if the sheet gives it.
+        gear_ratio: if the sheet gives numbers at a gear's output.
+        flux_from: the entry that decides the flux where entries contradict each other; empty for none.
+        entries: by name.
+    """
+
+    name: str
+    source: str
+    connection: str
+    pole_pairs: int
+    saturation: float | None
+    gear_ratio: float | None
+    flux_from: str
+    entries: Mapping[str, Entry]
+
+
+def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
+    """Read a data sheet.
+
+    Raises:
+        SprintlabError: the file cannot be read or is no TOML.
+        InvalidValueError: an entry is unknown, has no unit, or says something that is not allowed; the
+            message names the file and the entry.
+    """
+    try:
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SprintlabError(f"{path} is not a TOML file: {error}") from error
+    if set(document) != {"datasheet"} or not isinstance(document["datasheet"], dict):
+        raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [datasheet]")
+    try:
+        return read_datasheet(cast("Mapping[str, Any]", document["datasheet"]))
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+
+
+def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
+    """A sheet from its table; raises ``InvalidValueError`` as ``load_datasheet`` does."""
+    for key, value in table.items():
+        if key not in ENTRIES and key not in _PLAIN:
+            raise InvalidValueError(
+                key, value, "unknown entry; choose among " + ", ".join([*_PLAIN, *ENTRIES])
+            )
+    connection = table.get("connection", "")
+    if connection and connection not in CONNECTIONS:
+        raise InvalidValueError("connection", connection, "choose star or delta")
+    flux_from = str(table.get("flux_from", ""))
+    entries = {key: _entry(key, value) for key, value in table.items() if key in ENTRIES}
+    if flux_from and flux_from not in entries:
+        raise InvalidValueError("flux_from", flux_from, "must name an entry of the sheet")
+    return Datasheet(
+        name=str(table.get("name", "")),
+        source=str(table.get("source", "")),
+        connection=connection,
+        pole_pairs=_pole_pairs(table),
+        saturation=_plain_number(table, "saturation"),
+        gear_ratio=_plain_number(table, "gear_ratio"),
+        flux_from=flux_from,
+        entries=entries,
+    )
+
+
+def parse_quantity(name: str, text: object) -> float:
+    """A number with its unit in SI, e.g. ``"95 mohm"``.
+
+    Raises:
+        InvalidValueError: no number, no unit, or a unit of something else.
+    """
+    units = ENTRIES[name].units
+    allowed = f"write a number and its unit: {', '.join(units)}"
+    match = _NUMBER.fullmatch(text) if isinstance(text, str) else None
+    if match is None:
+        raise InvalidValueError(name, text, allowed)
+    factor = units.get(_plain_unit(match[2]))
+    if factor is None:
+        raise InvalidValueError(name, text, allowed)
+    return float(match[1]) * factor
+
+
+def _plain_unit(unit: str) -> str:
+    """One spelling for the many of a unit: small letters, no blanks and dots, ``u`` for micro."""
+    unit = unit.replace("²", "^2").replace("Ω", "ohm").replace("Ω", "ohm")
+    unit = re.sub("[µμ]", "u", unit)
+    return re.sub(r"[\s·*⋅.]", "", unit).casefold().replace("ω", "ohm").replace("m2", "m^2")
+
+
+def _entry(name: str, written: Any) -> Entry:
+    """One entry from a text, or from a table with ``value`` and its conventions."""
+    kind = ENTRIES[name]
+    table: Mapping[str, Any] = cast("Any", written) if isinstance(written, dict) else {"value": written}
+    known = {"value", *kind.conventions, *(("at",) if kind.sided else ())}
+    for key in table:
+        if key not in known:
+            raise InvalidValueError(
+                f"{name}.{key}", table[key], "unknown; choose among " + ", ".join(sorted(known))
+            )
+    value = parse_quantity(name, table.get("value"))
+    if value < 0 or (value == 0 and kind.units is not _HENRY):
+        raise InvalidValueError(name, table["value"], "must be greater than 0")
+    convention, ambiguous = _convention(name, table)
+    return Entry(
+        name=name,
+        text=str(table["value"]),
+        value=value,
+        convention=convention,
+        ambiguous=ambiguous,
+        at_output=_side(name, table) == "output",
+    )
+
+
+def _convention(name: str, table: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """The word given, and the words to choose from if none is."""
+    for key, words in ENTRIES[name].conventions.items():
+        if key not in table:
+            return "", words
+        if table[key] not in words:
+            raise InvalidValueError(f"{name}.{key}", table[key], "choose one of: " + ", ".join(words))
+        return str(table[key]), ()
+    return "", ()
+
+
+def _side(name: str, table: Mapping[str, Any]) -> str:
+    side = table.get("at", "motor")
+    if side not in SIDES:
+        raise InvalidValueError(f"{name}.at", side, "choose motor or output")
+    return str(side)
+
+
+def _pole_pairs(table: Mapping[str, Any]) -> int:
+    """Pole pairs from either count; both must agree, and the count of poles must be even."""
+    poles, pairs = table.get("poles"), table.get("pole_pairs")
+    for key, value in (("poles", poles), ("pole_pairs", pairs)):
+        if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
+            raise InvalidValueError(key, value, "must be a whole number of at least 1")
+    if poles is None and pairs is None:
+        raise InvalidValueError(
+            "poles", None, "is missing: give poles (magnets) or pole_pairs (half of them)"
+        )
+    if poles is not None and poles % 2:
+        raise InvalidValueError("poles", poles, "must be even; if it counts pairs, write pole_pairs")
+    if poles is not None and pairs is not None and poles != 2 * pairs:
+        raise InvalidValueError("poles", poles, f"contradicts pole_pairs = {pairs}: must be {2 * pairs}")
+    return cast("int", pairs) if pairs is not None else cast("int", poles) // 2
+
+
+def _plain_number(table: Mapping[str, Any], key: str) -> float | None:
+    value = table.get(key)
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise InvalidValueError(key, value, "must be a plain number")
+    return float(value)
