@@ -30,15 +30,25 @@ from sprintlab.control.observation import (
     split_proprioception,
     update_history,
 )
-from sprintlab.control.policy import Measurement, Policy, PolicyRuntime, load_policy, shipped_policy
+from sprintlab.control.policy import (
+    ESTIMATE_SIZE,
+    Decision,
+    Measurement,
+    Policy,
+    PolicyRuntime,
+    load_policy,
+    shipped_policy,
+)
 
 __all__ = [
     "CONTRACT_KEY",
+    "ESTIMATE_SIZE",
     "FRAME_SIZE",
     "JOINT_COUNT",
     "MOTOR_RATE_HZ",
     "POLICY_RATE_HZ",
     "PROPRIOCEPTION_SIZE",
+    "Decision",
     "LowPass",
     "Measurement",
     "ObservationLayout",

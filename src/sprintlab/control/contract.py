@@ -64,12 +64,17 @@ class FilterContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     Attributes:
         proprioception_cutoff_hz: on angular velocity, gravity, joint position and velocity [Hz].
+        estimate_cutoff_hz: on the estimate inside the network [Hz]; ``None`` for a policy without one. The
+            network then has a second input, its own last estimate, which whoever runs it hands back.
     """
 
     proprioception_cutoff_hz: float
+    estimate_cutoff_hz: float | None = None
 
     def __post_init__(self) -> None:
         check_positive("proprioception_cutoff_hz", self.proprioception_cutoff_hz, "Hz")
+        if self.estimate_cutoff_hz is not None:
+            check_positive("estimate_cutoff_hz", self.estimate_cutoff_hz, "Hz")
 
 
 class MotorTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -231,6 +236,7 @@ def make_contract(
     training: TrainingRecord,
     software: dict[str, str],
     proprioception_filter: LowPass,
+    estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``.
@@ -241,6 +247,7 @@ def make_contract(
         training: how it was trained.
         software: package versions, see ``software_versions``.
         proprioception_filter: the low-pass used in training; its rate is the policy's.
+        estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
 
     Raises:
@@ -250,7 +257,10 @@ def make_contract(
         **robot_section(robot),
         action_limit=action_limit,
         observation=observation_contract(layout),
-        filters=FilterContract(proprioception_cutoff_hz=proprioception_filter.cutoff_hz),
+        filters=FilterContract(
+            proprioception_cutoff_hz=proprioception_filter.cutoff_hz,
+            estimate_cutoff_hz=None if estimate_filter is None else estimate_filter.cutoff_hz,
+        ),
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,

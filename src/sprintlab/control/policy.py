@@ -31,7 +31,24 @@ FloatArray = npt.NDArray[np.floating[Any]]
 SHIPPED_POLICIES = Path(__file__).parent / "policies"
 """Folder of the policies that come with the package."""
 
+ESTIMATE_SIZE = 8
+"""Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
+
 _INPUT, _OUTPUT = "observation", "action"
+_PREVIOUS, _ESTIMATE = "previous_estimate", "estimate"
+
+
+class Decision(NamedTuple):
+    """What a network gives.
+
+    Attributes:
+        action: ``(batch, 12)`` float32.
+        estimate: filtered, to be handed back at the next step ``(batch, 8)`` float32; ``None`` for a
+            network without an estimator.
+    """
+
+    action: FloatArray
+    estimate: FloatArray | None
 
 
 class Policy:
@@ -46,18 +63,41 @@ class Policy:
         self.contract = contract
         self.layout = contract.layout
         self._session = session
+        self._outputs = [_OUTPUT, _ESTIMATE] if self.estimates else [_OUTPUT]
+
+    @property
+    def estimates(self) -> bool:
+        """Whether the network estimates the state of the body and wants its last estimate back."""
+        return self.contract.filters.estimate_cutoff_hz is not None
 
     def infer(self, observation: FloatArray) -> FloatArray:
-        """Actions ``(batch, 12)`` float32 for network inputs ``(batch, H * 45)``.
+        """Actions ``(batch, 12)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
 
         Raises:
             InvalidValueError: the input has another shape.
         """
-        size = self.layout.input_size
-        if observation.ndim != 2 or observation.shape[1] != size:
-            raise InvalidValueError("observation shape", observation.shape, f"(batch, {size})")
+        return self.decide(observation).action
+
+    def decide(self, observation: FloatArray, previous_estimate: FloatArray | None = None) -> Decision:
+        """Actions and estimates for network inputs.
+
+        Args:
+            observation: ``(batch, H * 45)``.
+            previous_estimate: ``Decision.estimate`` of the step before ``(batch, 8)``; ``None`` for zeros,
+                not used by a network without an estimator.
+
+        Raises:
+            InvalidValueError: an input has another shape.
+        """
+        _check_batch("observation", observation, self.layout.input_size)
         inputs = {_INPUT: np.ascontiguousarray(observation, dtype=np.float32)}
-        return self._session.run([_OUTPUT], inputs)[0]
+        if not self.estimates:
+            return Decision(self._session.run(self._outputs, inputs)[0], None)
+        if previous_estimate is None:
+            previous_estimate = np.zeros((len(observation), ESTIMATE_SIZE), dtype=np.float32)
+        _check_batch("previous_estimate", previous_estimate, ESTIMATE_SIZE)
+        inputs[_PREVIOUS] = np.ascontiguousarray(previous_estimate, dtype=np.float32)
+        return Decision(*self._session.run(self._outputs, inputs))
 
 
 class Measurement(NamedTuple):
@@ -77,7 +117,7 @@ class Measurement(NamedTuple):
 
 
 class PolicyRuntime:
-    """Runs a policy on one robot: filter, observation, history, network, joint targets.
+    """Runs a policy on one robot: filter, observation, history, network and its estimate, joint targets.
 
     Args:
         policy: the loaded policy.
@@ -98,7 +138,11 @@ class PolicyRuntime:
         self.reset()
 
     def reset(self) -> None:
-        """Forget filter, history and previous action: the next step starts from its own measurement."""
+        """Forget filter, history, previous action and estimate.
+
+        The next step starts from its own measurement and from a zero estimate.
+        """
+        self._estimate: FloatArray | None = None
         self._filtered: FloatArray | None = None
         self._history: FloatArray | None = None
         self._previous_action: FloatArray = np.zeros(JOINT_COUNT)
@@ -107,6 +151,15 @@ class PolicyRuntime:
     def previous_action(self) -> FloatArray:
         """The last action, limited ``(12,)``; zeros after a reset."""
         return self._previous_action
+
+    @property
+    def last_estimate(self) -> FloatArray | None:
+        """The last estimate, filtered, as the policy used it ``(8,)``.
+
+        Velocity in the body frame [m/s] 3, base height [m] 1, probability of foot contact 4. ``None`` before
+        the first step, and for a policy without an estimator.
+        """
+        return None if self._estimate is None else self._estimate[0]
 
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         """Joint position targets [rad] ``(12,)`` for the next policy period.
@@ -127,7 +180,8 @@ class PolicyRuntime:
             self._history = fill_history(frame, self._layout.history_length)
         else:
             self._history = push_history(self._history, frame)
-        action = self._policy.infer(network_input(self._history)[None])[0]
+        decision = self._policy.decide(network_input(self._history)[None], self._estimate)
+        action, self._estimate = decision.action[0], decision.estimate
         limit = self._policy.contract.action_limit
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
@@ -161,8 +215,11 @@ def load_policy(path: str | os.PathLike[str]) -> Policy:
     except PolicyFileError as error:
         raise PolicyFileError(f"{path} is no usable policy: {error}") from error
     policy = Policy(contract, session)
-    _check_tensors(path, "input", session.get_inputs(), _INPUT, policy.layout.input_size)
-    _check_tensors(path, "output", session.get_outputs(), _OUTPUT, JOINT_COUNT)
+    inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: JOINT_COUNT}
+    if policy.estimates:
+        inputs[_PREVIOUS] = outputs[_ESTIMATE] = ESTIMATE_SIZE
+    _check_tensors(path, "input", session.get_inputs(), inputs)
+    _check_tensors(path, "output", session.get_outputs(), outputs)
     return policy
 
 
@@ -196,16 +253,24 @@ def _open_session(path: Path) -> Any:
         raise PolicyFileError(f"{path} is damaged or no ONNX file ({type(error).__name__})") from error
 
 
-def _check_tensors(path: object, kind: str, tensors: Any, name: str, size: int) -> None:
-    found = [(tensor.name, tensor.type, list(tensor.shape)) for tensor in tensors]
-    if len(found) == 1:
-        found_name, found_type, shape = found[0]
-        batched = len(shape) == 2 and not isinstance(shape[0], int)
-        if found_name == name and found_type == "tensor(float)" and batched and shape[1] == size:
-            return
-    raise PolicyFileError(
-        f"{path}: the {kind} must be {name} (batch, {size}) float32, but the file has {found}"
-    )
+def _check_tensors(path: object, kind: str, tensors: Any, expected: dict[str, int]) -> None:
+    """Refuse a network whose inputs or outputs are not the expected names with these sizes."""
+    found = {tensor.name: (tensor.type, list(tensor.shape)) for tensor in tensors}
+    if found.keys() == expected.keys() and all(
+        _is_batch(*found[name], size) for name, size in expected.items()
+    ):
+        return
+    wanted = ", ".join(f"{name} (batch, {size}) float32" for name, size in expected.items())
+    raise PolicyFileError(f"{path}: the {kind} must be {wanted}, but the file has {found}")
+
+
+def _is_batch(kind: str, shape: list[Any], size: int) -> bool:
+    return kind == "tensor(float)" and len(shape) == 2 and not isinstance(shape[0], int) and shape[1] == size
+
+
+def _check_batch(field: str, value: FloatArray, size: int) -> None:
+    if value.ndim != 2 or value.shape[1] != size:
+        raise InvalidValueError(f"{field} shape", value.shape, f"(batch, {size})")
 
 
 def _check_numbers(field: str, value: Any, size: int) -> None:

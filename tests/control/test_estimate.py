@@ -1,0 +1,119 @@
+"""Policies with an estimator: their own last estimate comes back to them as an input."""
+
+import msgspec
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from sprintlab.control import (
+    CONTRACT_KEY,
+    ESTIMATE_SIZE,
+    Measurement,
+    PolicyRuntime,
+    encode_contract,
+    load_policy,
+)
+from sprintlab.core.errors import InvalidValueError, PolicyFileError
+
+COEFFICIENT = 0.25
+
+
+@pytest.fixture
+def estimator_contract(contract):
+    filters = msgspec.structs.replace(contract.filters, estimate_cutoff_hz=3.0)
+    return msgspec.structs.replace(contract, filters=filters)
+
+
+@pytest.fixture
+def matrices():
+    generator = np.random.default_rng(5)
+    shapes = {"perceive": (225, ESTIMATE_SIZE), "act": (ESTIMATE_SIZE, 12)}
+    return {name: generator.normal(scale=0.1, size=shape) for name, shape in shapes.items()}
+
+
+@pytest.fixture
+def write_estimator(tmp_path, estimator_contract, matrices):
+    """estimate = previous + 0.25 (observation @ perceive - previous); action = estimate @ act."""
+
+    def write(described=None, outputs=("action", "estimate")):
+        nodes = [
+            helper.make_node("MatMul", ["observation", "perceive"], ["raw"]),
+            helper.make_node("Sub", ["raw", "previous_estimate"], ["change"]),
+            helper.make_node("Mul", ["change", "coefficient"], ["part"]),
+            helper.make_node("Add", ["previous_estimate", "part"], ["estimate"]),
+            helper.make_node("MatMul", ["estimate", "act"], ["action"]),
+        ]
+        sizes = {"observation": 225, "previous_estimate": 8, "action": 12, "estimate": 8}
+        tensors = {
+            name: helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
+            for name, size in sizes.items()
+        }
+        constants = [numpy_helper.from_array(np.float32(value), name) for name, value in matrices.items()]
+        constants.append(numpy_helper.from_array(np.array(COEFFICIENT, np.float32), "coefficient"))
+        inputs = [tensors["observation"], tensors["previous_estimate"]]
+        graph = helper.make_graph(nodes, "policy", inputs, [tensors[name] for name in outputs], constants)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        helper.set_model_props(model, {CONTRACT_KEY: encode_contract(described or estimator_contract)})
+        path = tmp_path / "estimator.onnx"
+        onnx.save(model, path)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def measurements():
+    generator = np.random.default_rng(6)
+    return [Measurement(*(generator.normal(size=size) for size in (3, 3, 12, 12))) for _ in range(6)]
+
+
+def test_the_runtime_hands_the_estimate_back(write_estimator, robot, measurements, matrices):
+    loaded = load_policy(write_estimator())
+    runtime = PolicyRuntime(loaded, robot)
+    assert loaded.estimates and runtime.last_estimate is None
+    seen, expected = [], np.zeros(ESTIMATE_SIZE)
+    decide = loaded.decide
+    loaded.decide = lambda observation, previous: seen.append(observation) or decide(observation, previous)
+    for measurement in measurements:
+        runtime.step(measurement, np.array([1.0, 0.0, 0.0]))
+        expected = expected + COEFFICIENT * (seen[-1][0] @ matrices["perceive"] - expected)
+        np.testing.assert_allclose(runtime.last_estimate, expected, rtol=1e-4, atol=1e-5)
+        action = expected @ matrices["act"]
+        np.testing.assert_allclose(runtime.previous_action, action, rtol=1e-4, atol=1e-5)
+
+
+def test_a_reset_starts_from_a_zero_estimate(write_estimator, robot, measurements):
+    runtime = PolicyRuntime(load_policy(write_estimator()), robot)
+    command = np.array([1.0, 0.0, 0.0])
+    first = [runtime.step(measurement, command) for measurement in measurements]
+    runtime.reset()
+    assert runtime.last_estimate is None
+    np.testing.assert_array_equal([runtime.step(measurement, command) for measurement in measurements], first)
+
+
+def test_without_an_estimate_a_decision_starts_from_zeros(write_estimator):
+    loaded = load_policy(write_estimator())
+    observation = np.random.default_rng(7).normal(size=(3, 225))
+    blank = loaded.decide(observation, np.zeros((3, ESTIMATE_SIZE)))
+    np.testing.assert_array_equal(loaded.infer(observation), blank.action)
+    with pytest.raises(InvalidValueError, match="previous_estimate"):
+        loaded.decide(observation, np.zeros((3, 7)))
+
+
+def test_a_policy_without_estimator_has_no_estimate(write_policy, robot, measurements):
+    runtime = PolicyRuntime(load_policy(write_policy()), robot)
+    runtime.step(measurements[0], np.zeros(3))
+    assert runtime.last_estimate is None
+
+
+def test_contract_and_network_must_agree_on_the_estimator(write_estimator, contract):
+    with pytest.raises(PolicyFileError, match="input must be observation"):
+        load_policy(write_estimator(described=contract))
+    with pytest.raises(PolicyFileError, match=r"output must be action .*estimate"):
+        load_policy(write_estimator(outputs=("action",)))
+
+
+def test_a_cutoff_that_is_not_positive_is_refused(contract):
+    with pytest.raises(InvalidValueError, match="estimate_cutoff_hz"):
+        msgspec.structs.replace(contract.filters, estimate_cutoff_hz=0.0)
