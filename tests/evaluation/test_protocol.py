@@ -20,7 +20,7 @@ class FakePool:
     def __init__(self, make_trial, falls):
         self.make_trial, self.falls, self.asked = make_trial, falls, []
 
-    def trials(self, requests):
+    def trials(self, requests, most_falls=None):
         self.asked += [request.top_speed for request in requests]
         speed, falls = requests[0].top_speed, self.falls
         return [
@@ -64,7 +64,7 @@ def test_the_short_cut_finds_the_same_speed(make_trial, limit, expected):
 
 def test_the_short_cut_goes_down_until_enough_trials_complete(make_trial):
     class Lucky(FakePool):
-        def trials(self, requests):
+        def trials(self, requests, most_falls=None):
             results = super().trials(requests)
             single = len({request.top_speed for request in requests}) > 1
             return [self.make_trial(result.top_speed) for result in results] if single else results

@@ -1,14 +1,17 @@
-"""Trials side by side on the cores: each worker process loads the policy once and runs whole trials."""
+"""Trials side by side on the cores: each worker process loads a policy once and runs whole trials."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
+from typing import NamedTuple
 
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
@@ -17,7 +20,66 @@ from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
 from sprintlab.robots import RobotDescription
 
-_worker: dict[str, object] = {}
+
+class PolicyFile(NamedTuple):
+    """Path of a policy file and its time of change: a file that was replaced is read again."""
+
+    path: Path
+    changed: int
+
+
+class WorkerProcesses:
+    """Fresh interpreters that trials of any policy are sent to; use it as a context manager.
+
+    Args:
+        count: processes; ``None`` takes one a core, 1 runs everything in the calling process.
+
+    Raises:
+        InvalidValueError: ``count`` is not positive.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = available_cores() if count is None else count
+        check_range("workers", self.count, 1, 1024)
+        # Spawned: a fork would copy locks of libraries that run threads.
+        context = multiprocessing.get_context("spawn")
+        self._executor = ProcessPoolExecutor(self.count, context) if self.count > 1 else None
+
+    def __enter__(self) -> WorkerProcesses:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the processes; what has not started is dropped."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def run(
+        self, policy: PolicyFile, robot: RobotDescription, requests: Sequence[TrialRequest]
+    ) -> Generator[TrialResult | SprintResult, None, None]:
+        """Results in the order of the requests, each as soon as it and those before it are there.
+
+        Who stops asking (``close`` of the iterator) drops the trials that have not started.
+
+        Raises:
+            SimulationError: a trial left the realm of finite numbers, or a worker process died.
+        """
+        if self._executor is None:
+            for request in requests:
+                yield _run_in_worker(policy, robot, request)
+            return
+        futures = [self._executor.submit(_run_in_worker, policy, robot, request) for request in requests]
+        try:
+            for future in futures:
+                yield future.result()
+        except BrokenProcessPool as error:
+            raise SimulationError("a worker process died; is there enough memory?") from error
+        finally:
+            _cancel(futures)
 
 
 class TrialPool:
@@ -27,6 +89,7 @@ class TrialPool:
         policy: path of the policy file.
         robot: the robot it drives.
         workers: processes; ``None`` takes one a core, 1 runs everything in the calling process.
+        processes: share these, which stay open; ``workers`` is then not used.
 
     Raises:
         PolicyFileError: the file is no policy.
@@ -34,13 +97,20 @@ class TrialPool:
         InvalidValueError: ``workers`` is not positive.
     """
 
-    def __init__(self, policy: str | Path, robot: RobotDescription, workers: int | None = None) -> None:
-        count = available_cores() if workers is None else workers
-        check_range("workers", count, 1, 1024)
+    def __init__(
+        self,
+        policy: str | Path,
+        robot: RobotDescription,
+        workers: int | None = None,
+        processes: WorkerProcesses | None = None,
+    ) -> None:
         self.policy = load_policy(policy)
+        self._file = PolicyFile(Path(policy), Path(policy).stat().st_mtime_ns)
         check_contract(self.policy.contract, robot)
         self.robot = robot
-        self._executor = _start_workers(Path(policy), robot, count) if count > 1 else None
+        self._own = WorkerProcesses(workers) if processes is None else None
+        self._processes = processes or self._own
+        assert self._processes is not None
 
     def __enter__(self) -> TrialPool:
         return self
@@ -48,12 +118,29 @@ class TrialPool:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+        if self._own is not None:
+            self._own.close()
 
-    def trials(self, requests: Sequence[TrialRequest]) -> list[TrialResult]:
-        """Run profiles, in order of the requests. Raises ``SimulationError`` as ``run_trial`` does."""
-        return [result.trial if isinstance(result, SprintResult) else result for result in self.run(requests)]
+    def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
+        """Run profiles, in order of the requests.
+
+        Args:
+            requests: what to run.
+            most_falls: stop after the trial that is one fall more than this; the list then ends with it,
+                the same whatever the number of processes.
+
+        Raises:
+            SimulationError: as ``run_trial``.
+        """
+        results: list[TrialResult] = []
+        falls = 0
+        with closing(self._run(requests)) as finished:
+            for result in finished:
+                results.append(result.trial if isinstance(result, SprintResult) else result)
+                falls += not results[-1].completed
+                if most_falls is not None and falls > most_falls:
+                    break
+        return results
 
     def run(self, requests: Sequence[TrialRequest]) -> list[TrialResult | SprintResult]:
         """Run profiles and sprints (those with a distance), results in the order of the requests.
@@ -61,15 +148,11 @@ class TrialPool:
         Raises:
             SimulationError: a trial left the realm of finite numbers, or a worker process died.
         """
-        if self._executor is None:
-            return [run_request(self.policy, self.robot, request) for request in requests]
-        futures = [self._executor.submit(_run_in_worker, request) for request in requests]
-        try:
-            return [future.result() for future in futures]
-        except BrokenProcessPool as error:
-            raise SimulationError("a worker process died; is there enough memory?") from error
-        finally:
-            _cancel(futures)
+        return list(self._run(requests))
+
+    def _run(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
+        assert self._processes is not None
+        yield from self._processes.run(self._file, self.robot, requests)
 
 
 def available_cores() -> int:
@@ -85,20 +168,16 @@ def run_request(policy: Policy, robot: RobotDescription, request: TrialRequest) 
     return run(policy, robot, request)
 
 
-def _start_workers(policy: Path, robot: RobotDescription, count: int) -> ProcessPoolExecutor:
-    """Fresh interpreters: a fork would copy locks of libraries that run threads."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(count, context, initializer=_load_worker, initargs=(policy, robot))
+@lru_cache(maxsize=8)
+def _loaded(policy: PolicyFile) -> Policy:
+    """Read once in each process: reading takes as long as a second of simulation."""
+    return load_policy(policy.path)
 
 
-def _load_worker(policy: Path, robot: RobotDescription) -> None:
-    _worker.update(policy=load_policy(policy), robot=robot)
-
-
-def _run_in_worker(request: TrialRequest) -> TrialResult | SprintResult:
-    policy, robot = _worker["policy"], _worker["robot"]
-    assert isinstance(policy, Policy) and isinstance(robot, RobotDescription)
-    return run_request(policy, robot, request)
+def _run_in_worker(
+    policy: PolicyFile, robot: RobotDescription, request: TrialRequest
+) -> TrialResult | SprintResult:
+    return run_request(_loaded(policy), robot, request)
 
 
 def _cancel(futures: Sequence[Future]) -> None:

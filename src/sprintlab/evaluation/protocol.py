@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck
 from sprintlab.evaluation.trial import TrialRequest
@@ -27,6 +29,9 @@ class ProtocolSettings:
         trials: seeded trials a speed.
         required: how many must complete.
         grid: step between speeds [m/s].
+        first_step: step of a first pass [m/s], a whole number of grid steps; the grid is then walked from the
+            highest speed that passed before the first that failed. ``None`` walks the whole grid. The two
+            answers differ only where a policy fails at a speed between two of the first pass that it passes.
         start: lowest speed [m/s].
         top: the search ends here even if every speed passed [m/s].
         hold: duration of the hold [s].
@@ -43,6 +48,7 @@ class ProtocolSettings:
     trials: int = 10
     required: int = 9
     grid: float = 0.25
+    first_step: float | None = None
     start: float = 1.0
     top: float = 16.0
     hold: float = 4.0
@@ -56,6 +62,7 @@ class ProtocolSettings:
         check_range("protocol.trials", self.trials, 1, 10_000)
         check_range("protocol.required", self.required, 1, self.trials)
         check_positive("protocol.grid", self.grid, "m/s")
+        check_first_step(self.first_step, self.grid)
         check_positive("protocol.start", self.start, "m/s")
         check_range("protocol.top", self.top, self.start, 50.0, "m/s")
         check_range("protocol.seed", self.seed, 0, 2**31)
@@ -95,12 +102,73 @@ class ProtocolSettings:
         ]
 
 
+def check_first_step(first_step: float | None, grid: float) -> None:
+    """Refuse a first pass that is not on the grid."""
+    if first_step is None:
+        return
+    steps = first_step / grid
+    if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6:
+        raise InvalidValueError(
+            "protocol.first_step", first_step, f"a whole number of grid steps, {grid:g} m/s"
+        )
+
+
+class Tried(Protocol):
+    """A speed that was tried."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether enough trials completed."""
+        ...
+
+
+TriedSpeed = TypeVar("TriedSpeed", bound=Tried)
+
+
+def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]) -> tuple[TriedSpeed, ...]:
+    """Look for the highest speed that passes before the first that fails.
+
+    Args:
+        settings: grid, first pass, lowest and highest speed.
+        run: tries one speed [m/s].
+
+    Returns:
+        What ``run`` gave, by rising speed.
+    """
+    speeds = settings.speeds()
+    stride = 1 if settings.first_step is None else round(settings.first_step / settings.grid)
+    first = _climb(range(0, len(speeds), stride), speeds, run)
+    reached = max((index for index, tried in first.items() if tried.passed), default=None)
+    if reached is None:
+        return tuple(first.values())
+    failed = max(first) if max(first) > reached else len(speeds)
+    between = _climb(range(reached + 1, failed), speeds, run)
+    return tuple(tried for _, tried in sorted({**first, **between}.items()))
+
+
+def _climb(
+    indices: range, speeds: tuple[float, ...], run: Callable[[float], TriedSpeed]
+) -> dict[int, TriedSpeed]:
+    """Try speeds in order up to the first that fails."""
+    tried: dict[int, TriedSpeed] = {}
+    for index in indices:
+        tried[index] = run(speeds[index])
+        if not tried[index].passed:
+            break
+    return tried
+
+
 def run_speed(
     pool: TrialPool, top_speed: float, *, self_paced: bool, settings: ProtocolSettings | None = None
 ) -> SpeedResult:
-    """All seeded trials of one v* [m/s]. Raises ``SimulationError`` as ``run_trial`` does."""
+    """The seeded trials of one v* [m/s], up to the fall that decides that it fails.
+
+    Raises:
+        SimulationError: as ``run_trial``.
+    """
     settings = settings or ProtocolSettings()
-    trials = pool.trials(settings.requests(top_speed, self_paced))
+    most_falls = settings.trials - settings.required
+    trials = pool.trials(settings.requests(top_speed, self_paced), most_falls)
     return SpeedResult(
         top_speed=top_speed,
         self_paced=self_paced,
@@ -130,17 +198,18 @@ def run_protocol(
         SimulationError: as ``run_trial``.
     """
     settings = settings or ProtocolSettings()
-    speeds: list[SpeedResult] = []
-    for top_speed in settings.speeds():
-        speeds.append(run_speed(pool, top_speed, self_paced=self_paced, settings=settings))
+
+    def run(top_speed: float) -> SpeedResult:
+        result = run_speed(pool, top_speed, self_paced=self_paced, settings=settings)
         if progress is not None:
-            progress(speeds[-1])
-        if not speeds[-1].passed:
-            break
+            progress(result)
+        return result
+
+    speeds = search_speeds(settings, run)
     common = None
     if common_speed is not None:
         common = run_speed(pool, common_speed, self_paced=self_paced, settings=settings)
-    return ProtocolResult(self_paced=self_paced, speeds=tuple(speeds), common=common)
+    return ProtocolResult(self_paced=self_paced, speeds=speeds, common=common)
 
 
 def step_size_requests(
