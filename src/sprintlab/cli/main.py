@@ -17,6 +17,7 @@ from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
 from sprintlab.cli.motor import Motor
+from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
 from sprintlab.cli.replay import Replay
 from sprintlab.cli.robot import Robot
@@ -28,6 +29,7 @@ INTERRUPTED = 130
 
 Command = (
     Annotated[Race, tyro.conf.subcommand(name="race")]
+    | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]

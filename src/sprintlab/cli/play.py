@@ -1,0 +1,108 @@
+"""``sprintlab play``: drive a robot in the browser."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from typing import Any
+
+import tyro
+
+from sprintlab.cli.output import print_json, stderr_console, stdout_console
+from sprintlab.cli.race import policy_path
+from sprintlab.core.errors import ContractMismatchError, SprintlabError
+
+MISSING = "sprintlab play needs viser; install it with: pip install 'sprintlab[play]'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play:
+    """Drive a robot in the browser: speed, turns, pushes, slope, friction, payload, policy, motor model.
+
+    Attributes:
+        policies: policy files, or names of policies that come with the package; those that fit the robot
+            when left out. The page switches between them.
+        robot: a robot's name, or a parameter table of one's own (.toml).
+        host: interface to listen on; 0.0.0.0 lets other machines in.
+        port: first port to try.
+        duration: stop after this time [s]; runs until Ctrl-C when left out.
+        open: also open the page in a browser.
+        json: print the address as JSON only.
+    """
+
+    policies: tyro.conf.Positional[tuple[str, ...]] = ()
+    robot: str = "bp2"
+    host: str = "localhost"
+    port: int = 8080
+    duration: float | None = None
+    open: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Serve the page; raises ``SprintlabError`` when viser is missing or a policy is refused."""
+        if importlib.util.find_spec("viser") is None:
+            raise SprintlabError(MISSING)
+        from sprintlab.viewer.page import Page, PageOptions
+
+        options = PageOptions(host=self.host, port=self.port, duration=self.duration)
+        page = Page(self._session(), options)
+        self._announce(page.address)
+        page.run()
+        return 0
+
+    def _session(self) -> Any:
+        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.viewer.live import Session
+
+        robot = chosen_robot(self.robot)
+        policies = named_policies(self.policies) if self.policies else fitting_policies(robot)
+        return Session(robot, policies)
+
+    def _announce(self, address: str) -> None:
+        if self.json:
+            print_json({"address": address})
+        else:
+            stdout_console().print(f"open {address} in a browser; Ctrl-C ends it", soft_wrap=True)
+        if self.open:
+            import webbrowser
+
+            if not webbrowser.open(address):
+                stderr_console().print("no browser could be opened here", soft_wrap=True)
+
+
+def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
+    """Policies by path or name; a number is added to a name that comes twice.
+
+    Raises:
+        PolicyFileError: there is no such policy.
+    """
+    from sprintlab.control import load_policy
+
+    loaded: dict[str, Any] = {}
+    for name in names:
+        path = policy_path(name)
+        label = path.stem if path.stem not in loaded else f"{path.stem} ({len(loaded) + 1})"
+        loaded[label] = load_policy(path)
+    return loaded
+
+
+def fitting_policies(robot: Any) -> dict[str, Any]:
+    """The policies that come with the package and were made for this robot; ``sprint`` first.
+
+    Raises:
+        SprintlabError: there is none.
+    """
+    from sprintlab.control import check_contract, load_policy
+    from sprintlab.control.policy import SHIPPED_POLICIES
+
+    fitting: dict[str, Any] = {}
+    for path in sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem)):
+        policy = load_policy(path)
+        try:
+            check_contract(policy.contract, robot)
+        except ContractMismatchError:
+            continue
+        fitting[path.stem] = policy
+    if not fitting:
+        raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
+    return fitting

@@ -1,0 +1,298 @@
+"""A robot that runs while somebody turns the knobs: the evaluation's plant, changed between its steps.
+
+Nothing here knows a browser: a session is advanced by motor steps and hands out what happened.
+"""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.commands import heading_command, limit_yaw_rate, self_paced, wrap_angle
+from sprintlab.control import Measurement, Policy, PolicyRuntime
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import SimulationError
+from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
+from sprintlab.plant import Plant, PlantOptions, PreparedDrive, TrialSettings
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+POLICY_RATE = 50.0
+"""Policy steps a second [Hz]."""
+
+COMMAND_ACCELERATION = 4.0
+"""How fast the command follows the knob [m/s^2]: as in the evaluation's profile."""
+
+LYING_TIME = 1.0
+"""A robot that fell is put on its feet again after this time [s]."""
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knobs:
+    """What can be changed while the robot runs.
+
+    Attributes:
+        speed: wanted forward speed [m/s], -3 to 20.
+        yaw_rate: wanted turning rate [rad/s], -2 to 2.
+        self_paced: hold the command within 1 m/s of the measured speed.
+        policy: name of the policy.
+        motor_model: one of ``sprintlab.motors.MOTOR_MODELS``.
+        bus_voltage: [V].
+        friction: sliding friction of feet and floor, 0.1 to 2.
+        payload: mass on the trunk [kg], -5 to 20.
+        slope: uphill angle of the ground [rad], -0.35 to 0.35.
+
+    Raises:
+        InvalidValueError: a field is outside its range.
+    """
+
+    speed: float = 0.0
+    yaw_rate: float = 0.0
+    self_paced: bool = False
+    policy: str = ""
+    motor_model: MotorModel = "refined"
+    bus_voltage: float = 60.0
+    friction: float = 0.85
+    payload: float = 0.0
+    slope: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("speed", self.speed, -3.0, 20.0, "m/s")
+        check_range("yaw_rate", self.yaw_rate, -2.0, 2.0, "rad/s")
+        check_choice("motor_model", self.motor_model, MOTOR_MODELS)
+        check_positive("bus_voltage", self.bus_voltage, "V")
+        check_range("friction", self.friction, 0.1, 2.0)
+        check_range("payload", self.payload, -5.0, 20.0, "kg")
+        check_range("slope", self.slope, -0.35, 0.35, "rad")
+
+
+class LivePlant(Plant):
+    """The plant of the evaluation, whose motors, ground and load can be changed while it runs."""
+
+    def __init__(self, robot: RobotDescription, options: PlantOptions | None = None) -> None:
+        super().__init__(robot, options or PlantOptions(), TrialSettings())
+        self._trunk = self.model.body("trunk").id
+        self._trunk_mass = float(self.model.body_mass[self._trunk])
+
+    def change_motors(self, model: MotorModel, bus_voltage: float) -> None:
+        """Give every joint another motor law or bus voltage [V]."""
+        self._drive = PreparedDrive(self.robot, bus_voltage, model)
+
+    def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
+        """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
+        self.model.geom_friction[:, 0] = friction
+        self.model.opt.gravity[:] = -GRAVITY * math.sin(slope), 0.0, -GRAVITY * math.cos(slope)
+        mass = self._trunk_mass + payload
+        if self.model.body_mass[self._trunk] != mass:
+            self.model.body_mass[self._trunk] = mass
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+
+    def push(self, forward: float, left: float) -> None:
+        """Hit the robot: an impulse [N s] in the heading frame, shared by all its parts."""
+        heading = self.base_state().heading
+        cosine, sine = math.cos(heading), math.sin(heading)
+        impulse = np.array((cosine * forward - sine * left, sine * forward + cosine * left))
+        self.data.qvel[:2] += impulse / float(self.model.body_mass.sum())
+
+    def stand_up(self) -> None:
+        """Put the robot on its feet where it started."""
+        self.fall_reason = ""
+        self._place(TrialSettings())
+
+    def measurement(self) -> Measurement:
+        """As the plant's, with the gravity that acts now.
+
+        Raises:
+            SimulationError: the simulated state is no longer finite.
+        """
+        gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)
+        inverse = np.zeros(4)
+        mujoco.mju_negQuat(inverse, self.data.qpos[3:7])
+        in_body = np.zeros(3)
+        mujoco.mju_rotVecQuat(in_body, gravity, inverse)
+        return super().measurement()._replace(projected_gravity=in_body)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glimpse:
+    """What the robot does now.
+
+    Attributes:
+        time: simulated time since the start of the session [s].
+        speed: forward speed in the heading frame [m/s].
+        command: what the policy is given: forward, left [m/s], yaw rate [rad/s].
+        bus_power: electrical power of all motors, mean over the last advance [W].
+        joint_speed: ``(n, 12)`` joint side [rad/s], samples of the last advance, oldest first.
+        motor_torque: ``(n, 12)`` motor side [N m], same samples.
+        distance: way along x since the robot stood up [m].
+        falls: how often it fell.
+        fall_reason: why it lies on the ground; empty while it runs.
+    """
+
+    time: float
+    speed: float
+    command: tuple[float, float, float]
+    bus_power: float
+    joint_speed: FloatArray
+    motor_torque: FloatArray
+    distance: float
+    falls: int
+    fall_reason: str
+
+
+@dataclass
+class _Samples:
+    """Motor samples since the last glimpse; the plant's recorder."""
+
+    joints: NDArray[np.int64]
+    speed: list[FloatArray] = field(default_factory=list)
+    torque: list[FloatArray] = field(default_factory=list)
+
+    def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
+        self.speed.append(data.qvel[self.joints])
+        self.torque.append(np.asarray(drive.motor_torque))
+
+    def watch_feet(self, data: mujoco.MjData) -> None:
+        """Feet are only watched by an evaluation."""
+
+    def take(self) -> tuple[FloatArray, FloatArray]:
+        """All samples as ``(n, 12)`` arrays, and start anew."""
+        size = (-1, len(self.joints))
+        taken = np.array(self.speed).reshape(size), np.array(self.torque).reshape(size)
+        self.speed.clear()
+        self.torque.clear()
+        return taken
+
+
+class Session:
+    """One robot, the policies that can drive it, and the knobs.
+
+    Args:
+        robot: what runs.
+        policies: by the names that ``Knobs.policy`` chooses from; the first is the one to start with.
+        options: how the robot is simulated.
+
+    Raises:
+        InvalidValueError: there is no policy.
+        ContractMismatchError: a policy was made for another robot.
+    """
+
+    def __init__(
+        self, robot: RobotDescription, policies: Mapping[str, Policy], options: PlantOptions | None = None
+    ) -> None:
+        check_positive("number of policies", len(policies))
+        self.robot = robot
+        self.plant = LivePlant(robot, options)
+        self._runtimes = {name: PolicyRuntime(policy, robot) for name, policy in policies.items()}
+        self.knobs = Knobs(policy=next(iter(policies)), bus_voltage=float(robot.bus_voltage))
+        joints = np.array([self.plant.model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._samples = _Samples(joints)
+        self._steps_per_action = round(self.plant.options.motor_rate / POLICY_RATE)
+        self._steps, self._falls, self._fallen_steps, self._earlier = 0, 0, 0, 0.0
+        self._start_run()
+
+    @property
+    def policy_names(self) -> tuple[str, ...]:
+        """Names that ``Knobs.policy`` may have."""
+        return tuple(self._runtimes)
+
+    def turn(self, **changes: Any) -> None:
+        """Change knobs by their names; they act from the next motor or policy step on.
+
+        Raises:
+            InvalidValueError: a value is outside its range, or there is no such policy.
+        """
+        knobs = replace(self.knobs, **changes)
+        check_choice("policy", knobs.policy, self.policy_names)
+        if (knobs.motor_model, knobs.bus_voltage) != (self.knobs.motor_model, self.knobs.bus_voltage):
+            self.plant.change_motors(knobs.motor_model, knobs.bus_voltage)
+        self.plant.change_surroundings(knobs.friction, knobs.payload, knobs.slope)
+        if knobs.policy != self.knobs.policy:
+            self._runtimes[knobs.policy].reset()
+        self.knobs = knobs
+
+    def push(self, forward: float = 0.0, left: float = 0.0) -> None:
+        """Hit the robot with an impulse [N s]."""
+        self.plant.push(forward, left)
+
+    def reset(self) -> None:
+        """Put the robot on its feet at the start, command at zero; the knobs stay as they are."""
+        self._earlier += self.plant.time
+        self.plant.stand_up()
+        self._start_run()
+
+    def advance(self, motor_steps: int) -> Glimpse:
+        """Let some motor steps pass; a robot that fell stands up again after ``LYING_TIME``."""
+        for _ in range(motor_steps):
+            try:
+                self._motor_step()
+            except SimulationError:
+                self._falls += 1
+                self.reset()
+        return self._glimpse()
+
+    def _start_run(self) -> None:
+        self._steps, self._fallen_steps = 0, 0
+        self._asked, self._heading = 0.0, 0.0
+        self.command = np.zeros(3)
+        self._runtimes[self.knobs.policy].reset()
+
+    def _motor_step(self) -> None:
+        if self._steps % self._steps_per_action == 0:
+            self.command = self._next_command()
+            targets = self._runtimes[self.knobs.policy].step(self.plant.measurement(), self.command)
+            self._targets = np.asarray(targets, dtype=float)
+        self._steps += 1
+        if self._fallen_steps == 0:
+            if not self.plant.advance(self._targets, 1, self._samples):
+                self._falls += 1
+                self._fallen_steps = 1
+            return
+        self._lie()
+
+    def _lie(self) -> None:
+        """Motors off until it is time to stand up."""
+        self.plant.drive_joints(np.zeros_like(self._targets), self._targets, self._samples)
+        self._fallen_steps += 1
+        if self._fallen_steps > LYING_TIME * self.plant.options.motor_rate:
+            self.reset()
+
+    def _next_command(self) -> FloatArray:
+        """The knobs as a command: the speed rises and falls at 4 m/s^2, the heading follows the turns."""
+        knobs, base = self.knobs, self.plant.base_state()
+        step = COMMAND_ACCELERATION / POLICY_RATE
+        self._asked += min(max(knobs.speed - self._asked, -step), step)
+        speed = float(self_paced(self._asked, base.forward_speed)) if knobs.self_paced else self._asked
+        turn = float(limit_yaw_rate(np.asarray(knobs.yaw_rate), np.asarray(speed), knobs.friction))
+        self._heading = float(wrap_angle(np.asarray(self._heading + turn / POLICY_RATE)))
+        error = float(wrap_angle(np.asarray(base.heading - self._heading)))
+        yaw_rate = turn + float(heading_command(error, 0.0, speed))
+        return np.array([speed, 0.0, float(limit_yaw_rate(np.asarray(yaw_rate), np.asarray(speed), 0.7))])
+
+    def _glimpse(self) -> Glimpse:
+        speed, torque = self._samples.take()
+        power = electrical_power(self.robot.motors, torque, speed * self.robot.gear.ratio).sum(axis=1)
+        base = self.plant.base_state()
+        return Glimpse(
+            time=self._earlier + self.plant.time,
+            speed=base.forward_speed,
+            command=(float(self.command[0]), float(self.command[1]), float(self.command[2])),
+            bus_power=float(power.mean()) if len(power) else 0.0,
+            joint_speed=speed,
+            motor_torque=torque,
+            distance=base.distance,
+            falls=self._falls,
+            fall_reason=self.plant.fall_reason if self._fallen_steps else "",
+        )

@@ -1,0 +1,138 @@
+import json
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from sprintlab.cli.main import main
+from sprintlab.core.errors import SprintlabError
+from sprintlab.robots import ModelOptions, build_model
+from sprintlab.viewer.replay import ReplayText, load_arrays, render_replay, torque_share
+
+MISCHIEF = '</script><b>"x" & y'
+GO_TO = "moment => { replay.setPlaying(false); replay.goTo(moment); }"
+
+
+@pytest.fixture(scope="module")
+def page(recorded, robot):
+    return render_replay(recorded, robot, ReplayText(title=f"A run {MISCHIEF}", subtitle="test"))
+
+
+@pytest.fixture(scope="module")
+def page_file(page, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "replay.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def test_page_loads_nothing_from_elsewhere(page):
+    assert re.findall(r"(?:https?:)?//[\w.-]+\.\w+/", page) == []
+    assert re.findall(r"<(?:link|img|iframe)|<script[^>]+src|@import|\bfetch\(", page) == []
+
+
+def test_title_is_escaped(page):
+    assert MISCHIEF not in page
+    assert "A run &lt;/script&gt;" in page
+
+
+def test_page_is_small(page):
+    assert len(page) < 1_000_000
+
+
+@given(
+    torque=st.floats(-20, 20),
+    lower=st.floats(-15, 15),
+    width=st.floats(0, 30),
+)
+def test_torque_share_is_a_share_and_full_at_a_limit(torque, lower, width):
+    upper = lower + width
+    clipped = np.clip(torque, lower, upper)
+    share = float(torque_share(np.array(clipped), np.array(lower), np.array(upper)))
+    assert 0.0 <= share <= 1.0
+    if clipped == upper and clipped > 1e-9:
+        assert share == pytest.approx(1.0)
+
+
+def test_browser_computes_the_poses_that_mujoco_computes(tab, page_file, recorded, robot):
+    tab.goto(page_file.as_uri())
+    tab.wait_for_function("window.replay !== undefined")
+    model = build_model(robot, ModelOptions(visuals=True))
+    data = mujoco.MjData(model)
+    middle = len(recorded["time"]) // 8 * 4  # a sample that is a frame of the page
+    data.qpos[:] = recorded["qpos"][middle]
+    mujoco.mj_kinematics(model, data)
+    tab.evaluate(GO_TO, float(recorded["time"][middle]))
+    for leg in robot.leg_names:
+        shown = tab.evaluate("name => replay.bodyPosition(name)", f"{leg}_shank")
+        assert_allclose(shown, data.body(f"{leg}_shank").xpos, atol=2e-4)
+
+
+def test_page_plays_scrubs_and_slows_down(tab, page_file):
+    tab.goto(page_file.as_uri())
+    tab.wait_for_function("window.replay !== undefined && replay.state.now > 0.2")
+    assert tab.locator("#failure").is_hidden()
+    tab.click("#play")
+    tab.locator("#scrub").fill("0.5")
+    half = tab.evaluate("replay.duration") / 2
+    assert tab.evaluate("replay.state.now") == pytest.approx(half, abs=0.02)
+    tab.select_option("#rate", "0.1")
+    assert tab.evaluate("replay.state.rate") == 0.1
+    tab.wait_for_function("Number(document.getElementById('speed').textContent) > 1.0")
+
+
+def test_scene_is_drawn_and_moves(tab, page_file):
+    tab.goto(page_file.as_uri())
+    tab.wait_for_function("window.replay !== undefined")
+    pictures = set()
+    for moment in (0.2, 1.0, 1.4):
+        tab.evaluate(GO_TO, moment)
+        tab.wait_for_timeout(150)
+        pictures.add(tab.evaluate("document.getElementById('scene').toDataURL()"))
+    assert len(pictures) == 3
+
+
+# --- command ------------------------------------------------------------------------------------------------
+
+
+def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
+    numbers = {"robot": "bp2", "policy": "sprint", "time_100m_s": 11.5, "audit": {"passed": False}}
+    (trajectory_file.parent / "result.json").write_text(json.dumps(numbers))
+    assert main(["replay", str(trajectory_file.parent), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    page = (trajectory_file.parent / "replay.html").read_text(encoding="utf-8")
+    assert answer["bytes"] == len(page.encode())
+    assert "BP2: 100 m in 11.50 s" in page
+    assert "exploit audit FAILED" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no-such-run"], "does not exist"),
+        ([__file__], "cannot be read as an npz archive"),
+        ([], "there is no race"),
+    ],
+    ids=["missing", "no npz", "no runs"],
+)
+def test_command_refuses_with_one_sentence(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["replay", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 1
+
+
+def test_incomplete_trajectory_is_refused(tmp_path):
+    np.savez(tmp_path / "part.npz", time=np.arange(3.0))
+    with pytest.raises(SprintlabError, match="lacks qpos"):
+        load_arrays(tmp_path / "part.npz")
+
+
+def test_trajectory_of_another_robot_is_refused(recorded, robot):
+    shorter = {**recorded, "qpos": recorded["qpos"][:, :-4]}
+    with pytest.raises(SprintlabError, match="coordinates"):
+        render_replay(shorter, robot, ReplayText(title="x"))
