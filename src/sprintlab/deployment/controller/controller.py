@@ -142,6 +142,7 @@ class Controller:
         self._brake_started: float | None = None
         self._after_brake = Mode.STAND
         self._held = False
+        self._override: Request | None = None
         self.mode = Mode.PASSIVE
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
@@ -285,7 +286,7 @@ class Controller:
         self._watch_lateness(late)
         request, faults = self._operator.accept(self._read_source(state, time), time)
         self._note(*faults)
-        self._obey(request, state, time)
+        self._obey(request if self._override is None else self._override, state, time)
         if self.mode is Mode.RUN:
             self._run_policy(state, time)
 

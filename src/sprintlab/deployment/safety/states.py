@@ -41,7 +41,7 @@ class StateMonitor:
         self._accepted_at: float | None = None
         self._content: bytes = b""
         self._frozen = Persistence(self._settings.frozen_time)
-        self._stuck_since: FloatArray | None = None
+        self._stuck_since: FloatArray = np.full(len(self._lower), np.inf)
 
     def age(self, time: float) -> float | None:
         """Time since the last accepted state [s]; None before the first."""
@@ -122,7 +122,5 @@ class StateMonitor:
             return False
         still = state.joint_position == self.last.joint_position
         still &= np.abs(state.joint_velocity) > self._settings.stuck_velocity
-        if self._stuck_since is None:
-            self._stuck_since = np.full(still.shape, np.inf)
         self._stuck_since = np.where(still, np.minimum(self._stuck_since, time), np.inf)
         return bool((time - self._stuck_since >= self._settings.frozen_time - 1e-9).any())

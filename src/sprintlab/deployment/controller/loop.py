@@ -1,0 +1,241 @@
+"""The controller on a bus: at 1 kHz of the clock, or in step with a simulated robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.deployment.controller.controller import Controller
+from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
+from sprintlab.deployment.controller.realtime import RealTimeGrant, real_time
+from sprintlab.deployment.controller.statistics import LatencyHistogram
+from sprintlab.deployment.interface import ControlTick, PositionFix, RobotInterface, RobotState, RunLog
+
+PERIOD_NS = 1_000_000
+"""Period of the loop [ns]."""
+
+_STOP_DWELL = 2.0  # s in stop before a run that nobody attends ends
+_STATUS_PERIOD = 0.1  # s
+_POLL = 2e-5  # s between two looks at the bus in lock-step
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """How the loop runs and when it ends.
+
+    Attributes:
+        lock_step: take time from the robot's states and answer each: a simulated robot then waits for the
+            controller, and the result does not depend on the machine's load.
+        priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
+        duration: end after this time [s], in order; None for no end.
+        attended: an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end.
+        patience: how long to wait for the robot's first state [s].
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    lock_step: bool = False
+    priority: int | None = 50
+    duration: float | None = None
+    attended: bool = False
+    patience: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_positive("loop.patience", self.patience, "s")
+        if self.priority is not None:
+            check_range("loop.priority", self.priority, 1, 99)
+        if self.duration is not None:
+            check_positive("loop.duration", self.duration, "s")
+
+
+@dataclass(kw_only=True)
+class LoopReport:
+    """What the loop measured.
+
+    Attributes:
+        grant: what the operating system granted; None in lock-step.
+        steps: of the loop.
+        policy_steps: of the policy.
+        deadline_misses: steps that ended after the next one was due.
+        skipped: periods passed over to catch up.
+        wake_up: lateness of each step's beginning.
+        compute: from taking the robot's states to the command.
+        policy: the policy alone, observation to joint targets.
+        malformed: messages the bus refused.
+        duration: by the controller's clock [s].
+        end: why the loop ended.
+    """
+
+    grant: RealTimeGrant | None = None
+    steps: int = 0
+    policy_steps: int = 0
+    deadline_misses: int = 0
+    skipped: int = 0
+    wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)
+    compute: LatencyHistogram = field(default_factory=LatencyHistogram)
+    policy: LatencyHistogram = field(default_factory=LatencyHistogram)
+    malformed: int = 0
+    duration: float = 0.0
+    end: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form; durations in microseconds."""
+        grant = self.grant
+        return {
+            "memory_locked": grant.memory_locked if grant else None,
+            "priority": grant.priority if grant else None,
+            "steps": self.steps,
+            "policy_steps": self.policy_steps,
+            "deadline_misses": self.deadline_misses,
+            "skipped": self.skipped,
+            "malformed": self.malformed,
+            "duration": round(self.duration, 3),
+            "end": self.end,
+            "microseconds": {
+                "policy_step": self.policy.to_dict(),
+                "compute": self.compute.to_dict(),
+                "wake_up": self.wake_up.to_dict(),
+            },
+        }
+
+
+Status = Callable[[Controller, LoopReport], None]
+
+
+def run_loop(
+    controller: Controller,
+    bus: RobotInterface,
+    options: LoopOptions,
+    *,
+    log: RunLog | None = None,
+    interrupted: Callable[[], int] = lambda: 0,
+    status: Status = lambda controller, report: None,
+) -> LoopReport:
+    """Drive the robot until the run is over.
+
+    The first interruption brings the robot down in order (brake, stand, lie down), a second stops it at once.
+    Whatever ends the loop, the last command damps the joints or leaves them off.
+
+    Args:
+        controller: what to run.
+        bus: the controller's end; not closed here.
+        options: clock and end.
+        log: takes every step.
+        interrupted: how often the user asked to end so far.
+        status: told ten times a second how things stand.
+    """
+    loop = _Loop(controller, bus, options, log, interrupted, status)
+    try:
+        if options.lock_step:
+            loop.run_lock_step()
+        else:
+            with real_time(options.priority) as grant:
+                loop.report.grant = grant
+                loop.run_real_time()
+    finally:
+        bus.send(controller.last_command(time.monotonic_ns()))
+    loop.report.malformed = bus.malformed
+    return loop.report
+
+
+class _Loop:
+    def __init__(
+        self,
+        controller: Controller,
+        bus: RobotInterface,
+        options: LoopOptions,
+        log: RunLog | None,
+        interrupted: Callable[[], int],
+        status: Status,
+    ) -> None:
+        self.report = LoopReport()
+        self._controller, self._bus, self._options = controller, bus, options
+        self._log, self._interrupted, self._status = log, interrupted, status
+        self._next_status = 0.0
+        self._was_active = False
+        self._stopped_at: float | None = None
+
+    def run_real_time(self) -> None:
+        due = time.monotonic_ns()
+        while not self.report.end:
+            now = self._wait(due)
+            self.report.wake_up.add((now - due) * 1e-9)
+            self._step(now, self._drain(), self._bus.receive_fix())
+            due += PERIOD_NS
+            late = time.monotonic_ns() - due
+            if late > 0:
+                self.report.deadline_misses += 1
+                passed = late // PERIOD_NS
+                self.report.skipped += passed
+                due += passed * PERIOD_NS
+
+    def run_lock_step(self) -> None:
+        heard = time.monotonic()
+        while not self.report.end:
+            states = self._drain()
+            if states:
+                heard = time.monotonic()
+                self._step(states[-1].timestamp, states, self._bus.receive_fix())
+            elif time.monotonic() - heard > self._options.patience or self._robot_left():
+                self.report.end = "the robot is gone"
+            else:
+                time.sleep(_POLL)
+
+    def _wait(self, due: int) -> int:
+        left = due - time.monotonic_ns()
+        if left > 0:
+            time.sleep(left * 1e-9)
+        return time.monotonic_ns()
+
+    def _drain(self) -> list[RobotState]:
+        states: list[RobotState] = []
+        while (state := self._bus.receive()) is not None:
+            states.append(state)
+        return states
+
+    def _robot_left(self) -> bool:
+        return bool(getattr(self._bus, "peer_left", False))
+
+    def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> None:
+        tick = self._controller.step(now, states, fix)
+        self._bus.send(tick.command)
+        self._count(tick)
+        if self._log is not None:
+            self._log.write(tick)
+        self._watch_end(tick)
+        if tick.time >= self._next_status:
+            self._next_status = tick.time + _STATUS_PERIOD
+            self._status(self._controller, self.report)
+
+    def _count(self, tick: ControlTick) -> None:
+        report = self.report
+        report.steps += 1
+        report.duration = tick.time
+        report.compute.add(tick.compute_time)
+        if tick.policy_step:
+            report.policy_steps += 1
+            report.policy.add(self._controller.policy_time)
+
+    def _watch_end(self, tick: ControlTick) -> None:
+        """Ask the controller to come down when the time is over, and end once it is down."""
+        options, mode = self._options, self._controller.mode
+        interruptions = self._interrupted()
+        over = options.duration is not None and tick.time >= options.duration
+        if interruptions or over:
+            self._controller.come_down(at_once=interruptions > 1)
+        self._was_active = self._was_active or mode in ACTIVE_MODES
+        stopped = mode is Mode.STOP
+        self._stopped_at = (self._stopped_at or tick.time) if stopped else None
+        unattended = not options.attended or interruptions > 0 or over
+        if self._robot_left():
+            self.report.end = "the robot is gone"
+        elif tick.state is None and tick.time > options.patience:
+            self.report.end = "no robot answers"
+        elif mode is Mode.PASSIVE and (self._was_active or interruptions > 0 or over) and unattended:
+            self.report.end = "passive"
+        elif self._stopped_at is not None and unattended and tick.time - self._stopped_at > _STOP_DWELL:
+            self.report.end = f"stop ({self._controller.stop_reason})"
