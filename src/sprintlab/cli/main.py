@@ -21,6 +21,7 @@ from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
 from sprintlab.cli.replay import Replay
 from sprintlab.cli.robot import Robot
+from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
 
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
+    | Annotated[RobotSim, tyro.conf.subcommand(name="robot-sim")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]
     | Annotated[Train, tyro.conf.subcommand(name="train")]
     | Annotated[Export, tyro.conf.subcommand(name="export")]

@@ -1,0 +1,42 @@
+"""What gamepad and keyboard share: a wish, a request that is made once, and a life sign."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
+from sprintlab.deployment.sources.slew import Slewed, SlewLimits
+
+
+class OperatorSource:
+    """A source that a person operates.
+
+    Args:
+        limits: slew limits of the wish.
+    """
+
+    def __init__(self, limits: SlewLimits | None = None) -> None:
+        self._slewed = Slewed(limits or SlewLimits())
+        self._sequence = 0
+        self._request = Request.NONE
+
+    def poll(self) -> FloatArray | None:
+        """Look at the device: the wish ``(3,)``; None if the device is gone."""
+        raise NotImplementedError
+
+    def read(self, view: SourceView) -> OperatorCommand | None:
+        """The present wish; None once the device is gone."""
+        wish = self.poll()
+        if wish is None:
+            return None
+        if view.mode != "run":
+            self._slewed.reset()
+            wish = np.zeros(3)
+        self._sequence += 1
+        request, self._request = self._request, Request.NONE
+        return OperatorCommand(
+            sequence=self._sequence,
+            timestamp=round(1e9 * view.time),
+            velocity=self._slewed.follow(wish, view.time),
+            request=request,
+        )
