@@ -8,9 +8,7 @@ targets lie; a schedule (``AdaptiveSchedule``) decides how the command moves to 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
@@ -132,19 +130,12 @@ class CommandGrid:
         However many robots succeed in a bin at once, it gains once: the rule does not depend on their number.
         """
         xp = namespace(weights)
-        rows = xp.arange(self.rows, device=weights.device)
-        columns = xp.arange(self.yaw_bins, device=weights.device)
-        in_row = xp.astype((bins.row[:, None] == rows) & success[:, None], weights.dtype)
-        in_column = xp.astype(bins.column[:, None] == columns, weights.dtype)
-        hit = xp.astype(xp.matmul(xp.matrix_transpose(in_row), in_column) > 0.0, weights.dtype)
-        near = _spread(xp, _spread(xp, hit, 0), 1)
-        return clip(weights + self.gain * (hit + near), 0.0, 1.0)
-
-
-def _spread(xp: Any, marks: Array, axis: int) -> Array:
-    """Marks of 0 and 1 widened by one bin either way along axis 0 or 1."""
-    first, last = (slice(None, 1), slice(1, None)) if axis == 0 else (np.s_[:, :1], np.s_[:, 1:])
-    rest = slice(None, -1) if axis == 0 else np.s_[:, :-1]
-    empty = xp.zeros_like(marks[first])
-    ahead, behind = xp.concat((marks[last], empty), axis=axis), xp.concat((empty, marks[rest]), axis=axis)
-    return xp.maximum(xp.maximum(marks, ahead), behind)
+        rows = xp.abs(bins.row[:, None] - xp.arange(self.rows, device=weights.device))
+        columns = xp.abs(bins.column[:, None] - xp.arange(self.yaw_bins, device=weights.device))
+        gained = xp.zeros_like(weights)
+        for reach in (0, 1):
+            near_row = xp.astype((rows <= reach) & success[:, None], weights.dtype)
+            near_column = xp.astype(columns <= reach, weights.dtype)
+            near = xp.matmul(xp.matrix_transpose(near_row), near_column) > 0.0
+            gained = gained + self.gain * xp.astype(near, weights.dtype)
+        return clip(weights + gained, 0.0, 1.0)

@@ -1,13 +1,14 @@
 """The training environment: thousands of robots, nothing in a step that waits for the device.
 
 A step is two graph launches on CUDA: the substeps (``BatchSimulation``) and everything after them
-(``_after_physics``: rewards, ends, resets, commands, observations). All state lives in fixed buffers, and
-resets are masks. On the CPU the same code runs without graphs.
+(``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses. All
+state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code runs
+plainly, without graphs and compilation: the reference.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -28,6 +29,9 @@ from sprintlab.control import (
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
 from sprintlab.robots import load_robot
+from sprintlab.training.draws import Draws
+from sprintlab.training.episodes import Ends, choose_starts, find_ends, standing_starts
+from sprintlab.training.graphs import captured
 from sprintlab.training.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.randomization import randomize
 from sprintlab.training.rewards import RewardInput, aggregate, penalties, tracking
@@ -37,10 +41,11 @@ from sprintlab.training.simulation import BatchSimulation
 POLICY_STEP = 0.02
 SPEED_AVERAGE = 0.1
 """Weight of the newest speed in the running speed that the command schedule follows."""
-_IMPOSSIBLE_JOINT_SPEED = 150.0
+_LARGEST_OBSERVATION = 50.0
+_ESTIMATE_SIZE = 8
 _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
-    "tilt", "broken", "vertical_speed",
+    "tilt", "vertical_speed", "broken",
 )  # fmt: skip
 
 
@@ -48,11 +53,20 @@ class SprintEnvironment(VecEnv):
     """``n`` robots that chase scheduled commands (an rsl_rl ``VecEnv``).
 
     Observation groups: ``actor`` ``(n, 45 H)`` with noise and filter, ``critic`` ``(n, 53)``: clean frame,
-    body velocity 3, height 1, foot contacts 4.
+    body velocity 3, height 1, foot contacts 4. ``estimate`` ``(n, 8)`` is the low-passed estimate that an
+    actor with an estimator keeps here, since it must follow the resets.
+
+    Args:
+        settings: the whole configuration.
+        device: ``"cuda:0"`` or ``"cpu"``.
+        fused: graphs and compiled kernels (GPU only).
+        rank: of the process among those that train together; each has its own random numbers.
     """
 
-    def __init__(self, settings: TrainingSettings, device: str = "cuda:0", use_graph: bool = True) -> None:
-        torch.manual_seed(settings.seed)
+    def __init__(
+        self, settings: TrainingSettings, device: str = "cuda:0", fused: bool = True, rank: int = 0
+    ) -> None:
+        torch.manual_seed(settings.seed + 1_000_003 * rank)
         self.settings, self.device = settings, device
         self.cfg = settings.as_dict()
         self.robot = load_robot(settings.robot)
@@ -60,12 +74,17 @@ class SprintEnvironment(VecEnv):
         self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
         self.kinematics = Kinematics(self.robot, self.simulation)
         self.friction = randomize(self.simulation, settings.randomization)
+        self.draws = Draws(self.num_envs, device)
         self._filter = LowPass()
         self._allocate_constants()
         self._allocate_state()
         self.set_curriculum(1.0, -1.0, 0.0)
-        self._reset_all()
-        self._graph = self._capture() if use_graph and str(device).startswith("cuda") else None
+        self._start_all()
+        self._finish_step: Callable[[], None] = self._after_physics
+        if fused and str(device).startswith("cuda"):
+            self._transition = torch.compile(self._transition, dynamic=False)
+            self._finish_step = captured(self._after_physics, device)
+            self._start_all()
 
     # --- memory ------------------------------------------------------------------------------------------
 
@@ -96,9 +115,12 @@ class SprintEnvironment(VecEnv):
         layout = self.settings.observation
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
-        self.filtered = zeros(n, 30)
+        self.running_yaw_rate = zeros(n)
+        self.filtered, self.estimate = zeros(n, 30), zeros(n, _ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
+        self.grid = self.settings.schedule.targets.grid
+        self.grid_weights = zeros(1, 1) if self.grid is None else self.grid.initial_weights(zeros(1))
         self.episode_length_buf = torch.zeros(n, dtype=torch.long, device=self.device)
         shortest, longest = self.settings.episodes.duration
         lengths = shortest + (longest - shortest) * torch.rand(n, device=self.device)
@@ -111,6 +133,27 @@ class SprintEnvironment(VecEnv):
         self.actor_observation, self.critic_observation = zeros(n, layout.input_size), zeros(n, 53)
         self._log_sums = zeros(len(_LOGGED) + len(self.weights))
         self._logged_steps = 0
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Everything that a step reads and changes, by name: the tensors themselves."""
+        own = (
+            "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
+            "running_yaw_rate", "filtered", "estimate", "history", "grid_weights", "episode_length_buf",
+            "episode_limit", "lower", "upper", "stage", "weights", "reward", "time_out", "done",
+            "actor_observation", "critic_observation",
+        )  # fmt: skip
+        named = {name: getattr(self, name) for name in own}
+        named |= {f"commands.{name}": value for name, value in self.commands._asdict().items()}
+        return named | {f"simulation.{name}": value for name, value in self.simulation.state().items()}
+
+    def load_state(self, state: dict[str, torch.Tensor]) -> None:
+        """Copy a saved ``state`` into the tensors that the graphs know.
+
+        Raises:
+            KeyError: a tensor is missing.
+        """
+        for name, tensor in self.state().items():
+            tensor.copy_(state[name])
 
     # --- curriculum --------------------------------------------------------------------------------------
 
@@ -130,66 +173,56 @@ class SprintEnvironment(VecEnv):
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """One policy step of 20 ms; rewards are per second times 0.02 s."""
+        self.write_action(actions)
+        self.advance()
+        return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
+
+    def write_action(self, actions: torch.Tensor) -> None:
+        """Turn actions ``(n, 12)`` into the joint targets of the next ``advance``."""
         self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
+        self.simulation.previous_target.copy_(self.simulation.target)
         self.simulation.target.copy_(target)
+
+    def advance(self) -> None:
+        """Physics, then rewards, ends, resets, commands and observations."""
         self.simulation.step()
-        if self._graph is not None:
-            self._graph.replay()
-        else:
-            self._after_physics()
+        self._finish_step()
         self._logged_steps += 1
-        return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
 
     # --- the step after physics --------------------------------------------------------------------------
 
-    def _capture(self) -> torch.cuda.CUDAGraph:
-        """``_after_physics`` as a graph; warmed up first on a side stream, as PyTorch asks."""
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            for _ in range(3):
-                self._after_physics()
-        torch.cuda.current_stream().wait_stream(stream)
-        torch.cuda.synchronize()
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            self._after_physics()
-        self._reset_all()
-        self._log_sums.zero_()
-        return graph
-
     def _after_physics(self) -> None:
+        self.draws.refill()
+        self._transition()
+
+    @torch.no_grad()
+    def _transition(self) -> None:
+        """From the state after physics to the next observation, given this step's random numbers."""
         self.episode_length_buf.add_(1)
         body = self.kinematics.read()
         self.running_speed.add_(SPEED_AVERAGE * (body.velocity[:, 0] - self.running_speed))
-        failed = self._failed(body)
-        timed_out = (self.episode_length_buf >= self.episode_limit) & ~failed
-        self._reward(body, failed)
-        self.time_out.copy_(timed_out)
-        self.done.copy_(failed | timed_out)
+        self.running_yaw_rate.add_(SPEED_AVERAGE * (body.angular_velocity[:, 2] - self.running_yaw_rate))
+        ends = find_ends(
+            body,
+            self.simulation.qvel,
+            self.episode_length_buf,
+            self.episode_limit,
+            self.settings.episodes,
+        )
+        self._reward(body, ends)
+        self.time_out.copy_(ends.timed_out)
+        self.done.copy_(ends.any)
         self.earlier_action.copy_(self.previous_action)
         self.previous_action.copy_(self.action)
         self.last_joint_velocity.copy_(body.joint_velocity)
+        self._learn_grid(ends)
         self._push()
-        fresh = failed | timed_out
-        copied = self._reset(fresh)
-        self._advance_commands(fresh & ~copied)
-        self._observe(fresh & ~copied)
+        fresh = self._restart(ends.any)
+        self._advance_commands(fresh)
+        self._observe(fresh)
 
-    def _failed(self, body: BodyState) -> torch.Tensor:
-        """Fallen, legs through each other, or numbers that no robot has."""
-        episodes = self.settings.episodes
-        tilt = body.gravity[:, 2] > -math.cos(math.radians(episodes.tilt_limit))
-        touching = (body.trunk_clearance < 0.0) | (body.knee_height < episodes.knee_clearance).any(1)
-        crossed = (body.leg_distance < episodes.leg_distance_limit).any(1)
-        broken = ~torch.isfinite(self.simulation.qvel).all(1) | (
-            body.joint_velocity.abs() > _IMPOSSIBLE_JOINT_SPEED
-        ).any(1)
-        self._log_sums[_LOGGED.index("broken")] += broken.float().mean()
-        return tilt | touching | crossed | broken
-
-    def _reward(self, body: BodyState, failed: torch.Tensor) -> None:
+    def _reward(self, body: BodyState, ends: Ends) -> None:
         above = (body.joint_position - self._stop_upper).clamp(min=0.0)
         below = (self._stop_lower - body.joint_position).clamp(min=0.0)
         inputs = RewardInput(
@@ -204,109 +237,113 @@ class SprintEnvironment(VecEnv):
             base_height_target=self.robot.base_height_target,
         )
         rewards = self.settings.rewards
-        follow, turn = tracking(inputs, rewards)
+        follow, turn, onward = tracking(inputs, rewards)
         weighted = penalties(inputs, rewards) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
+        positive = positive + rewards.progress * onward
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
-        self.reward.copy_(torch.where(failed, torch.zeros_like(rate), rate) * POLICY_STEP)
-        self._log(body, follow, turn, rate, failed, weighted)
+        self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
+        self._log(inputs, (follow, turn, rate), ends, weighted)
 
     def _log(
         self,
-        body: BodyState,
-        follow: torch.Tensor,
-        turn: torch.Tensor,
-        rate: torch.Tensor,
-        failed: torch.Tensor,
+        inputs: RewardInput,
+        rewards: tuple[torch.Tensor, torch.Tensor, torch.Tensor],
+        ends: Ends,
         weighted: torch.Tensor,
     ) -> None:
-        """Add this step's means to the sums; read once an iteration by ``take_log``."""
-        power = (self.simulation.drive_torque * body.joint_velocity).clamp(min=0.0).sum(1)
+        """Add this step's means to the sums, in the order of ``_LOGGED``; read once an iteration."""
+        body = inputs.body
         forward = body.velocity[:, 0]
-        values = {
-            "tracking": follow,
-            "turning": turn,
-            "reward": rate,
-            "speed": forward,
-            "command_error": (self.commands.command[:, 0] - forward).abs(),
-            "falls": failed.float(),
-            "power": power,
-            "contact": body.contact,
-            "on_limit": self.simulation.on_limit,
-            "tilt": body.gravity[:, :2].norm(dim=1),
-            "vertical_speed": body.velocity[:, 2].abs(),
-        }
-        for name, value in values.items():
-            self._log_sums[_LOGGED.index(name)] += torch.nan_to_num(value).mean()
-        self._log_sums[len(_LOGGED) :] += weighted.mean(0)
+        values = (
+            *rewards,
+            forward,
+            (inputs.command[:, 0] - forward).abs(),
+            ends.failed.float(),
+            (inputs.torque * body.joint_velocity).clamp(min=0.0).sum(1),
+            body.contact.mean(1),
+            self.simulation.on_limit.mean(1),
+            body.gravity[:, :2].norm(dim=1),
+            body.velocity[:, 2].abs(),
+            ends.broken.float(),
+        )
+        means = torch.cat((torch.stack(values, 1), weighted), 1)
+        self._log_sums.add_(torch.nan_to_num(means).mean(0))
+
+    def _learn_grid(self, ends: Ends) -> None:
+        """Open the grid around the targets that were held to the end of their time."""
+        if self.grid is None:
+            return
+        commands = self.commands
+        due = (commands.time_to_target <= POLICY_STEP) & ~ends.any
+        held = self.grid.held(
+            commands.target_speed - self.running_speed, commands.command[:, 2] - self.running_yaw_rate
+        )
+        bins = self.grid.bins(commands.target_speed, commands.command[:, 2])
+        self.grid_weights.copy_(self.grid.learn(self.grid_weights, bins, due & held))
 
     def _push(self) -> None:
         """Now and then a kick: a random change of the horizontal base velocity."""
-        settings = self.settings.randomization
-        draw = torch.rand(self.num_envs, 3, device=self.device)
+        settings, draw = self.settings.randomization, self.draws["push"]
         kicked = (draw[:, :1] < POLICY_STEP / settings.push_interval).float()
         self.simulation.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
 
     # --- resets ------------------------------------------------------------------------------------------
 
-    def _reset_all(self) -> None:
+    def _start_all(self) -> None:
         """Fresh starts everywhere; no copies, since nobody runs yet."""
-        everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        self.draws.refill()
         self.episode_length_buf.zero_()
-        self._reset(everyone)
-        self._advance_commands(everyone)
-        self._observe(everyone)
+        everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        fresh = self._restart(everyone)
+        self._advance_commands(fresh)
+        self._observe(fresh)
+        self._log_sums.zero_()
+        if self.grid is not None:
+            self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
 
-    def _reset(self, mask: torch.Tensor) -> torch.Tensor:
-        """Restart the environments in ``mask``; returns which of them copied a running one."""
-        n = self.num_envs
-        draw = torch.rand(n, 4, device=self.device)
-        donors = self._donors()
-        eligible = ~mask[donors] & (self.episode_length_buf[donors] > 50)
-        copied = mask & eligible & (draw[:, 0] < self.settings.episodes.clone_share)
-        qpos, qvel = self._fresh_state(draw[:, 1:])
-        donor_qpos = self.simulation.qpos[donors]
+    def _restart(self, mask: torch.Tensor) -> torch.Tensor:
+        """Restart the robots in ``mask``; returns those that start fresh, not as another's copy."""
+        starts = choose_starts(
+            mask, self.running_speed, self.episode_length_buf, self.draws, self.settings.episodes
+        )
+        self._place(mask, starts.donors, starts.copied)
+        # A copy takes over what belongs to the running robot; a fresh start begins from zero.
+        zero_at_start = (self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate)
+        for buffer in zero_at_start:
+            started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
+            buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
+        for buffer in (self.filtered, self.history, *self.commands):
+            self._put(buffer, starts.copied, buffer[starts.donors])
+        self.episode_length_buf.mul_((~mask).long())
+        return starts.restarted
+
+    def _place(self, mask: torch.Tensor, donors: torch.Tensor, copied: torch.Tensor) -> None:
+        """Write position, velocity, joint targets and what follows from them for the robots in ``mask``."""
+        simulation = self.simulation
+        qpos, qvel = standing_starts(
+            self._standing_qpos,
+            self.kinematics.joint_qpos,
+            simulation.qvel.shape[1],
+            self.upper,
+            self.draws,
+            self.settings.episodes,
+        )
+        donor_qpos = simulation.qpos[donors]
         donor_qpos[:, :2] = 0.0
         qpos = where_rows(copied, donor_qpos, qpos)
-        qvel = where_rows(copied, self.simulation.qvel[donors], qvel)
-        restarted = mask & ~copied
-        velocity = qvel[:, self.kinematics.joint_qvel]
-        self._put(self.simulation.qpos, mask, qpos)
-        self._put(self.simulation.qvel, mask, qvel)
-        self._put(self.simulation.qacc_warmstart, mask, torch.zeros_like(qvel))
-        self._put(self.last_joint_velocity, mask, velocity)
+        qvel = where_rows(copied, simulation.qvel[donors], qvel)
         forward = heading_velocity(qpos[:, 3:7], qvel[:, :3])[:, 0]
-        for buffer in (self.previous_action, self.earlier_action):
-            self._put(buffer, copied, buffer[donors])
-            self._put(buffer, restarted, torch.zeros_like(buffer))
-        for buffer in (self.filtered, self.history, self.running_speed, *self.commands):
-            self._put(buffer, copied, buffer[donors])
-        self._put(self.running_speed, restarted, forward)
-        self.episode_length_buf.mul_((~mask).long())
-        return copied
-
-    def _donors(self) -> torch.Tensor:
-        """For each environment, of two drawn at random the one that runs faster ``(n,)``."""
-        pair = torch.randint(0, self.num_envs, (2, self.num_envs), device=self.device)
-        faster = self.running_speed[pair[0]] > self.running_speed[pair[1]]
-        return torch.where(faster, pair[0], pair[1])
-
-    def _fresh_state(self, draw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Standing robots with noise in pose and heading, some of them already moving forward."""
-        n, simulation = self.num_envs, self.simulation
-        yaw = (2 * draw[:, 0] - 1) * math.pi
-        qpos = self._standing_qpos.repeat(n, 1)
-        qpos[:, 2] += 0.01 + 0.02 * draw[:, 1]
-        qpos[:, 3], qpos[:, 6] = torch.cos(yaw / 2), torch.sin(yaw / 2)
-        noise = 0.2 * (torch.rand(n, self.num_actions, device=self.device) - 0.5)
-        qpos[:, self.kinematics.joint_qpos] += noise
-        moving = draw[:, 2] < self.settings.episodes.fast_start_share
-        start = torch.rand(n, 2, device=self.device)
-        speed = torch.where(moving, start[:, 0] * self.upper, 0.5 * start[:, 1])
-        qvel = torch.zeros_like(simulation.qvel)
-        qvel[:, 0], qvel[:, 1] = speed * torch.cos(yaw), speed * torch.sin(yaw)
-        qvel[:, 3:6] = 0.4 * (torch.rand(n, 3, device=self.device) - 0.5)
-        return qpos, qvel
+        forward = torch.where(copied, self.running_speed[donors], forward)
+        target = where_rows(
+            copied, simulation.target[donors], self._default_pose.expand_as(simulation.target)
+        )
+        self._put(self.last_joint_velocity, mask, qvel[:, self.kinematics.joint_qvel])
+        self._put(self.running_speed, mask, forward)
+        self._put(simulation.target, mask, target)
+        self._put(simulation.qacc_warmstart, mask, torch.zeros_like(qvel))
+        self._put(simulation.qpos, mask, qpos)
+        self._put(simulation.qvel, mask, qvel)
 
     @staticmethod
     def _put(buffer: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None:
@@ -324,7 +361,8 @@ class SprintEnvironment(VecEnv):
             upper=self.upper,
             friction=self.friction,
             fresh=fresh,
-            random=torch.rand(self.num_envs, 8, device=self.device),
+            random=self.draws["command"],
+            weights=self.grid_weights,
         )
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
@@ -336,14 +374,14 @@ class SprintEnvironment(VecEnv):
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
         )
         clean = torch.nan_to_num(join_proprioception(parts))
-        noisy = clean + self._noise * (2 * torch.rand_like(clean) - 1)
+        noisy = clean + self._noise * (2 * self.draws["noise"] - 1)
         self.filtered.copy_(self._filter.step(self.filtered, noisy, fresh))
         frame = self._frame(self.filtered)
         self.history.copy_(update_history(self.history, frame, fresh))
         self.actor_observation.copy_(network_input(self.history))
         truth = (body.velocity, body.height[:, None], body.contact)
-        critic = torch.cat((self._frame(clean), *truth), 1)
-        self.critic_observation.copy_(torch.nan_to_num(critic).clamp(-50.0, 50.0))
+        critic = torch.nan_to_num(torch.cat((self._frame(clean), *truth), 1))
+        self.critic_observation.copy_(critic.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION))
 
     def _frame(self, proprioception: torch.Tensor) -> torch.Tensor:
         frame = observation_frame(
@@ -352,7 +390,7 @@ class SprintEnvironment(VecEnv):
             command=self.commands.command,
             previous_action=self.previous_action,
         )
-        return frame.clamp(-50.0, 50.0)
+        return frame.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION)
 
     # --- statistics --------------------------------------------------------------------------------------
 
@@ -361,9 +399,9 @@ class SprintEnvironment(VecEnv):
         finite = torch.nan_to_num(self.running_speed)
         speeds = torch.stack([fastest_speed(finite, share) for share in (0.5, 0.95, 0.999)])
         means = self._log_sums / max(1, self._logged_steps)
-        values = torch.cat((means, speeds)).tolist()
+        values = torch.cat((means, speeds, self.grid_weights.mean()[None])).tolist()
         self._log_sums.zero_()
         self._logged_steps = 0
         penalty_names = [f"penalty/{name}" for name in self.settings.rewards.penalties()]
-        names = [*_LOGGED, *penalty_names, "speed_median", "speed_p95", "speed_p999"]
-        return dict(zip(names, values, strict=True))
+        extra = ("speed_median", "speed_p95", "speed_p999", "grid_open")
+        return dict(zip((*_LOGGED, *penalty_names, *extra), values, strict=True))

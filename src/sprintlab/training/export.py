@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import io
 import tempfile
 from pathlib import Path
@@ -11,21 +10,22 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from rsl_rl.models import MLPModel
-from tensordict import TensorDict
 
 from sprintlab.control import (
     CONTRACT_KEY,
+    ESTIMATE_SIZE,
     LowPass,
     TrainingRecord,
     encode_contract,
     load_policy,
     make_contract,
 )
+from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import load_robot
-from sprintlab.training.learner import algorithm_configuration
+from sprintlab.training.algorithm import build_actor
+from sprintlab.training.networks import Actor
 from sprintlab.training.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -33,15 +33,11 @@ EXPORT_TOLERANCE = 1e-4
 """Greatest difference between the two runtimes that an export may show, on actions of order one."""
 
 
-def actor_from_checkpoint(state: dict[str, Any]) -> MLPModel:
-    """The actor network with its weights, on the CPU, in evaluation mode."""
+def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
+    """The actor with its weights, on the CPU, in evaluation mode."""
     settings: TrainingSettings = state["settings"]
-    configuration = copy.deepcopy(algorithm_configuration(settings.ppo)["actor"])
-    configuration.pop("class_name")
-    example = TensorDict({"actor": torch.zeros(1, settings.observation.input_size)}, batch_size=[1])
-    joints = len(load_robot(settings.robot).joint_names)
-    actor = MLPModel(example, {"actor": ["actor"]}, "actor", joints, **configuration)
-    actor.load_state_dict(state["learner"]["actor_state_dict"])
+    actor = build_actor(settings, load_robot(settings.robot))
+    actor.load_state_dict(state["learner"]["actor"])
     return actor.eval()
 
 
@@ -54,22 +50,23 @@ def export_checkpoint(checkpoint: Path, output: Path) -> Path:
     """
     state = read_checkpoint(checkpoint)
     actor = actor_from_checkpoint(state)
-    network = actor.as_onnx(verbose=False).eval()
-    data = _with_contract(_onnx_bytes(network, state["settings"].observation.input_size), state)
-    _verify(data, network, state["settings"].observation.input_size)
+    input_size = state["settings"].observation.input_size
+    data = _with_contract(_onnx_bytes(actor, input_size), state)
+    _verify(data, actor, input_size)
     atomic_write_bytes(output, data)
     return output
 
 
 def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     buffer = io.BytesIO()
+    names = ["observation", "previous_estimate", "action", "estimate"]
     torch.onnx.export(
         network,
-        (torch.zeros(1, input_size),),
+        (torch.zeros(1, input_size), torch.zeros(1, ESTIMATE_SIZE)),
         buffer,  # pyright: ignore[reportArgumentType]  # torch's annotation omits what dynamo=False accepts
-        input_names=["observation"],
-        output_names=["action"],
-        dynamic_axes={"observation": {0: "batch"}, "action": {0: "batch"}},
+        input_names=names[:2],
+        output_names=names[2:],
+        dynamic_axes={name: {0: "batch"} for name in names},
         opset_version=17,
         dynamo=False,
     )
@@ -96,25 +93,27 @@ def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
         training=record,
         software=state["versions"],
         proprioception_filter=LowPass(),
+        estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
     )
     model = onnx.load_from_string(data)
     onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
     return model.SerializeToString()
 
 
-def _verify(data: bytes, network: torch.nn.Module, input_size: int) -> None:
+def _verify(data: bytes, network: Actor, input_size: int) -> None:
     """Read the file back through the runtime that will run it, and compare on random observations."""
     generator = np.random.default_rng(0)
     observations = generator.normal(size=(256, input_size)).astype(np.float32)
+    estimates = generator.normal(size=(256, ESTIMATE_SIZE)).astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.onnx"
         path.write_bytes(data)
-        policy = load_policy(path)
-        written = policy.infer(observations)
+        written = load_policy(path).decide(observations, estimates)
     with torch.no_grad():
-        meant = network(torch.from_numpy(observations)).numpy()
-    difference = float(np.abs(written - meant).max())
-    if not difference <= EXPORT_TOLERANCE:
-        raise PolicyFileError(
-            f"the exported policy differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}"
-        )
+        meant = network(torch.from_numpy(observations), torch.from_numpy(estimates))
+    for name, value, wanted in zip(("action", "estimate"), written, meant, strict=True):
+        difference = float(np.abs(value - wanted.numpy()).max())
+        if not difference <= EXPORT_TOLERANCE:
+            raise PolicyFileError(
+                f"the exported policy's {name} differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}"
+            )

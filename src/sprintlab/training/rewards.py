@@ -14,6 +14,8 @@ import torch
 from sprintlab.training.kinematics import BodyState
 from sprintlab.training.settings import RewardSettings
 
+PROGRESS_SPEED = 10.0
+"""Speed at which the progress term is one [m/s]."""
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
 
@@ -76,11 +78,17 @@ PENALTIES: dict[str, Penalty] = {
 }
 
 
-def tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:
-    """Unweighted ``exp(-|v_xy - command|^2)`` and ``exp(-(yaw rate - command)^2)``, each ``(n,)``."""
+def tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """What is rewarded, unweighted, each ``(n,)``.
+
+    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the forward speed up to the commanded
+    one over 10 m/s.
+    """
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
-    return torch.exp(-error), torch.exp(-turn)
+    wanted = x.command[:, 0].clamp(min=0.0)
+    onward = torch.minimum(x.body.velocity[:, 0].clamp(min=0.0), wanted) / PROGRESS_SPEED
+    return torch.exp(-error), torch.exp(-turn), onward
 
 
 def penalties(x: RewardInput, settings: RewardSettings) -> torch.Tensor:

@@ -11,6 +11,7 @@ import torch
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
+from sprintlab.training.distributed import join_workers
 from sprintlab.training.methods import METHODS, method_settings
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
@@ -32,6 +33,9 @@ class TrainOptions:
         start_from: another run's checkpoint whose networks and curriculum this run begins with.
         save_seconds: time between checkpoints.
         keep_schedule: take the command schedule from ``settings`` instead of the method's default.
+        keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
+            if it had not stopped. Without, robots start from standing when it is taken up.
+        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
     Raises:
@@ -49,6 +53,8 @@ class TrainOptions:
     start_from: Path | None = None
     save_seconds: float = 60.0
     keep_schedule: bool = False
+    keep_robots: bool = True
+    fused: bool = True
     settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
@@ -82,7 +88,11 @@ def train(options: TrainOptions) -> Path:
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
     typed = saved["command_line"] if saved else command_line()
-    runner = Runner(settings, pick_device(options.device), typed)
+    workers = join_workers()
+    device = pick_device(options.device)
+    if workers.several and device.startswith("cuda"):
+        device = f"cuda:{workers.local_rank}"
+    runner = Runner(settings, device, typed, options.fused, workers)
     if saved:
         runner.load(saved)
     elif options.start_from is not None:
@@ -91,8 +101,7 @@ def train(options: TrainOptions) -> Path:
         _loop(runner, options, checkpoint)
     finally:
         if runner.progress.iteration:
-            runner.save(checkpoint)
-            runner.save_log(options.output / "log.jsonl")
+            _save(runner, options, checkpoint)
     return checkpoint
 
 
@@ -103,12 +112,18 @@ def _loop(runner: Runner, options: TrainOptions, checkpoint: Path) -> None:
         row = runner.iterate()
         now = time.monotonic()
         if now - saved > options.save_seconds:
-            runner.save(checkpoint)
-            runner.save_log(options.output / "log.jsonl")
+            _save(runner, options, checkpoint)
             saved = now
-        if now - printed > 10.0 or row["iteration"] <= 2:
+        if runner.workers.leads and (now - printed > 10.0 or row["iteration"] <= 2):
             print(progress_line(row), file=sys.stderr, flush=True)
             printed = now
+
+
+def _save(runner: Runner, options: TrainOptions, checkpoint: Path) -> None:
+    """Checkpoint and log, by the leading process."""
+    if runner.workers.leads:
+        runner.save(checkpoint, options.keep_robots)
+        runner.save_log(options.output / "log.jsonl")
 
 
 def progress_line(row: dict[str, float]) -> str:

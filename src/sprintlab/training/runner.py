@@ -19,12 +19,13 @@ import torch
 from sprintlab.commands import RangeGrowth, StageBlend
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from sprintlab.training.algorithm import EstimatorPpo
+from sprintlab.training.distributed import Workers
 from sprintlab.training.environment import SprintEnvironment
-from sprintlab.training.learner import build_learner
 from sprintlab.training.settings import TrainingSettings
 
-CHECKPOINT_FORMAT = 1
-_PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "rsl-rl-lib", "numpy")
+CHECKPOINT_FORMAT = 2
+_PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
 
 
 def device_description(device: str) -> str:
@@ -54,15 +55,25 @@ class Runner:
         settings: the whole configuration.
         device: ``"cuda:0"`` or ``"cpu"``.
         command_line: as typed; goes into the policy's contract.
+        fused: graphs and compiled kernels (GPU only); without them the same code runs plainly.
+        workers: the processes that train together.
     """
 
-    def __init__(self, settings: TrainingSettings, device: str, command_line: str) -> None:
+    def __init__(
+        self,
+        settings: TrainingSettings,
+        device: str,
+        command_line: str,
+        fused: bool = True,
+        workers: Workers | None = None,
+    ) -> None:
+        self.workers = workers or Workers()
         random.seed(settings.seed)
         np.random.seed(settings.seed)
-        torch.set_float32_matmul_precision("high")  # TF32 in the networks, as mjlab sets it
+        torch.set_float32_matmul_precision("high")  # TF32 in the networks
         self.settings, self.device, self.command_line = settings, device, command_line
-        self.environment = SprintEnvironment(settings, device)
-        self.learner = build_learner(self.environment, settings.ppo)
+        self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
+        self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
         self.growth = RangeGrowth(increment=stages.growth, margin=stages.growth_margin)
         self.blend = StageBlend(
@@ -76,31 +87,30 @@ class Runner:
     def iterate(self) -> dict[str, float]:
         """One rollout and one update; returns the statistics of the iteration."""
         started = time.perf_counter()
-        self._collect()
-        losses = self.learner.update()
-        statistics = self.environment.take_log()
+        for _ in range(self.settings.ppo.steps):
+            self.learner.act()
+            self.environment.advance()
+            self.learner.record()
+        self.learner.update()
+        statistics = self._shared({**self.environment.take_log(), **self.learner.statistics()})
         self._advance_curriculum(statistics["speed_p999"])
-        return self._record(statistics, losses, time.perf_counter() - started)
+        return self._record(statistics, time.perf_counter() - started)
 
-    def _collect(self) -> None:
-        observation = self.environment.get_observations()
-        with torch.inference_mode():
-            for _ in range(self.settings.ppo.steps):
-                # The transition keeps the observation until it is stored, and the environment's buffers move.
-                action = self.learner.act(observation.clone())
-                observation, reward, done, extras = self.environment.step(action)
-                self.learner.process_env_step(observation, reward, done, extras)
-            self.learner.compute_returns(observation)
+    def _shared(self, statistics: dict[str, float]) -> dict[str, float]:
+        """Means over all processes, so that every one's curriculum takes the same step."""
+        if not self.workers.several:
+            return statistics
+        values = torch.tensor(list(statistics.values()), device=self.device)
+        self.workers.average([values, self.environment.grid_weights])
+        return dict(zip(statistics, values.tolist(), strict=True))
 
     def _advance_curriculum(self, fastest: float) -> None:
         self.growth.update(fastest, self.blend.top)
         self.blend.update(self.growth.upper)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
 
-    def _record(
-        self, statistics: dict[str, float], losses: dict[str, float], seconds: float
-    ) -> dict[str, float]:
-        steps = self.settings.ppo.steps * self.settings.simulation.environments
+    def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
+        steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count
         self.progress.iteration += 1
         self.progress.environment_steps += steps
         self.progress.seconds += seconds
@@ -111,9 +121,6 @@ class Runner:
             "steps_per_second": round(steps / seconds),
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
-            "action_std": float(self.learner.get_policy().output_std.detach().mean()),
-            "learning_rate": self.learner.learning_rate,
-            **{f"loss/{name}": value for name, value in losses.items()},
             **statistics,
         }
         self.progress.log.append(row)
@@ -121,8 +128,13 @@ class Runner:
 
     # --- checkpoints -------------------------------------------------------------------------------------
 
-    def state(self) -> dict[str, Any]:
-        """Everything that a run needs to go on, and that an export needs to write a contract."""
+    def state(self, with_robots: bool = True) -> dict[str, Any]:
+        """Everything that a run needs to go on, and that an export needs to write a contract.
+
+        Args:
+            with_robots: also the state of every robot and its command; without it, robots start from
+                standing when the run is taken up.
+        """
         generators = {
             "torch": torch.get_rng_state(),
             "numpy": np.random.get_state(),
@@ -133,7 +145,9 @@ class Runner:
         return {
             "format": CHECKPOINT_FORMAT,
             "settings": self.settings,
-            "learner": self.learner.save(),
+            "learner": self.learner.state_dict(),
+            "environment": self.environment.state() if with_robots else None,
+            "grid_weights": self.environment.grid_weights,
             "growth": self.growth.state_dict(),
             "blend": self.blend.state_dict(),
             "progress": self.progress,
@@ -144,10 +158,10 @@ class Runner:
             "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         }
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path, with_robots: bool = True) -> None:
         """Write the checkpoint in one step. Raises ``SprintlabError`` if the disk refuses."""
         buffer = io.BytesIO()
-        torch.save(self.state(), buffer)
+        torch.save(self.state(with_robots), buffer)
         atomic_write_bytes(path, buffer.getvalue())
 
     def save_log(self, path: Path) -> None:
@@ -155,12 +169,20 @@ class Runner:
         atomic_write_text(path, "".join(json.dumps(row) + "\n" for row in self.progress.log))
 
     def load(self, state: dict[str, Any]) -> None:
-        """Take up a run where its checkpoint left it; robots start anew from standing."""
-        self.learner.load(state["learner"], None, True)
+        """Take up a run where its checkpoint left it.
+
+        With the robots' states in it, and on the same device and versions, the run goes on as if it had not
+        stopped; without them, robots start anew from standing.
+        """
+        self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
         self.progress = state["progress"]
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
+        if state["environment"] is not None:
+            self.environment.load_state(state["environment"])
+        elif state["grid_weights"].shape == self.environment.grid_weights.shape:
+            self.environment.grid_weights.copy_(state["grid_weights"])
         generators = state["generators"]
         torch.set_rng_state(generators["torch"].cpu())
         np.random.set_state(generators["numpy"])

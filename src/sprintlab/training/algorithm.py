@@ -1,0 +1,301 @@
+"""PPO with the estimator: acting, recording and learning, each one graph on a GPU.
+
+Nothing here waits for the device: the learning rate, the column of the rollout and the check for a diverged
+update are tensors. ``statistics`` is the one place where numbers are read back, once an iteration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import torch
+from torch import nn
+
+from sprintlab.control import low_pass_coefficient
+from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
+from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.robots import RobotDescription
+from sprintlab.training.distributed import Workers
+from sprintlab.training.environment import POLICY_STEP, SprintEnvironment
+from sprintlab.training.graphs import captured
+from sprintlab.training.losses import (
+    EstimatorBatch,
+    PolicyBatch,
+    adapted_learning_rate,
+    estimator_losses,
+    generalized_advantages,
+    log_probability,
+    policy_losses,
+)
+from sprintlab.training.networks import ESTIMATE_SIZE, LARGEST_STD, TRUTH_SIZE, Actor, Critic
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.storage import Rollout
+
+LOSS_NAMES = (
+    "surrogate",
+    "value",
+    "entropy",
+    "divergence",
+    "velocity",
+    "contact",
+    "reconstruction",
+    "latent",
+)
+GRADIENT_NORM = 1.0
+
+
+def build_actor(settings: TrainingSettings, robot: RobotDescription) -> Actor:
+    """The actor of these settings for a robot, its filter at the policy's rate."""
+    coefficient = low_pass_coefficient(ESTIMATE_CUTOFF_HZ, 1.0 / POLICY_STEP)
+    return Actor(settings, len(robot.joint_names), robot.base_height_target, coefficient)
+
+
+class EstimatorPpo:
+    """Actor, critic and estimator with their rollout and optimizers, bound to an environment's buffers.
+
+    Args:
+        environment: whose observations are read and whose actions are written.
+        fused: whether the losses are compiled (GPU only); the reference path is the same code, plain.
+        workers: further processes with which gradients and statistics are shared.
+    """
+
+    def __init__(self, environment: SprintEnvironment, fused: bool, workers: Workers) -> None:
+        self.environment, self.settings = environment, environment.settings
+        self.device, self._workers = environment.device, workers
+        self._build(environment)
+        self._policy_losses: Callable[..., Any] = policy_losses
+        self._estimator_losses: Callable[..., Any] = estimator_losses
+        if fused and str(self.device).startswith("cuda"):
+            self._policy_losses = torch.compile(policy_losses, dynamic=False)
+            self._estimator_losses = torch.compile(estimator_losses, dynamic=False)
+        self.act, self.record, self.update = self._act, self._record, self._update
+        self._capture()
+
+    def _build(self, environment: SprintEnvironment) -> None:
+        settings, ppo = self.settings, self.settings.ppo
+        self.actor = build_actor(settings, environment.robot).to(self.device)
+        self.critic = Critic(ppo).to(self.device)
+        self._workers.broadcast([*self.actor.parameters(), *self.critic.parameters()])
+        self.rollout = Rollout(
+            environment.num_envs,
+            ppo.steps,
+            settings.observation.input_size,
+            settings.estimator.latent,
+            environment.num_actions,
+            self.device,
+        )
+        self.policy_parameters = [*self.actor.policy.parameters(), self.actor.std]
+        self.critic_parameters = list(self.critic.value.parameters())
+        self.estimator_parameters = list(self.actor.estimator.parameters())
+        self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
+        self.optimizer = self._adam(self.policy_parameters + self.critic_parameters, self.learning_rate)
+        rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
+        self.estimator_optimizer = self._adam(self.estimator_parameters, rate)
+        self.old_std = self.actor.std.detach().clone()
+        self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
+        self.rolled_back = torch.zeros((), device=self.device)
+        self._before = [tensor.detach().clone() for tensor in self._revertible()]
+
+    def _adam(self, parameters: list[nn.Parameter], rate: torch.Tensor) -> torch.optim.Adam:
+        """Adam whose whole step runs on the device; its state exists from the start, for captures and resumes."""
+        on_gpu = str(self.device).startswith("cuda")
+        optimizer = torch.optim.Adam(parameters, lr=rate, fused=on_gpu, foreach=False, capturable=on_gpu)
+        for parameter in parameters:
+            parameter.grad = torch.zeros_like(parameter)
+        optimizer.step()
+        for state in optimizer.state.values():
+            for value in state.values():
+                value.zero_()
+        return optimizer
+
+    # --- graphs ------------------------------------------------------------------------------------------
+
+    def _capture(self) -> None:
+        """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did to the networks."""
+        if not str(self.device).startswith("cuda"):
+            return
+        kept = {name: value.clone() for name, value in self._networks().items()}
+        moments = [tensor.clone() for tensor in self._moments()]
+        rates = self.learning_rate.clone()
+        self.act = captured(self._act, self.device)
+        self.record = captured(self._record, self.device)
+        self.update = captured(self._update, self.device)
+        for name, value in self._networks().items():
+            value.copy_(kept[name])
+        for tensor, value in zip(self._moments(), moments, strict=True):
+            tensor.copy_(value)
+        self.learning_rate.copy_(rates)
+        for tensor in (self._loss_sums, self.rolled_back, self.rollout.step, self.environment.estimate):
+            tensor.zero_()
+
+    def _networks(self) -> dict[str, torch.Tensor]:
+        """Parameters and buffers of both networks, by name."""
+        named = {f"actor.{name}": value for name, value in self.actor.state_dict().items()}
+        return {**named, **{f"critic.{name}": value for name, value in self.critic.state_dict().items()}}
+
+    def _moments(self) -> list[torch.Tensor]:
+        """Both optimizers' state, in a fixed order."""
+        return [
+            value
+            for optimizer in (self.optimizer, self.estimator_optimizer)
+            for group in optimizer.param_groups
+            for parameter in group["params"]
+            for _, value in sorted(optimizer.state[parameter].items())
+        ]
+
+    def _revertible(self) -> list[torch.Tensor]:
+        """What a diverged update would spoil."""
+        return [*self._networks().values(), *self._moments()]
+
+    # --- acting ------------------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def _act(self) -> None:
+        """Perceive, decide, add noise; hand the action to the environment and all of it to the rollout."""
+        environment, rollout = self.environment, self.rollout
+        history, truth = environment.actor_observation, environment.critic_observation
+        perceived, estimate = self.actor.perceive(history, environment.estimate)
+        environment.estimate.copy_(estimate)
+        mean, value = self.actor.decide(perceived), self.critic(truth)
+        action = mean + self.actor.std * torch.randn_like(mean)
+        values = {
+            "history": history,
+            "perceived": perceived,
+            "truth": truth,
+            "action": action,
+            "mean": mean,
+            "log_probability": log_probability(action, mean, self.actor.std),
+            "value": value,
+        }
+        for name, each in values.items():
+            rollout.write(name, each)
+        environment.write_action(action)
+
+    @torch.no_grad()
+    def _record(self) -> None:
+        """Store what the step brought, and move on to the next column."""
+        environment, rollout = self.environment, self.rollout
+        rollout.write("reward", environment.reward)
+        rollout.write("end", environment.done.float())
+        rollout.write("time_out", environment.time_out)
+        rollout.write("next_frame", environment.actor_observation[:, -FRAME_SIZE:])
+        rollout.step.add_(1).remainder_(rollout.steps)
+
+    # --- learning ----------------------------------------------------------------------------------------
+
+    def _update(self) -> None:
+        """All epochs over the rollout that has just been filled."""
+        for saved, tensor in zip(self._before, self._revertible(), strict=True):
+            saved.copy_(tensor)
+        self._prepare()
+        blocks = self._blocks()
+        for epoch in range(self.settings.ppo.epochs):
+            for first, last in blocks:
+                self._improve_policy(self.rollout.policy_batch(first, last))
+                if epoch < self.settings.estimator.epochs:
+                    self._improve_estimator(first, last)
+        self._update_normalizers()
+        self._roll_back_if_diverged()
+
+    def _blocks(self) -> list[tuple[int, int]]:
+        """Mini-batches as blocks of robots."""
+        robots, parts = self.rollout.robots, self.settings.ppo.mini_batches
+        edges = [robots * part // parts for part in range(parts + 1)]
+        return list(zip(edges[:-1], edges[1:], strict=True))
+
+    @torch.no_grad()
+    def _prepare(self) -> None:
+        """Advantages and returns of the rollout."""
+        r = self.rollout
+        self.old_std.copy_(self.actor.std)
+        last = self.critic(self.environment.critic_observation)
+        advantage = generalized_advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
+        r.returns.copy_(advantage + r.value)
+        r.advantage.copy_(self._workers.normalized(advantage))
+
+    def _improve_policy(self, batch: PolicyBatch) -> None:
+        loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
+        self._workers.average([parts])
+        rate = adapted_learning_rate(self.learning_rate, parts[3], self.settings.ppo.desired_kl)
+        self.learning_rate.copy_(rate)
+        self._descend(loss, self.optimizer, (self.policy_parameters, self.critic_parameters))
+        with torch.no_grad():
+            self.actor.std.clamp_(self.settings.ppo.least_std, LARGEST_STD)
+            self._loss_sums[:4] += parts / (self.settings.ppo.epochs * self.settings.ppo.mini_batches)
+
+    def _improve_estimator(self, first: int, last: int) -> None:
+        samples = (last - first) * self.rollout.steps
+        noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
+        batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
+        loss, parts = self._estimator_losses(self.actor, batch, self.settings.estimator)
+        self._descend(loss, self.estimator_optimizer, (self.estimator_parameters,))
+        with torch.no_grad():
+            self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
+
+    def _descend(
+        self,
+        loss: torch.Tensor,
+        optimizer: torch.optim.Adam,
+        groups: Iterable[list[nn.Parameter]],
+    ) -> None:
+        """One step down the gradient, each group's norm limited on its own."""
+        optimizer.zero_grad(set_to_none=False)
+        loss.backward()
+        for parameters in groups:
+            self._workers.average([p.grad for p in parameters if p.grad is not None])
+            nn.utils.clip_grad_norm_(parameters, GRADIENT_NORM, foreach=True)
+        optimizer.step()
+
+    @torch.no_grad()
+    def _update_normalizers(self) -> None:
+        """After the update, so that its likelihood ratios compare the policies on equal inputs."""
+        known = FRAME_SIZE + ESTIMATE_SIZE
+        pairs = (
+            (self.actor.normalizer, self.rollout.perceived[..., :known]),
+            (self.critic.normalizer, self.rollout.truth[..., :TRUTH_SIZE]),
+        )
+        for normalizer, values in pairs:
+            mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
+            normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
+
+    @torch.no_grad()
+    def _roll_back_if_diverged(self) -> None:
+        """A NaN anywhere: networks and optimizers as before the update, and a fresh, slower start."""
+        tensors = self._revertible()
+        finite = torch.stack([torch.isfinite(tensor).all() for tensor in tensors]).all()
+        for saved, tensor in zip(self._before, tensors, strict=True):
+            tensor.copy_(torch.where(finite, tensor, saved))
+        self.learning_rate.copy_(torch.where(finite, self.learning_rate, 0.5 * self.learning_rate))
+        self.learning_rate.nan_to_num_(nan=1e-4)
+        self.rolled_back.add_(1.0 - finite.float())
+
+    # --- numbers, checkpoints ----------------------------------------------------------------------------
+
+    def statistics(self) -> dict[str, float]:
+        """Losses since the last call, learning rate, action noise, updates rolled back; waits for the device."""
+        extra = torch.stack((self.learning_rate, self.actor.std.detach().mean(), self.rolled_back))
+        values = torch.cat((self._loss_sums, extra)).tolist()
+        self._loss_sums.zero_()
+        names = [f"loss/{name}" for name in LOSS_NAMES]
+        return dict(zip([*names, "learning_rate", "action_std", "rolled_back"], values, strict=True))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, normalizers, estimator, optimizers, learning rate."""
+        return {
+            "actor": self.actor.state_dict(),
+            "critic": self.critic.state_dict(),
+            "moments": self._moments(),
+            "learning_rate": self.learning_rate,
+            "rolled_back": self.rolled_back,
+        }
+
+    @torch.no_grad()
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take up a run: values are copied into the tensors that the graphs know."""
+        self.actor.load_state_dict(state["actor"])
+        self.critic.load_state_dict(state["critic"])
+        for tensor, value in zip(self._moments(), state["moments"], strict=True):
+            tensor.copy_(value)
+        self.learning_rate.copy_(state["learning_rate"])
+        self.rolled_back.copy_(state["rolled_back"])

@@ -1,0 +1,77 @@
+"""Several processes, one GPU each: gradients and statistics averaged over all of them (torchrun, NCCL or Gloo)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import distributed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """The processes of one training run; alone by default.
+
+    Attributes:
+        count: processes.
+        rank: of this one.
+        local_rank: of this one on its machine: which GPU it takes.
+    """
+
+    count: int = 1
+    rank: int = 0
+    local_rank: int = 0
+
+    @property
+    def several(self) -> bool:
+        """Whether there is anybody to share with."""
+        return self.count > 1
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process prints and saves."""
+        return self.rank == 0
+
+    def average(self, tensors: Sequence[torch.Tensor]) -> None:
+        """Replace each tensor by its mean over the processes; one exchange for all of them."""
+        if not self.several or not tensors:
+            return
+        flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
+        distributed.all_reduce(flat)
+        flat /= self.count
+        for tensor, part in zip(tensors, flat.split([t.numel() for t in tensors]), strict=True):
+            tensor.copy_(part.view_as(tensor))
+
+    def broadcast(self, tensors: Sequence[torch.Tensor]) -> None:
+        """Give every process the values of the first."""
+        if self.several:
+            for tensor in tensors:
+                distributed.broadcast(tensor.data, src=0)
+
+    def moments(self, mean: torch.Tensor, variance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and variance over all processes' samples, from each one's own."""
+        if not self.several:
+            return mean, variance
+        pair = torch.stack((mean, variance + mean.square()))
+        self.average([pair])
+        return pair[0], pair[1] - pair[0].square()
+
+    def normalized(self, values: torch.Tensor) -> torch.Tensor:
+        """Zero mean, unit deviation over all processes' values."""
+        mean, variance = self.moments(values.mean(), values.var())
+        return (values - mean) / (variance.sqrt() + 1e-8)
+
+
+def join_workers() -> Workers:
+    """The processes that torchrun started, connected; alone if it started none."""
+    count = int(os.environ.get("WORLD_SIZE", "1"))
+    if count == 1:
+        return Workers()
+    local_rank = int(os.environ.get("LOCAL_RANK", "0"))
+    if torch.cuda.is_available():
+        torch.cuda.set_device(local_rank)
+    if not distributed.is_initialized():
+        distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+    return Workers(count=count, rank=distributed.get_rank(), local_rank=local_rank)

@@ -1,0 +1,181 @@
+"""The networks: running normalization, the VAE estimator, actor and critic.
+
+The estimator reads the normalized history and yields ``e`` (body velocity 3, height 1, foot contact 4) and a
+latent ``z``; the actor sees the newest frame, the low-passed ``e`` and the mean of ``z``; the critic sees the
+clean frame and the true ``e`` (DESIGN of the paper, section III).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import nn
+
+from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
+
+ESTIMATE_NAMES = (
+    "velocity_x", "velocity_y", "velocity_z", "height", "contact_FL", "contact_FR", "contact_RL", "contact_RR",
+)  # fmt: skip
+ESTIMATE_SIZE = len(ESTIMATE_NAMES)
+VELOCITY_SIZE, CONTACT_START = 3, 4
+TRUTH_SIZE = FRAME_SIZE + ESTIMATE_SIZE
+"""Numbers that the critic sees: 45 + 8. (The paper prints 52.)"""
+LARGEST_STD = 1.5
+LARGEST_NORMALIZED = 10.0
+_LOG_VARIANCE_RANGE = (-8.0, 4.0)
+_NORMALIZER_FLOOR = 1e-2
+
+
+def perceptron(sizes: Sequence[int]) -> nn.Sequential:
+    """Linear layers of these widths with ELU between them."""
+    layers: list[nn.Module] = []
+    for narrow, wide in zip(sizes[:-1], sizes[1:], strict=True):
+        layers += [nn.Linear(narrow, wide), nn.ELU()]
+    return nn.Sequential(*layers[:-1])
+
+
+class Normalizer(nn.Module):
+    """Subtracts the running mean and divides by the running deviation of each number ``(..., size)``."""
+
+    mean: torch.Tensor
+    variance: torch.Tensor
+    count: torch.Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("variance", torch.ones(size))
+        self.register_buffer("count", torch.zeros(()))
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        """Normalized values, limited to +-10 so that an outlier cannot saturate the networks."""
+        scaled = (values - self.mean) / (self.variance.sqrt() + _NORMALIZER_FLOOR)
+        return scaled.clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
+
+    @torch.no_grad()
+    def update(self, mean: torch.Tensor, variance: torch.Tensor, count: int) -> None:
+        """Merge the moments of ``count`` further samples (Chan's rule); no host synchronisation."""
+        total = self.count + count
+        difference = mean - self.mean
+        share = count / total
+        spread = self.variance * (1 - share) + variance * share
+        self.variance.copy_(spread + difference.square() * share * (1 - share))
+        self.mean.add_(difference * share)
+        self.count.copy_(total)
+
+
+class Encoding(NamedTuple):
+    """What the encoder says of a history ``(n, ...)``.
+
+    Attributes:
+        raw: the estimate in training units: scaled velocity and height, contact logits ``(n, 8)``.
+        mean: of the latent ``(n, z)``.
+        log_variance: of the latent ``(n, z)``.
+    """
+
+    raw: torch.Tensor
+    mean: torch.Tensor
+    log_variance: torch.Tensor
+
+
+class Estimator(nn.Module):
+    """History to estimate and latent, and back to the next frame.
+
+    Args:
+        history_length: frames in a history.
+        settings: widths and scales.
+        height: of the trunk about which the height estimate is centred [m].
+    """
+
+    def __init__(self, history_length: int, settings: EstimatorSettings, height: float) -> None:
+        super().__init__()
+        self.settings, self._height = settings, height
+        trunk = perceptron((history_length * FRAME_SIZE, *settings.encoder))
+        self.encoder = nn.Sequential(trunk, nn.ELU())
+        self.estimate_head = nn.Linear(settings.encoder[-1], ESTIMATE_SIZE)
+        self.mean_head = nn.Linear(settings.encoder[-1], settings.latent)
+        self.log_variance_head = nn.Linear(settings.encoder[-1], settings.latent)
+        self.decoder = perceptron((ESTIMATE_SIZE + settings.latent, *settings.decoder, FRAME_SIZE))
+
+    def forward(self, history: torch.Tensor) -> Encoding:
+        """Encode normalized histories ``(n, H * 45)``."""
+        features = self.encoder(history)
+        log_variance = self.log_variance_head(features).clamp(*_LOG_VARIANCE_RANGE)
+        return Encoding(self.estimate_head(features), self.mean_head(features), log_variance)
+
+    def physical(self, raw: torch.Tensor) -> torch.Tensor:
+        """The estimate in SI units: velocity [m/s], height [m], contact probability ``(n, 8)``."""
+        velocity = raw[:, :VELOCITY_SIZE] / self.settings.velocity_scale
+        height = raw[:, VELOCITY_SIZE:CONTACT_START] / self.settings.height_scale + self._height
+        return torch.cat((velocity, height, torch.sigmoid(raw[:, CONTACT_START:])), 1)
+
+    def scaled_truth(self, truth: torch.Tensor) -> torch.Tensor:
+        """True velocity and height in training units ``(n, 4)``, from ``(n, 8)``."""
+        velocity = truth[:, :VELOCITY_SIZE] * self.settings.velocity_scale
+        height = (truth[:, VELOCITY_SIZE:CONTACT_START] - self._height) * self.settings.height_scale
+        return torch.cat((velocity, height), 1)
+
+    def decode(self, encoding: Encoding, noise: torch.Tensor) -> torch.Tensor:
+        """The next normalized frame ``(n, 45)``, from a latent sampled with ``noise`` ``(n, z)``."""
+        latent = encoding.mean + torch.exp(0.5 * encoding.log_variance) * noise
+        return self.decoder(torch.cat((encoding.raw, latent), 1))
+
+
+class Actor(nn.Module):
+    """Everything that runs on the robot: normalization, estimator, low-pass on the estimate, policy."""
+
+    def __init__(self, settings: TrainingSettings, joints: int, height: float, coefficient: float) -> None:
+        super().__init__()
+        ppo, estimator = settings.ppo, settings.estimator
+        self.history_length, self._coefficient = settings.observation.history_length, coefficient
+        self.normalizer = Normalizer(FRAME_SIZE + ESTIMATE_SIZE)
+        self.estimator = Estimator(self.history_length, estimator, height)
+        self.policy = perceptron((FRAME_SIZE + ESTIMATE_SIZE + estimator.latent, *ppo.hidden, joints))
+        self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
+
+    def normalized_history(self, history: torch.Tensor) -> torch.Tensor:
+        """Every frame of ``(n, H * 45)`` normalized with the statistics of the newest."""
+        n = self.normalizer
+        mean = n.mean[:FRAME_SIZE].repeat(self.history_length)
+        scale = (n.variance[:FRAME_SIZE].sqrt() + _NORMALIZER_FLOOR).repeat(self.history_length)
+        return ((history - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
+
+    def perceive(self, history: torch.Tensor, previous: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the policy network sees, before normalization ``(n, 69)``, and the filtered estimate ``(n, 8)``.
+
+        Args:
+            history: ``(n, H * 45)``, oldest frame first.
+            previous: the filtered estimate of the step before; zeros at a start ``(n, 8)``.
+        """
+        encoding = self.estimator(self.normalized_history(history))
+        value = self.estimator.physical(encoding.raw)
+        estimate = previous + self._coefficient * (value - previous)
+        return torch.cat((history[:, -FRAME_SIZE:], estimate, encoding.mean), 1), estimate
+
+    def decide(self, perceived: torch.Tensor) -> torch.Tensor:
+        """Mean action ``(n, joints)`` from what was perceived ``(n, 69)``."""
+        known = FRAME_SIZE + ESTIMATE_SIZE
+        return self.policy(torch.cat((self.normalizer(perceived[:, :known]), perceived[:, known:]), 1))
+
+    def forward(
+        self, observation: torch.Tensor, previous_estimate: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean action and filtered estimate: the graph that is exported."""
+        perceived, estimate = self.perceive(observation, previous_estimate)
+        return self.decide(perceived), estimate
+
+
+class Critic(nn.Module):
+    """Value of a state from the clean frame and the true body velocity, height and contacts."""
+
+    def __init__(self, settings: PpoSettings) -> None:
+        super().__init__()
+        self.normalizer = Normalizer(TRUTH_SIZE)
+        self.value = perceptron((TRUTH_SIZE, *settings.hidden, 1))
+
+    def forward(self, truth: torch.Tensor) -> torch.Tensor:
+        """Value ``(n,)`` of what the critic sees ``(n, 53)``."""
+        return self.value(self.normalizer(truth))[:, 0]
