@@ -9,14 +9,36 @@ import pytest
 
 pytest.importorskip("mujoco_warp")
 
+import torch
 import warp as wp
 
 from sprintlab.control import pd_torque
-from sprintlab.motors import MOTOR_MODELS, drive_torque, phase_voltage_limit
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Battery,
+    WindingHeat,
+    battery_current,
+    copper_loss,
+    discharged,
+    drive_torque,
+    electrical_power,
+    flux_factor,
+    heated_motor,
+    phase_voltage_limit,
+    shared_bus_voltage,
+    warmed,
+)
 from sprintlab.robots import load_robot, soft_stop_torque
-from sprintlab.training.actuation import FRICTION_SPEED, MODEL_CODES, JointDrive, joint_torque_kernel
+from sprintlab.training.actuation import (
+    FRICTION_SPEED,
+    MODEL_CODES,
+    JointDrive,
+    JointHeat,
+    joint_torque_kernel,
+)
 from sprintlab.training.settings import SimulationSettings
-from sprintlab.training.simulation import _joint_drives, training_model
+from sprintlab.training.simulation import BatchSimulation, _joint_drives, training_model
+from sprintlab.training.supply import joint_heats
 
 ENVIRONMENTS = 256
 DELAY = 3
@@ -54,9 +76,20 @@ def joint_addresses() -> tuple[list[int], list[int]]:
 
 
 def kernel_torque(
-    inputs: dict[str, np.ndarray], model: str, substep: int = DELAY
+    inputs: dict[str, np.ndarray],
+    model: str,
+    substep: int = DELAY,
+    heat: WindingHeat | None = None,
+    temperature: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The kernel's ``control``, ``drive_torque`` and ``on_limit``, each ``(n, 12)``."""
+    """The kernel's ``control``, ``drive_torque`` and ``on_limit``, each ``(n, 12)``.
+
+    ``temperature`` ``(n, 12)`` is changed in place where ``heat`` is given.
+    """
+    settings = SimulationSettings(environments=ENVIRONMENTS, heat=heat)
+    winding = wp.zeros((1, 12), dtype=float, device="cpu")
+    if temperature is not None:
+        winding = wp.array(temperature, dtype=float, device="cpu", copy=False)
     voltage = phase_voltage_limit(inputs["bus"]).astype(np.float32)
     names = ("stiffness", "damping", "strength", "resistance_factor", "friction_factor")
     targets, delay = (inputs["target"], inputs["previous_target"]), np.full(ENVIRONMENTS, DELAY, np.int32)
@@ -67,13 +100,15 @@ def kernel_torque(
         dim=(ENVIRONMENTS, 12),
         inputs=[
             wp.array(_joint_drives(ROBOT, MODEL), dtype=JointDrive, device="cpu"),
+            wp.array(joint_heats(settings), dtype=JointHeat, device="cpu"),
             *(wp.array(value, dtype=float, device="cpu") for value in targets),
             wp.array(delay, dtype=int, device="cpu"),
             *(wp.array(value, dtype=float, device="cpu") for value in values),
             MODEL_CODES[model],
+            int(heat is not None),
             substep,
         ],
-        outputs=outputs,
+        outputs=[winding, *outputs],
         device="cpu",
     )
     control, drive, on_limit = (output.numpy() for output in outputs)
@@ -100,7 +135,8 @@ def test_the_kernel_is_the_library_s_law(inputs: dict[str, np.ndarray], model: s
 
 
 def test_the_models_differ_on_these_inputs(inputs: dict[str, np.ndarray]) -> None:
-    refined, simplified, square = (kernel_torque(inputs, model)[1] for model in MOTOR_MODELS)
+    refined, simplified, square, weakened = (kernel_torque(inputs, model)[1] for model in MOTOR_MODELS)
+    assert np.abs(refined - weakened).max() > 1.0
     assert np.abs(refined - simplified).max() > 1.0
     assert np.abs(simplified - square).max() > 1.0
 
@@ -110,3 +146,98 @@ def test_the_previous_target_holds_until_the_delay_is_over(inputs: dict[str, np.
     early, late = (kernel_torque(inputs, "refined", substep)[1] for substep in (DELAY - 1, DELAY))
     assert np.abs(early - late).max() > 1.0
     np.testing.assert_array_equal(early, kernel_torque(swapped, "refined", DELAY)[1])
+
+
+@pytest.mark.parametrize("model", ("refined", "flux-weakening"))
+def test_the_kernel_warms_the_windings_like_the_library(inputs: dict[str, np.ndarray], model: str) -> None:
+    heat = WindingHeat(heat_capacity=20.0, thermal_resistance=np.linspace(0.5, 2.0, 12), magnet_share=0.8)
+    before = np.random.default_rng(6).uniform(0.0, 180.0, (ENVIRONMENTS, 12)).astype(np.float32)
+    after = before.copy()
+    _, drive, _ = kernel_torque(inputs, model, heat=heat, temperature=after)
+    x = {name: values.astype(np.float64) for name, values in inputs.items()}
+    positions, velocities = joint_addresses()
+    velocity = x["qvel"][:, velocities]
+    scattered = replace(
+        ROBOT.motors, stator_resistance=ROBOT.motors.stator_resistance * x["resistance_factor"][:, None]
+    )
+    motors = heated_motor(scattered, heat, before.astype(np.float64))
+    wanted = pd_torque(x["stiffness"], x["damping"], x["target"], x["qpos"][:, positions], velocity)
+    wanted = wanted * flux_factor(heat, before.astype(np.float64))
+    output = drive_torque(motors, ROBOT.gear, wanted, velocity, x["bus"][:, None], model)
+    loss = copper_loss(motors, output.motor_torque, output.direct_current)
+    np.testing.assert_allclose(drive, output.torque * x["strength"], rtol=1e-4, atol=2e-3)
+    expected = warmed(heat, before.astype(np.float64), loss, SimulationSettings().timestep)
+    assert np.abs(expected - before).max() > 0.1
+    np.testing.assert_allclose(after, expected, rtol=1e-5, atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def supplied() -> BatchSimulation:
+    settings = SimulationSettings(
+        environments=ENVIRONMENTS, battery=Battery(internal_resistance=0.05), heat=WindingHeat()
+    )
+    return BatchSimulation(ROBOT, settings, "refined", "cpu")
+
+
+def test_the_battery_kernel_finds_the_library_s_voltage(
+    supplied: BatchSimulation, inputs: dict[str, np.ndarray]
+) -> None:
+    battery, heat = supplied.settings.battery, supplied.settings.heat
+    assert battery is not None and heat is not None
+    for name in ("target", "previous_target", "stiffness", "damping", "resistance_factor", "qpos", "qvel"):
+        getattr(supplied, name).copy_(torch.as_tensor(inputs[name]))
+    supplied.qvel.mul_(0.5)
+    supplied.target.copy_(0.3 * (supplied.target - supplied.qpos[:, joint_addresses()[0]]) + supplied.target)
+    charge, temperature = (
+        getattr(supplied.supply, name).double().numpy().copy()
+        for name in ("state_of_charge", "winding_temperature")
+    )
+    assert np.ptp(charge) > 0.5 and np.ptp(temperature) > 50.0
+    x = {name: getattr(supplied, name).double().numpy() for name in ("target", "stiffness", "damping")}
+    positions, velocities = joint_addresses()
+    position, velocity = (
+        supplied.qpos.double().numpy()[:, positions],
+        supplied.qvel.double().numpy()[:, velocities],
+    )
+    factor = supplied.resistance_factor.double().numpy()[:, None]
+    cold = replace(ROBOT.motors, stator_resistance=ROBOT.motors.stator_resistance * factor)
+    motors = heated_motor(cold, heat, temperature)
+    wanted = pd_torque(x["stiffness"], x["damping"], x["target"], position, velocity)
+    wanted = wanted * flux_factor(heat, temperature)
+
+    def power_at(bus: np.ndarray) -> np.ndarray:
+        torque = drive_torque(motors, ROBOT.gear, wanted, velocity, bus[:, None]).motor_torque
+        return electrical_power(motors, torque, velocity * ROBOT.gear.ratio).sum(axis=1)
+
+    expected = shared_bus_voltage(battery, charge, power_at)
+    supplied.supply.launch(0)
+    found = supplied.voltage.double().numpy() / phase_voltage_limit(1.0)
+    assert np.ptp(found) > 10.0
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+    current = battery_current(battery, expected, power_at(expected))
+    assert (current < 0).any() and (current > 0).any()
+    left = discharged(battery, charge, current, supplied.settings.timestep)
+    np.testing.assert_allclose(supplied.supply.state_of_charge.numpy(), left, atol=1e-6)
+
+
+def test_a_robot_that_stands_draws_charge_and_a_restart_gives_it_back(supplied: BatchSimulation) -> None:
+    mask = torch.zeros(ENVIRONMENTS, dtype=torch.bool)
+    mask[::2] = True
+    supplied.supply.restart(~torch.zeros_like(mask))
+    first = supplied.supply.state_of_charge.clone(), supplied.supply.winding_temperature.clone()
+    supplied.step()
+    now = supplied.supply.state_of_charge, supplied.supply.winding_temperature
+    assert all((here != there).float().mean() > 0.5 for here, there in zip(now, first, strict=True))
+    supplied.supply.restart(mask)
+    for here, there in zip(now, first, strict=True):
+        assert (here[mask] == there[mask]).all()
+        assert (here[~mask] != there[~mask]).any()
+
+
+def test_without_battery_and_heat_nothing_of_them_changes() -> None:
+    simulation = BatchSimulation(ROBOT, SimulationSettings(environments=2), "refined", "cpu")
+    voltage = simulation.voltage.clone()
+    simulation.step()
+    assert simulation.supply.state_of_charge.tolist() == [1.0]
+    assert (simulation.supply.winding_temperature == 0.0).all()
+    assert (simulation.voltage == voltage).all()

@@ -1,4 +1,4 @@
-"""The joint's whole torque in one Warp kernel: PD, motor, friction, end stop.
+"""The joint's whole torque in one Warp kernel: PD, motor, heat, friction, end stop.
 
 The same law as ``control.pd_torque`` -> ``motors.drive_torque`` and ``robots.soft_stop_torque``, in a second
 form because it runs inside every physics substep; a test proves the two equal on random inputs.
@@ -12,7 +12,7 @@ from __future__ import annotations
 # pyright: reportAssignmentType=false
 import warp as wp
 
-from sprintlab.motors import MOTOR_MODELS
+from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS
 
 MODEL_CODES = {name: code for code, name in enumerate(MOTOR_MODELS)}
 FRICTION_SPEED = 0.2
@@ -40,29 +40,161 @@ class JointDrive:
     qvel_index: int
 
 
+@wp.struct
+class JointHeat:
+    """The thermal side of one joint's motor (SI, degrees Celsius)."""
+
+    thermal_resistance: float
+    decay: float  # share of a temperature difference that is left after one substep
+    ambient: float
+    reference: float
+    flux_coefficient: float
+    magnet_share: float
+
+
+@wp.struct
+class MotorNow:
+    """What one motor's law needs in this substep, as warm as it is."""
+
+    resistance: float
+    inductance: float
+    flux: float
+    peak_torque: float
+    torque_constant: float
+    electrical_speed: float
+    flux_factor: float
+
+
+@wp.struct
+class CurrentPlane:
+    """Voltage and current disk of flux weakening, as in ``motors.flux_weakening``."""
+
+    limit: float
+    radius: float
+    distance: float
+    direct: float
+    quadrature: float
+    chord: float
+    empty: int
+
+
 @wp.func
-def motor_interval(drive: JointDrive, resistance: float, voltage: float, speed: float, model: int):
+def motor_now(
+    drive: JointDrive,
+    heat: JointHeat,
+    heated: int,
+    temperature: float,
+    resistance_factor: float,
+    speed: float,
+):
+    """The motor at a winding temperature, or as its parameters say where ``heated`` is 0."""
+    now = MotorNow()
+    now.resistance = drive.resistance * resistance_factor
+    now.flux_factor = float(1.0)
+    if heated == 1:
+        copper = 1.0 + wp.static(COPPER_COEFFICIENT) * (temperature - 20.0)
+        reference = 1.0 + wp.static(COPPER_COEFFICIENT) * (heat.reference - 20.0)
+        now.resistance = now.resistance * wp.max(copper / reference, 0.1)
+        magnet = heat.ambient + heat.magnet_share * (temperature - heat.ambient)
+        now.flux_factor = wp.max(1.0 + heat.flux_coefficient * (magnet - heat.reference), 0.05)
+    now.inductance = drive.inductance
+    now.flux = drive.flux * now.flux_factor
+    now.peak_torque = drive.peak_torque * now.flux_factor
+    now.torque_constant = 1.5 * drive.pole_pairs * now.flux
+    now.electrical_speed = drive.pole_pairs * speed
+    return now
+
+
+@wp.func
+def current_plane(motor: MotorNow, voltage: float):
+    """The two disks at one speed; formulas and their reasons stand in ``motors.flux_weakening``."""
+    plane = CurrentPlane()
+    reactance = motor.electrical_speed * motor.inductance
+    impedance = wp.sqrt(motor.resistance * motor.resistance + reactance * reactance)
+    emf = wp.abs(motor.electrical_speed) * motor.flux
+    plane.limit = motor.peak_torque / motor.torque_constant
+    reach = plane.limit * impedance
+    chord = (reach * reach + (emf - voltage) * (emf + voltage)) / (
+        2.0 * impedance * (emf + 1.0e-12 * (reach + voltage))
+    )
+    plane.radius = voltage / impedance
+    plane.distance = emf / impedance
+    plane.direct = -wp.abs(reactance) / impedance
+    plane.quadrature = wp.where(motor.electrical_speed < 0.0, motor.resistance, -motor.resistance) / impedance
+    plane.chord = wp.clamp(chord, -plane.limit, plane.limit)
+    plane.empty = wp.where(emf > voltage + reach, 1, 0)
+    return plane
+
+
+@wp.func
+def greatest_quadrature(plane: CurrentPlane, toward: float):
+    """Greatest i_q that both disks hold; ``toward``: q component of the unit vector to the centre."""
+    limit = plane.limit
+    center_direct = plane.distance * plane.direct
+    center_quadrature = plane.distance * toward
+    half_chord = wp.sqrt(wp.max((limit - plane.chord) * (limit + plane.chord), 0.0))
+    greatest = plane.chord * toward - half_chord * plane.direct
+    top = center_quadrature + plane.radius
+    if center_direct * center_direct + top * top <= limit * limit:
+        greatest = top
+    gap = limit - center_quadrature
+    if center_direct * center_direct + gap * gap <= plane.radius * plane.radius:
+        greatest = limit
+    return greatest
+
+
+@wp.func
+def weakened_interval(motor: MotorNow, voltage: float):
+    """Least and greatest torque with flux weakening."""
+    plane = current_plane(motor, voltage)
+    upper = greatest_quadrature(plane, plane.quadrature)
+    lower = wp.min(-greatest_quadrature(plane, -plane.quadrature), upper)
+    if plane.empty == 1:
+        upper = wp.max(upper, 0.0)
+        lower = wp.min(lower, 0.0)
+    return motor.torque_constant * wp.vec2(lower, upper)
+
+
+@wp.func
+def copper_loss(motor: MotorNow, torque: float, voltage: float, model: int):
+    """Heat of i_q and, with flux weakening, of i_d [W]."""
+    quadrature = torque / motor.torque_constant
+    direct = float(0.0)
+    if model == 3:
+        plane = current_plane(motor, voltage)
+        above = quadrature - plane.distance * plane.quadrature
+        chord_end = plane.distance * plane.direct + wp.sqrt(
+            wp.max((plane.radius - above) * (plane.radius + above), 0.0)
+        )
+        lowest = -wp.sqrt(wp.max((plane.limit - quadrature) * (plane.limit + quadrature), 0.0))
+        direct = wp.max(wp.min(chord_end, 0.0), lowest)
+    return 1.5 * motor.resistance * (quadrature * quadrature + direct * direct)
+
+
+@wp.func
+def motor_interval(motor: MotorNow, voltage: float, model: int):
     """Least and greatest motor torque at a motor speed; model codes as in ``MODEL_CODES``."""
     if model == 2:
-        return wp.vec2(-drive.peak_torque, drive.peak_torque)
-    electrical = drive.pole_pairs * speed
-    inductance = drive.inductance
+        return wp.vec2(-motor.peak_torque, motor.peak_torque)
+    if model == 3:
+        return weakened_interval(motor, voltage)
+    resistance = motor.resistance
+    inductance = motor.inductance
     if model == 1:
         inductance = float(0.0)
-    reactance = electrical * inductance
+    reactance = motor.electrical_speed * inductance
     impedance_squared = resistance * resistance + reactance * reactance
-    back_emf = electrical * drive.flux
+    back_emf = motor.electrical_speed * motor.flux
     excess = reactance * back_emf
     discriminant = impedance_squared * voltage * voltage - excess * excess
-    torque_constant = 1.5 * drive.pole_pairs * drive.flux
-    middle = -torque_constant * resistance * back_emf / impedance_squared
-    half_width = torque_constant * wp.sqrt(wp.max(discriminant, 0.0)) / impedance_squared
+    middle = -motor.torque_constant * resistance * back_emf / impedance_squared
+    half_width = motor.torque_constant * wp.sqrt(wp.max(discriminant, 0.0)) / impedance_squared
     lower = middle - half_width
     upper = middle + half_width
     if discriminant < 0.0:
         lower = wp.min(lower, 0.0)
         upper = wp.max(upper, 0.0)
-    peak = drive.peak_torque
+    peak = motor.peak_torque
     return wp.vec2(wp.clamp(lower, -peak, peak), wp.clamp(upper, -peak, peak))
 
 
@@ -79,9 +211,18 @@ def stop_torque(drive: JointDrive, position: float, velocity: float):
     return torque
 
 
+@wp.func
+def wanted_torque(
+    drive: JointDrive, stiffness: float, damping: float, target: float, qpos: float, qvel: float
+):
+    """Motor torque that the PD loop asks for."""
+    return (stiffness * (target - qpos) - damping * qvel) / drive.ratio
+
+
 @wp.kernel
 def joint_torque_kernel(
     drives: wp.array(dtype=JointDrive),
+    heats: wp.array(dtype=JointHeat),
     target: wp.array2d(dtype=float),
     previous_target: wp.array2d(dtype=float),
     delay: wp.array(dtype=int),
@@ -94,36 +235,45 @@ def joint_torque_kernel(
     qpos: wp.array2d(dtype=float),
     qvel: wp.array2d(dtype=float),
     model: int,
+    heated: int,
     substep: int,
+    winding_temperature: wp.array2d(dtype=float),
     control: wp.array2d(dtype=float),
     drive_torque: wp.array2d(dtype=float),
     on_limit: wp.array2d(dtype=float),
 ):
     """Torque on each joint ``(environments, 12)``; ``voltage`` is the phase voltage limit [V].
 
-    The previous target still holds in the first ``delay`` substeps of a policy step.
+    The previous target still holds in the first ``delay`` substeps of a policy step. Where ``heated`` is 1
+    the copper loss warms ``winding_temperature`` [degC], else that array is not touched.
     """
     environment, joint = wp.tid()
     drive = drives[joint]
     position = qpos[environment, drive.qpos_index]
     velocity = qvel[environment, drive.qvel_index]
+    temperature = float(0.0)
+    if heated == 1:
+        temperature = winding_temperature[environment, joint]
+    now = motor_now(
+        drive, heats[joint], heated, temperature, resistance_factor[environment], drive.ratio * velocity
+    )
     wanted = target[environment, joint]
     if substep < delay[environment]:
         wanted = previous_target[environment, joint]
-    desired = (
-        stiffness[environment, joint] * (wanted - position) - damping[environment, joint] * velocity
-    ) / drive.ratio
-    interval = motor_interval(
-        drive,
-        drive.resistance * resistance_factor[environment],
-        voltage[environment],
-        drive.ratio * velocity,
-        model,
+    gain = stiffness[environment, joint]
+    # The drive sets the current by the cold torque constant.
+    desired = now.flux_factor * wanted_torque(
+        drive, gain, damping[environment, joint], wanted, position, velocity
     )
+    interval = motor_interval(now, voltage[environment], model)
     motor = wp.min(wp.max(desired, interval[0]), interval[1])
-    torque = motor * (1.0 - drive.saturation * wp.abs(motor) / drive.peak_torque)
+    torque = motor * (1.0 - drive.saturation * wp.abs(motor) / now.peak_torque)
     delivered = torque * drive.ratio * drive.efficiency * strength[environment, joint]
     friction = drive.dry_friction * friction_factor[environment] * wp.tanh(velocity / FRICTION_SPEED)
     drive_torque[environment, joint] = delivered
     on_limit[environment, joint] = wp.where(motor == desired, 0.0, 1.0)
     control[environment, joint] = delivered - friction + stop_torque(drive, position, velocity)
+    if heated == 1:
+        heat = heats[joint]
+        end = heat.ambient + heat.thermal_resistance * copper_loss(now, motor, voltage[environment], model)
+        winding_temperature[environment, joint] = end + (temperature - end) * heat.decay

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.motors import MOTOR_MODELS, MotorModel
+from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
 AGGREGATIONS = ("exponential", "clipped", "sum")
@@ -29,6 +29,10 @@ class SimulationSettings:
         max_constraints: rows allocated an environment (four feet, pyramidal, condim 3: 16).
         max_contacts: contacts allocated an environment.
         knee_spring: whether the passive knee springs are there.
+        battery: behind the bus that a robot's joints share; ``None``, as in the paper: the bus is stiff.
+        heat: of the windings; ``None``, as in the paper: they stay cold.
+        state_of_charge: of a battery at an episode's start, drawn once an environment [-].
+        winding_temperature: with heat, at an episode's start, drawn once an environment and joint [degC].
 
     Raises:
         InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
@@ -43,8 +47,17 @@ class SimulationSettings:
     max_constraints: int = 24
     max_contacts: int = 8
     knee_spring: bool = True
+    battery: Battery | None = None
+    heat: WindingHeat | None = None
+    state_of_charge: tuple[float, float] = (0.3, 1.0)
+    winding_temperature: tuple[float, float] = (25.0, 90.0)
 
     def __post_init__(self) -> None:
+        check_range("state_of_charge[1]", self.state_of_charge[1], 0.0, 1.0)
+        check_range("state_of_charge[0]", self.state_of_charge[0], 0.0, self.state_of_charge[1])
+        check_range("winding_temperature[1]", self.winding_temperature[1], -60.0, 200.0, "degC")
+        coldest, hottest = self.winding_temperature
+        check_range("winding_temperature[0]", coldest, -60.0, hottest, "degC")
         for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):
             check_range(name, getattr(self, name), 1, 10**7)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")

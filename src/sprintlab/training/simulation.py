@@ -17,6 +17,7 @@ from sprintlab.robots import ModelOptions, RobotDescription, build_model
 from sprintlab.training.actuation import MODEL_CODES, JointDrive, joint_torque_kernel
 from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
+from sprintlab.training.supply import Supply
 
 RANDOMIZED_FIELDS = ("geom_friction", "body_mass", "body_subtreemass", "body_ipos")
 
@@ -136,25 +137,37 @@ class BatchSimulation:
         targets = [self.target, self.previous_target]
         factors = [self.stiffness, self.damping, self.strength]
         factors += [self.resistance_factor, self.friction_factor, self.voltage]
+        self.supply = Supply(self.settings, self.device)
         self._launch = {
             "kernel": joint_torque_kernel,
             "dim": (n, joints),
             "inputs": [
                 drives,
+                self.supply.heats,
                 *(wp.from_torch(tensor, dtype=wp.float32) for tensor in targets),
                 wp.from_torch(self.delay, dtype=wp.int32),
                 *(wp.from_torch(tensor, dtype=wp.float32) for tensor in factors),
                 self.data.qpos,
                 self.data.qvel,
                 MODEL_CODES[actuator_model],
+                self.supply.heated,
             ],
             "outputs": [
+                wp.from_torch(self.supply.winding_temperature, dtype=wp.float32),
                 self.data.ctrl,
                 wp.from_torch(self.drive_torque, dtype=wp.float32),
                 wp.from_torch(self.on_limit, dtype=wp.float32),
             ],
             "device": self._warp_device,
         }
+        shared = [drives, *(wp.from_torch(tensor, dtype=wp.float32) for tensor in targets)]
+        shared += [wp.from_torch(self.delay, dtype=wp.int32)]
+        shared += [
+            wp.from_torch(tensor, dtype=wp.float32)
+            for tensor in (self.stiffness, self.damping, self.resistance_factor)
+        ]
+        voltage = wp.from_torch(self.voltage, dtype=wp.float32)
+        self.supply.connect(shared, self.data.qpos, self.data.qvel, MODEL_CODES[actuator_model], voltage)
 
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""
@@ -170,6 +183,7 @@ class BatchSimulation:
     def _substeps(self) -> None:
         inputs = self._launch["inputs"]
         for substep in range(self.settings.substeps):
+            self.supply.launch(substep)
             wp.launch(**{**self._launch, "inputs": [*inputs, substep]})
             mujoco_warp.step(self.model, self.data)
 
@@ -180,3 +194,16 @@ class BatchSimulation:
                 wp.capture_launch(self._graph)
             else:
                 self._substeps()
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """What a step reads and changes, and what was randomized, by name: the tensors themselves."""
+        names = (
+            "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
+            "delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor", "voltage",
+        )  # fmt: skip
+        supply = ("state_of_charge", "winding_temperature")
+        return {
+            **{name: getattr(self, name) for name in names},
+            **{name: getattr(self.supply, name) for name in supply},
+            **self.fields,
+        }
