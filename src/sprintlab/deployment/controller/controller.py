@@ -17,7 +17,6 @@ import numpy as np
 from sprintlab.commands import heading_angle, heading_command, wrap_angle
 from sprintlab.control import Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
-from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
 from sprintlab.deployment.controller.motion import JointMotion, Waypoint, folded_pose
 from sprintlab.deployment.interface import (
@@ -360,10 +359,10 @@ class Controller:
         begin = clock.perf_counter_ns()
         try:
             targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
-        except SprintlabError:
-            targets = np.full_like(self._targets, np.nan)
+        except Exception:  # whatever breaks in a policy must end in a stop, not in a dead loop
+            targets = np.empty(0)
         self.policy_time = (clock.perf_counter_ns() - begin) * 1e-9
-        if np.isfinite(targets).all():
+        if targets.shape == self._targets.shape and np.isfinite(targets).all():
             self._targets = targets
         else:
             self._note(Fault.POLICY_INVALID)

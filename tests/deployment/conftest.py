@@ -1,0 +1,212 @@
+"""A real controller on a simulated robot, in simulated time, and a way to start again from a gallop."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sprintlab.commands import heading_command
+from sprintlab.control import Policy, load_policy, shipped_policy
+from sprintlab.deployment.controller import Controller
+from sprintlab.deployment.interface import (
+    ControlTick,
+    JointCommand,
+    JointMode,
+    OperatorCommand,
+    PositionFix,
+    Request,
+    RobotState,
+    SourceView,
+)
+from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
+from sprintlab.motors import torque_limits
+from sprintlab.robots import RobotDescription, load_robot
+
+MILLISECOND = 1_000_000
+
+
+@dataclass
+class StraightSource:
+    """Stand up, run straight at ``speed`` and go on until told otherwise."""
+
+    speed: float = 8.0
+    sequence: int = 0
+    request: Request | None = None
+
+    def read(self, view: SourceView) -> OperatorCommand | None:
+        self.sequence += 1
+        usual = {"passive": Request.STAND, "stand": Request.RUN}.get(view.mode, Request.NONE)
+        yaw_rate = float(heading_command(view.heading, view.lateral_offset, self.speed))
+        return OperatorCommand(
+            sequence=self.sequence,
+            timestamp=0,
+            velocity=np.array([self.speed, 0.0, yaw_rate]),
+            request=usual if self.request is None else self.request,
+        )
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+def check_safe(command: JointCommand, state: RobotState | None, robot: RobotDescription) -> None:
+    """What must hold for every command that leaves a controller, whatever has happened before."""
+    for part in (command.target_position, command.stiffness, command.damping, command.feedforward_torque):
+        assert part.shape == (12,) and np.isfinite(part).all()
+    assert (command.stiffness >= 0.0).all() and (command.stiffness <= robot.stiffness + 1e-9).all()
+    assert (command.damping >= 0.0).all() and (command.damping <= robot.damping + 1e-9).all()
+    if command.mode == JointMode.OFF or state is None:
+        assert command.mode != JointMode.SERVO
+        return
+    position, velocity = state.joint_position, state.joint_velocity
+    torque = -command.damping * velocity
+    if command.mode == JointMode.SERVO:
+        lower, upper = robot.position_limits.T
+        assert (command.target_position >= lower).all() and (command.target_position <= upper).all()
+        torque += command.stiffness * (command.target_position - position) + command.feedforward_torque
+        assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
+    ratio, voltage = np.asarray(robot.gear.ratio), min(state.bus_voltage, 1.25 * robot.bus_voltage)
+    least, greatest = (ratio * limit for limit in torque_limits(robot.motors, velocity * ratio, voltage))
+    if command.mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
+        least, greatest = np.minimum(least, 0.0), np.maximum(greatest, 0.0)
+    assert (torque >= least - 1e-6).all() and (torque <= greatest + 1e-6).all()
+
+
+@dataclass
+class Rig:
+    """Controller and simulated robot, stepped together.
+
+    Each hook may change what passes: the states that arrive, the command on its way (None: lost), the
+    milliseconds until the next step, the position fix.
+    """
+
+    robot: RobotDescription
+    simulated: SimulatedRobot
+    controller: Controller
+    source: Any
+    now: int = 1_000_000_000
+    on_states: Callable[[list[RobotState]], list[RobotState]] = lambda states: states
+    on_command: Callable[[JointCommand], JointCommand | None] = lambda command: command
+    on_fix: Callable[[PositionFix | None], PositionFix | None] = lambda fix: fix
+    pause: Callable[[], int] = lambda: 1
+    ticks: list[ControlTick] = field(default_factory=list)
+
+    @property
+    def speed(self) -> float:
+        """Of the trunk along x [m/s]."""
+        return float(self.simulated.plant.data.qvel[0])
+
+    def step(self) -> ControlTick:
+        """One step of the controller, then of the robot until the controller's next one."""
+        states = self.on_states([self.simulated.state(self.now)])
+        tick = self.controller.step(self.now, states, self.on_fix(self.simulated.fix(self.now)))
+        check_safe(tick.command, tick.state, self.robot)
+        assert np.isfinite(tick.velocity).all()
+        command = self.on_command(tick.command)
+        if command is not None:
+            self.simulated.accept(command)
+        pause = self.pause()
+        for _ in range(pause):
+            self.simulated.step()
+        self.now += pause * MILLISECOND
+        self.ticks.append(tick)
+        return tick
+
+    def run(self, seconds: float) -> ControlTick:
+        """Step for some time; the last tick."""
+        tick = self.step()
+        for _ in range(round(seconds * 1000) - 1):
+            tick = self.step()
+        return tick
+
+    def run_until(self, condition: Callable[[ControlTick], bool], seconds: float) -> ControlTick:
+        """Step until a tick satisfies the condition; an assertion fails when none does in time."""
+        for _ in range(round(seconds * 1000)):
+            tick = self.step()
+            if condition(tick):
+                return tick
+        raise AssertionError(
+            f"not within {seconds} s; mode {tick.mode}, faults {self.controller.fault_counts}"
+        )
+
+
+@dataclass
+class Snapshot:
+    """A rig at one moment, to be continued many times."""
+
+    rig: Rig
+    policy: Policy
+    physics: np.ndarray
+    attributes: dict[str, Any]
+    motor_steps: int
+    controller: Controller
+    source: Any
+    now: int
+
+    @classmethod
+    def take(cls, rig: Rig, policy: Policy) -> Snapshot:
+        plant = rig.simulated.plant
+        physics = np.empty(mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(plant.model, plant.data, physics, mujoco.mjtState.mjSTATE_INTEGRATION)
+        attributes = {key: value for key, value in vars(rig.simulated).items() if key != "plant"}
+        controller, source = _copy_controller(rig.controller, rig.source, policy)
+        motor_steps = plant._motor_steps
+        return cls(rig, policy, physics, attributes, motor_steps, controller, source, rig.now)
+
+    def restore(self) -> Rig:
+        simulated, plant = self.rig.simulated, self.rig.simulated.plant
+        vars(simulated).update(copy.deepcopy({k: v for k, v in self.attributes.items() if k[1:] != "robot"}))
+        mujoco.mj_setState(plant.model, plant.data, self.physics, mujoco.mjtState.mjSTATE_INTEGRATION)
+        plant._motor_steps, plant.fall_reason = self.motor_steps, ""
+        controller, source = _copy_controller(self.controller, self.source, self.policy)
+        return Rig(self.rig.robot, simulated, controller, source, self.now)
+
+
+def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tuple[Controller, Any]:
+    new_source = copy.deepcopy(source)
+    return copy.deepcopy(controller, {id(policy): policy, id(source): new_source}), new_source
+
+
+@pytest.fixture(scope="session")
+def bp2() -> RobotDescription:
+    return load_robot("bp2")
+
+
+@pytest.fixture(scope="session")
+def sprint_policy() -> Policy:
+    return load_policy(shipped_policy())
+
+
+@pytest.fixture
+def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
+    """A rig whose robot lies on the ground; options as of ``SimulatorOptions``."""
+
+    def make(source: Any | None = None, **options: Any) -> Rig:
+        source = source or StraightSource()
+        simulated = SimulatedRobot(bp2, SimulatorOptions(**options))
+        return Rig(bp2, simulated, Controller(sprint_policy, bp2, source), source)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def gallop(bp2: RobotDescription, sprint_policy: Policy) -> Snapshot:
+    """Running faster than 6 m/s, speed still rising."""
+    source = StraightSource()
+    simulated = SimulatedRobot(bp2, SimulatorOptions())
+    rig = Rig(bp2, simulated, Controller(sprint_policy, bp2, source), source)
+    rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
+    return Snapshot.take(rig, sprint_policy)
+
+
+@pytest.fixture
+def running(gallop: Snapshot) -> Rig:
+    """The gallop, continued."""
+    rig = gallop.restore()
+    assert rig.speed > 6.0 and rig.controller.mode.value == "run"
+    return rig
