@@ -9,6 +9,7 @@ import tyro
 
 from sprintlab.cli.motor_datasheet import PARAMETER_UNITS, MotorFromDatasheet
 from sprintlab.cli.motor_envelope import MotorEnvelope
+from sprintlab.cli.motor_identify import MotorIdentify
 from sprintlab.cli.motor_source import chosen_motor
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 
@@ -54,6 +55,7 @@ class Motor:
     command: (
         Annotated[MotorEnvelope, tyro.conf.subcommand(name="envelope")]
         | Annotated[MotorFromDatasheet, tyro.conf.subcommand(name="from-datasheet")]
+        | Annotated[MotorIdentify, tyro.conf.subcommand(name="identify")]
         | Annotated[MotorShow, tyro.conf.subcommand(name="show")]
     )
 

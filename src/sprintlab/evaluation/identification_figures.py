@@ -1,0 +1,80 @@
+"""Pictures of an identification: fit against data, and what is left over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sprintlab.evaluation.figures import LIGHT, Theme, set_title, themed_figure
+from sprintlab.motors.identification import ChannelFit, Identification
+
+Array = NDArray[Any]
+
+
+def identification_figure(result: Identification, title: str, theme: Theme = LIGHT) -> Figure:
+    """One row a measured quantity: against the model, residuals over current, residuals over speed.
+
+    Args:
+        result: of ``identify``.
+        title: printed above the first axes.
+        theme: colours.
+    """
+    rows = len(result.channels)
+    figure, axes = themed_figure(theme, (12.0, 2.9 * rows + 0.6), rows, 3)
+    outlying = np.isin(result.bench.lines, result.outliers)
+    for row, channel in enumerate(result.channels):
+        met, over_current, over_speed = axes[3 * row : 3 * row + 3]
+        _draw_met(met, channel, outlying, theme)
+        current = result.bench.current[channel.rows]
+        _draw_residuals(over_current, channel, current, "i_q [A]", outlying, theme)
+        speed = result.bench.speed
+        if speed is None:
+            over_speed.set_visible(False)
+        else:
+            _draw_residuals(over_speed, channel, speed[channel.rows], "speed [rad/s]", outlying, theme)
+        set_title(met, f"{title}: {channel.name}" if row == 0 else channel.name, theme)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=theme.foreground,
+    )
+    return figure
+
+
+def _draw_met(axis: Axes, channel: ChannelFit, outlying: Array, theme: Theme) -> None:
+    ends = [float(np.min(channel.predicted)), float(np.max(channel.predicted))]
+    axis.plot(ends, ends, color=theme.muted, linewidth=0.9, label="model")
+    _scatter(axis, channel, channel.predicted, channel.measured, outlying, theme)
+    axis.set_xlabel(f"model [{channel.unit}]")
+    axis.set_ylabel(f"measured [{channel.unit}]")
+
+
+def _draw_residuals(
+    axis: Axes, channel: ChannelFit, across: Array, label: str, outlying: Array, theme: Theme
+) -> None:
+    axis.axhspan(-2 * channel.noise, 2 * channel.noise, color=theme.shade, zorder=0)
+    axis.axhline(0.0, color=theme.muted, linewidth=0.9)
+    _scatter(axis, channel, across, channel.measured - channel.predicted, outlying, theme)
+    axis.set_xlabel(label)
+    axis.set_ylabel(f"residual [{channel.unit}], band: 2 sigma")
+
+
+def _scatter(
+    axis: Axes, channel: ChannelFit, across: Array, values: Array, outlying: Array, theme: Theme
+) -> None:
+    outlier = outlying[channel.rows]
+    for mask, colour, name in (
+        (~outlier, theme.inside, "measured"),
+        (outlier, theme.on_limit, "outlier, set aside"),
+    ):
+        if mask.any():
+            axis.scatter(across[mask], values[mask], s=11, color=colour, linewidths=0, label=name)

@@ -1,0 +1,16 @@
+"""From bench measurements to motor parameters, with intervals, and with what the data cannot tell."""
+
+from sprintlab.motors.identification.bench import COLUMNS, Bench, load_bench
+from sprintlab.motors.identification.fit import ChannelFit, Estimate, Identification, identify
+from sprintlab.motors.identification.model import PARAMETER_UNITS
+
+__all__ = [
+    "COLUMNS",
+    "PARAMETER_UNITS",
+    "Bench",
+    "ChannelFit",
+    "Estimate",
+    "Identification",
+    "identify",
+    "load_bench",
+]

@@ -1,0 +1,220 @@
+"""Bench data: one steady operating point a row, every column with its unit in the header.
+
+A header cell is a name and a unit in brackets, e.g. ``speed [rpm],iq [A],torque [N m]``. Currents and
+voltages are amplitudes in the rotor's frame (amplitude-invariant), torque is what the shaft gives, positive
+with positive current, speed is mechanical.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+
+FloatArray = NDArray[np.float64]
+
+_AMPERE = {"A": 1.0, "mA": 1e-3}
+_VOLT = {"V": 1.0, "mV": 1e-3}
+COLUMNS: dict[str, Mapping[str, float]] = {
+    "speed": {"rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0},
+    "iq": _AMPERE,
+    "id": _AMPERE,
+    "phase_current": {"A amplitude": 1.0, "A rms": math.sqrt(2.0)},
+    "torque": {"N m": 1.0, "mN m": 1e-3},
+    "vq": _VOLT,
+    "vd": _VOLT,
+    "bus_voltage": _VOLT,
+    "temperature": {"degC": 1.0},
+    "limited": {"": 1.0},
+}
+"""Known columns and their units, as SI factors; ``limited`` is 1 where the inverter gives all its voltage."""
+
+MEANINGS = {
+    "speed": "mechanical speed of the motor's shaft",
+    "iq": "q-axis current, or phase_current",
+    "torque": "torque on the shaft",
+}
+_ALIASES = {"iq": "iq", "id": "id", "vq": "vq", "vd": "vd", "omega": "speed", "vbus": "bus_voltage"}
+_HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\]]*)\])?\s*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Steady operating points in SI, every array ``(n,)``.
+
+    Attributes:
+        current: i_q, amplitude [A].
+        torque: shaft torque [N m].
+        speed: mechanical speed [rad/s]; ``None`` in a torque-current table.
+        d_current: i_d [A]; zero where the bench has no such column.
+        q_voltage: v_q [V] or ``None``.
+        d_voltage: v_d [V] or ``None``.
+        bus_voltage: DC bus [V] or ``None``.
+        temperature: of the winding [degC] or ``None``.
+        limited: the inverter gives all its voltage, bool.
+        lines: line of each row in its file, to name it.
+        unused: columns that were not understood and not read.
+    """
+
+    current: FloatArray
+    torque: FloatArray
+    speed: FloatArray | None = None
+    d_current: FloatArray
+    q_voltage: FloatArray | None = None
+    d_voltage: FloatArray | None = None
+    bus_voltage: FloatArray | None = None
+    temperature: FloatArray | None = None
+    limited: NDArray[np.bool_]
+    lines: NDArray[np.int64]
+    unused: tuple[str, ...] = field(default=())
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.current)
+
+
+def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
+    """Read a bench file (CSV, comma or semicolon; lines that begin with # are remarks).
+
+    Args:
+        path: the file.
+        needs_speed: whether a missing speed column is an error.
+
+    Raises:
+        SprintlabError: the file cannot be read, or a cell is no finite number (its line is named).
+        InvalidValueError: a column is missing, given twice, or has no or an unknown unit.
+    """
+    lines = _read_lines(Path(path))
+    number, header = lines[0]
+    names = _read_header(path, header)
+    rows = [(line, cells) for line, cells in lines[1:]]
+    if not rows:
+        raise SprintlabError(f"{path} has a header in line {number} and no data")
+    values = {
+        name: factor * _column(path, rows, index, header[index]) for name, (index, factor) in names.items()
+    }
+    for name in ("speed", "torque") if needs_speed else ("torque",):
+        _require(path, name, values)
+    if "iq" not in values and "phase_current" not in values:
+        _require(path, "iq", values)
+    return _assemble(path, values, [line for line, _ in rows], _unused(header, names))
+
+
+def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Line numbers and cells of everything that is no remark."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise SprintlabError(f"{path} is no text file: {error}") from error
+    kept = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not kept:
+        raise SprintlabError(f"{path} is empty")
+    separator = ";" if ";" in kept[0][1] else ","
+    return [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
+
+
+def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, float]]:
+    """Position and SI factor of every known column."""
+    found: dict[str, tuple[int, float]] = {}
+    for index, cell in enumerate(header):
+        match = _HEADER.fullmatch(cell)
+        name = _known_name(match[1]) if match else None
+        if match is None or name is None:
+            continue
+        if name in found:
+            raise InvalidValueError(f"{path}: column {name}", cell, "is given twice")
+        found[name] = (index, _unit_factor(path, name, cell, match[2] or ""))
+    return found
+
+
+def _known_name(text: str) -> str | None:
+    plain = re.sub(r"[\s_]+", "_", text.strip().casefold())
+    for name in (plain, _ALIASES.get(plain.replace("_", ""), "")):
+        if name in COLUMNS:
+            return name
+    return None
+
+
+def _unit_factor(path: object, name: str, cell: str, unit: str) -> float:
+    units = COLUMNS[name]
+    plain = {known.replace(" ", ""): factor for known, factor in units.items()}
+    written = re.sub(r"[\s·*]", "", unit)
+    if written not in plain:
+        allowed = " or ".join(f"'{name} [{known}]'" for known in units)
+        raise InvalidValueError(f"{path}: column", cell, f"write the unit in the header: {allowed}")
+    return plain[written]
+
+
+def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, title: str) -> FloatArray:
+    numbers = np.empty(len(rows))
+    for position, (line, cells) in enumerate(rows):
+        try:
+            numbers[position] = float(cells[index])
+        except (ValueError, IndexError):
+            numbers[position] = math.nan
+        if not math.isfinite(numbers[position]):
+            written = cells[index] if index < len(cells) else "nothing"
+            raise SprintlabError(f"{path} line {line}: {title.strip()} is {written!r}, no finite number")
+    return numbers
+
+
+def _require(path: object, name: str, values: Mapping[str, Any]) -> None:
+    if name not in values:
+        headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
+        raise InvalidValueError(
+            f"{path}: columns", sorted(values), f"{name} is missing ({MEANINGS[name]}): write {headings}"
+        )
+
+
+def _unused(header: Sequence[str], names: Mapping[str, tuple[int, float]]) -> tuple[str, ...]:
+    used = {index for index, _ in names.values()}
+    return tuple(cell.strip() for index, cell in enumerate(header) if index not in used)
+
+
+def _assemble(
+    path: object, values: Mapping[str, FloatArray], lines: Sequence[int], unused: tuple[str, ...]
+) -> Bench:
+    torque = values["torque"]
+    current = values.get("iq")
+    if current is None:
+        # With i_d = 0 the phase current's amplitude is |i_q|; its direction is the torque's.
+        current = np.abs(values["phase_current"]) * np.where(torque < 0, -1.0, 1.0)
+    limited = values.get("limited", np.zeros(len(torque)))
+    if not np.isin(limited, (0.0, 1.0)).all():
+        raise InvalidValueError(
+            f"{path}: column limited", sorted(set(limited.tolist()))[:4], "must be 0 or 1"
+        )
+    if (values.get("vq") is None) != (values.get("vd") is None):
+        raise InvalidValueError(
+            f"{path}: columns", sorted(values), "vq and vd belong together: give both or none"
+        )
+    return Bench(
+        current=current,
+        torque=torque,
+        speed=values.get("speed"),
+        d_current=values.get("id", np.zeros(len(torque))),
+        q_voltage=values.get("vq"),
+        d_voltage=values.get("vd"),
+        bus_voltage=values.get("bus_voltage"),
+        temperature=values.get("temperature"),
+        limited=limited.astype(bool),
+        lines=np.asarray(lines, dtype=np.int64),
+        unused=unused,
+    )

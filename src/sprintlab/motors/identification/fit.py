@@ -1,0 +1,484 @@
+"""The fit: robust first, then exact on what is no outlier, with intervals that say what the data know.
+
+1. Least squares with the soft-L1 loss over all channels in the unit of their own noise, which is estimated
+   from the median absolute residual; repeated until the noise settles.
+2. Rows with a residual beyond five noise units are set aside and reported.
+3. Plain least squares on the rest; ``(J^T J)^-1`` gives 95 % intervals (Student's t), the singular values of
+   ``J`` say which combination of parameters the data cannot tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats  # pyright: ignore[reportMissingTypeStubs]
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.motors.identification.bench import Bench
+from sprintlab.motors.identification.checks import check_levels, check_units, torque_flux, voltage_flux
+from sprintlab.motors.identification.model import BOUNDS, PARAMETER_UNITS, Channel, channels
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
+
+FloatArray = NDArray[np.float64]
+
+OUTLIER_DISTANCE = 5.0
+"""Residual in units of the noise beyond which a row is set aside."""
+CONFIDENCE = 0.95
+
+_optimize: Any = optimize  # SciPy ships no types
+_stats: Any = stats
+_ROUNDS = 4
+_SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
+_MANY_OUTLIERS = 0.2
+_LEAST_EXPLAINED = 0.9
+_LARGEST_SATURATION_WIDTH = 0.1
+_SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
+_BLIND = 1e-6  # a singular value below this share of the largest sees nothing
+_PART = 0.3  # least component of a parameter in a blind direction to be named
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """One parameter.
+
+    Attributes:
+        name: a key of ``PARAMETER_UNITS``.
+        value: SI; ``None`` where the data say nothing.
+        half_width: of the 95 % interval; ``None`` where nothing was fitted.
+        determined: the interval is narrow enough to use the value.
+        reason: why it is not determined, or that it was held.
+    """
+
+    name: str
+    value: float | None
+    half_width: float | None
+    determined: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """How one measured quantity was met.
+
+    Attributes:
+        name: of the channel.
+        unit: of the values.
+        rows: (m,) rows of the bench.
+        measured: (m,) as measured.
+        predicted: (m,) by the fitted model.
+        noise: standard deviation of the residuals without outliers.
+        explained: share of the measured variance that the model explains, without outliers.
+    """
+
+    name: str
+    unit: str
+    rows: NDArray[np.int64]
+    measured: FloatArray
+    predicted: FloatArray
+    noise: float
+    explained: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identification:
+    """What a bench tells about a motor.
+
+    Attributes:
+        bench: the data.
+        pole_pairs: N.
+        peak_current: amplitude to which the saturation refers [A].
+        estimates: one a parameter, by name.
+        channels: fit of each measured quantity.
+        outliers: (k,) lines of the file that were set aside.
+        singular_values: of the scaled Jacobian, largest first.
+        warnings: what a reader must know before using the values.
+        trustworthy: ``False`` where a warning means that the fit is no description of the data.
+    """
+
+    bench: Bench
+    pole_pairs: int
+    peak_current: float
+    estimates: dict[str, Estimate]
+    channels: tuple[ChannelFit, ...]
+    outliers: NDArray[np.int64]
+    singular_values: FloatArray
+    warnings: tuple[str, ...]
+    trustworthy: bool
+
+    @property
+    def torque_constant(self) -> float:
+        """Torque per ampere before saturation, ``1.5 N psi`` [N m/A]."""
+        flux = self.estimates["flux_linkage"].value
+        return 1.5 * self.pole_pairs * (flux or 0.0)
+
+    def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
+        """The identified motor; what the bench does not determine comes from ``base``.
+
+        Raises:
+            SprintlabError: the fit is not trustworthy, or a parameter is neither determined nor in ``base``.
+        """
+        if not self.trustworthy:
+            raise SprintlabError(
+                "the fit does not describe the bench, no motor is made of it: see the warnings"
+            )
+        names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
+        values = {name: self._value(name, base) for name in names}
+        inertia = rotor_inertia if rotor_inertia is not None else getattr(base, "rotor_inertia", None)
+        if inertia is None:
+            raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
+        return PmsmParameters(
+            pole_pairs=self.pole_pairs,
+            peak_torque=1.5 * self.pole_pairs * values["flux_linkage"] * self.peak_current,
+            rotor_inertia=inertia,
+            **values,
+        )
+
+    def _value(self, name: str, base: PmsmParameters | None) -> float:
+        estimate = self.estimates[name]
+        if estimate.determined and estimate.value is not None:
+            return estimate.value
+        if base is None:
+            raise SprintlabError(
+                f"the bench does not determine {name} ({estimate.reason}): give a base motor"
+            )
+        return float(getattr(base, name))
+
+
+def identify(
+    bench: Bench,
+    *,
+    pole_pairs: int,
+    peak_current: float | None = None,
+    base: PmsmParameters | None = None,
+    hold: Sequence[str] = (),
+) -> Identification:
+    """Fit what the columns of a bench allow.
+
+    Args:
+        bench: at least current and torque; without speed only flux and saturation are fitted.
+        pole_pairs: N.
+        peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
+        base: a motor that supplies held values and is compared with.
+        hold: parameters taken from ``base`` (gamma: 0.95) and not fitted.
+
+    Raises:
+        SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other.
+        InvalidValueError: a setting is not allowed.
+    """
+    check_range("pole_pairs", pole_pairs, 1, 200)
+    for name in hold:
+        check_choice("hold", name, tuple(PARAMETER_UNITS))
+    if peak_current is not None:
+        check_positive("peak_current", peak_current, "A")
+    check_levels(bench)
+    warnings = check_units(bench, pole_pairs) if bench.speed is not None else []
+    largest = float(np.max(np.abs(bench.current)))
+    if peak_current is None:
+        peak_current = largest
+        warnings.append(
+            f"no peak current given: saturation and peak torque refer to {largest:.4g} A, the bench's"
+        )
+    elif peak_current > 1.2 * largest:
+        warnings.append(
+            f"the bench ends at {largest:.4g} A: up to {peak_current:.4g} A the saturation is extrapolated"
+        )
+    return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold)).run(warnings, base)
+
+
+def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, float]:
+    held: dict[str, float] = {}
+    for name in hold:
+        if name == "voltage_utilization":
+            held[name] = VOLTAGE_UTILIZATION
+        elif name.endswith("friction"):
+            held[name] = 0.0
+        elif base is None:
+            raise SprintlabError(f"{name} cannot be held: give the base motor that it comes from")
+        else:
+            held[name] = float(getattr(base, name))
+    return held
+
+
+class _Fit:
+    """One fit over the channels of a bench; parameters travel in units of their first guess."""
+
+    def __init__(self, bench: Bench, pole_pairs: int, peak_current: float, held: dict[str, float]) -> None:
+        self._bench = bench
+        self._pole_pairs = pole_pairs
+        self._peak_current = peak_current
+        self._held = held
+        self._channels = channels(bench, pole_pairs, peak_current)
+        seen = {name for channel in self._channels for name in channel.depends_on}
+        self._free = [name for name in PARAMETER_UNITS if name in seen and name not in held]
+        guess = self._guess()
+        self._start = np.array([guess[name] for name in self._free])
+        self._idle = {name: 0.0 for name in PARAMETER_UNITS if name not in self._free} | held
+
+    def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
+        noise = np.array([0.02 * _range(channel, self._bench) for channel in self._channels])
+        everything = np.ones(self._bench.size, dtype=bool)
+        point = np.ones(len(self._free))
+        for _ in range(_ROUNDS):
+            point = self._solve(point, noise, everything, "soft_l1").x
+            noise = self._noise(point)
+        kept = ~self._outlying(point, noise)
+        solution = self._solve(point, noise, kept, "linear")
+        noise = self._residual_spread(solution.x, kept)
+        solution = self._solve(solution.x, noise, kept, "linear")
+        widths, singular, blind = self._intervals(solution, kept)
+        fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
+        estimates = self._estimates(solution.x, widths, blind)
+        problems = _problems(estimates, fits, kept)
+        notes = [*warnings, *_compared(estimates, base), *self._at_bounds(solution.x), *_outlier_note(kept)]
+        return Identification(
+            bench=self._bench,
+            pole_pairs=self._pole_pairs,
+            peak_current=self._peak_current,
+            estimates=estimates,
+            channels=fits,
+            outliers=self._bench.lines[~kept],
+            singular_values=singular,
+            warnings=(*problems, *notes),
+            trustworthy=not problems,
+        )
+
+    def _guess(self) -> dict[str, float]:
+        """A first guess of everything; also the unit in which the fit moves."""
+        bench, pairs = self._bench, self._pole_pairs
+        flux = torque_flux(bench, pairs)
+        current = float(np.max(np.abs(bench.current)))
+        torque = float(np.max(np.abs(bench.torque)))
+        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
+        voltage = self._largest_voltage(flux, speed)
+        electrical = voltage_flux(bench, pairs)
+        resistance = electrical[1] if electrical is not None else 0.0
+        return {
+            "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
+            "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
+            "flux_linkage": flux,
+            "saturation": 0.1,
+            "coulomb_friction": 0.02 * torque,
+            "viscous_friction": 0.02 * torque / speed,
+            "voltage_utilization": VOLTAGE_UTILIZATION,
+        }
+
+    def _largest_voltage(self, flux: float, speed: float) -> float:
+        if self._bench.q_voltage is not None:
+            return max(float(np.max(np.abs(self._bench.q_voltage))), 1e-6)
+        return self._pole_pairs * speed * flux
+
+    def _values(self, point: FloatArray) -> dict[str, float]:
+        return self._idle | dict(zip(self._free, (point * self._start).tolist(), strict=True))
+
+    def _residuals(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+        values = self._values(point)
+        return np.concatenate(
+            [
+                ((channel.predict(values) - channel.measured) / scale)[kept[channel.rows]]
+                for channel, scale in zip(self._channels, noise.tolist(), strict=True)
+            ]
+        )
+
+    def _solve(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_], loss: str) -> Any:
+        low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
+        inside = np.clip(point, low + 1e-9, high - 1e-9)
+        solution = _optimize.least_squares(
+            self._residuals,
+            inside,
+            bounds=(low, high),
+            loss=loss,
+            args=(noise, kept),
+            jac="3-point",
+            x_scale="jac",
+        )
+        if not np.isfinite(solution.x).all():
+            raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
+        return solution
+
+    def _noise(self, point: FloatArray) -> FloatArray:
+        """Median absolute residual of each channel as a standard deviation."""
+        values = self._values(point)
+        spread = [
+            1.4826 * float(np.median(np.abs(channel.predict(values) - channel.measured)))
+            for channel in self._channels
+        ]
+        return self._floored(spread)
+
+    def _residual_spread(self, point: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+        """Standard deviation of each channel without outliers, parameters counted off."""
+        values = self._values(point)
+        used = [kept[channel.rows] for channel in self._channels]
+        total = sum(int(mask.sum()) for mask in used)
+        spread: list[float] = []
+        for channel, mask in zip(self._channels, used, strict=True):
+            error = (channel.predict(values) - channel.measured)[mask]
+            freedom = len(error) * max(total - len(self._free), 1) / max(total, 1)
+            spread.append(float(np.sqrt(np.sum(error**2) / max(freedom, 1.0))))
+        return self._floored(spread)
+
+    def _floored(self, spread: list[float]) -> FloatArray:
+        floor = [_SMALLEST_NOISE * _range(channel, self._bench) for channel in self._channels]
+        return np.maximum(np.array(spread), np.array(floor))
+
+    def _outlying(self, point: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+        """Rows with a residual too far off in any channel ``(n,)``."""
+        values = self._values(point)
+        outlying = np.zeros(self._bench.size, dtype=bool)
+        for channel, scale in zip(self._channels, noise.tolist(), strict=True):
+            far = np.abs(channel.predict(values) - channel.measured) > OUTLIER_DISTANCE * scale
+            outlying[channel.rows[far]] = True
+        return outlying
+
+    def _intervals(self, solution: Any, kept: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, list[str]]:
+        """Half widths in SI, singular values of the column-scaled Jacobian, and blind directions in words."""
+        jacobian = np.asarray(solution.jac, dtype=float)
+        freedom = max(len(jacobian) - len(self._free), 1)
+        lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        _, singular, directions = np.linalg.svd(jacobian / lengths, full_matrices=False)
+        floored = np.maximum(singular, 1e-12 * float(singular[0]))
+        deviation = np.sqrt(np.sum((directions.T / floored) ** 2, axis=1)) / lengths
+        blind = [
+            " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
+            for value, direction in zip(singular, directions, strict=True)
+            if value < _BLIND * singular[0]
+        ]
+        quantile = float(_stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom))
+        return quantile * deviation * self._start, singular, blind
+
+    def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
+        values = self._values(point)
+        found: dict[str, Estimate] = {}
+        for name in PARAMETER_UNITS:
+            if name in self._free:
+                width = float(widths[self._free.index(name)])
+                found[name] = self._estimate(name, values[name], width, blind)
+            elif name in self._held:
+                found[name] = Estimate(
+                    name=name, value=values[name], half_width=None, determined=True, reason="held"
+                )
+            else:
+                found[name] = Estimate(
+                    name=name, value=None, half_width=None, determined=False, reason=self._absence(name)
+                )
+        return found
+
+    def _estimate(self, name: str, value: float, width: float, blind: list[str]) -> Estimate:
+        known = width <= 0.5 * abs(value) or width <= self._harmless_width(name)
+        direction = next((text for text in blind if name in text.split(" and ")), "")
+        reason = ""
+        if direction:
+            known = False
+            reason = (
+                f"the data do not tell apart {direction}"
+                if " and " in direction
+                else "leaves no trace in the data"
+            )
+        elif not known:
+            reason = "the interval is too wide: more speeds and currents are needed"
+        return Estimate(name=name, value=value, half_width=width, determined=known, reason=reason)
+
+    def _harmless_width(self, name: str) -> float:
+        """Half width that moves no channel by more than 5 % of its range."""
+        bench = self._bench
+        current = float(np.max(np.abs(bench.current)))
+        torque = _SMALL_EFFECT * float(np.max(np.abs(bench.torque)))
+        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
+        voltage = _SMALL_EFFECT * self._largest_voltage(self._start[self._free.index("flux_linkage")], speed)
+        return {
+            "stator_resistance": voltage / current,
+            "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
+            "saturation": _LARGEST_SATURATION_WIDTH,
+            "coulomb_friction": torque,
+            "viscous_friction": torque / speed,
+        }.get(name, 0.0)
+
+    def _absence(self, name: str) -> str:
+        if name in ("stator_resistance", "q_axis_inductance"):
+            return "needs vq and vd, or rows marked limited with a bus_voltage"
+        if name == "voltage_utilization":
+            return "needs a bus_voltage and rows marked limited"
+        return "needs speeds"
+
+    def _at_bounds(self, point: FloatArray) -> list[str]:
+        values = self._values(point)
+        return [
+            f"{name} ended at {values[name]:.3g}, the edge of what is possible: the model does not fit there"
+            for name in self._free
+            if name != "voltage_utilization"
+            and _at_edge(name, values[name], self._start[self._free.index(name)])
+        ]
+
+    def _channel_fit(self, channel: Channel, point: FloatArray, kept: NDArray[np.bool_]) -> ChannelFit:
+        values = self._values(point)
+        predicted = channel.predict(values)
+        used = kept[channel.rows]
+        error, measured = (channel.measured - predicted)[used], channel.measured[used]
+        variance = float(np.var(measured)) if len(measured) else 0.0
+        explained = 1.0 - float(np.mean(error**2)) / variance if variance > 0 else 1.0
+        return ChannelFit(
+            name=channel.name,
+            unit=channel.unit,
+            rows=channel.rows,
+            measured=channel.measured,
+            predicted=predicted,
+            noise=float(np.sqrt(np.mean(error**2))) if len(error) else 0.0,
+            explained=explained,
+        )
+
+
+def _range(channel: Channel, bench: Bench) -> float:
+    """Size of what a channel measures; of the bus voltage where the channel measures zero."""
+    largest = float(np.max(np.abs(channel.measured)))
+    if largest == 0.0 and bench.bus_voltage is not None:
+        largest = float(np.max(np.abs(bench.bus_voltage)))
+    return max(largest, 1e-9)
+
+
+def _at_edge(name: str, value: float, scale: float) -> bool:
+    low, high = BOUNDS[name]
+    lower_is_news = name in ("stator_resistance", "flux_linkage")
+    return value > high - 1e-6 * (high - low) or (lower_is_news and value < low + 1e-6 * scale)
+
+
+def _problems(
+    estimates: dict[str, Estimate], fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_]
+) -> list[str]:
+    """What makes a fit unfit for use."""
+    problems = [
+        f"the model explains only {fit.explained:.0%} of the variation of {fit.name}: this is no description"
+        for fit in fits
+        if fit.name != "voltage limit" and fit.explained < _LEAST_EXPLAINED
+    ]
+    if np.mean(~kept) > _MANY_OUTLIERS:
+        problems.append(
+            f"{np.mean(~kept):.0%} of the rows are outliers: the model does not describe this bench"
+        )
+    saturation = estimates["saturation"].value
+    if saturation is not None and saturation > 0.49:
+        problems.append(
+            "the saturation runs into 0.5: torque falls with current, or the peak current is too small"
+        )
+    return problems
+
+
+def _outlier_note(kept: NDArray[np.bool_]) -> list[str]:
+    count = int(np.sum(~kept))
+    return [f"{count} of {len(kept)} rows are outliers and were set aside"] if count else []
+
+
+def _compared(estimates: dict[str, Estimate], base: PmsmParameters | None) -> list[str]:
+    """Where the fit is far from the base motor."""
+    notes: list[str] = []
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage"):
+        estimate, reference = estimates[name], float(getattr(base, name)) if base is not None else 0.0
+        if estimate.value and estimate.determined and reference > 0:
+            ratio = estimate.value / reference
+            if not 0.6 <= ratio <= 1.6:
+                notes.append(f"{name} is {ratio:.3g} times that of the base motor: check the units of both")
+    return notes
