@@ -61,7 +61,7 @@ def bench_table(random: np.random.Generator) -> str:
     electrical = MOTOR.pole_pairs * speed
     v_q = resistance * current + electrical * MOTOR.flux_linkage
     v_d = -electrical * MOTOR.q_axis_inductance * current
-    # On the limit a hot winding needs more than 60 V give: the bench's supply is set so that it just suffices.
+    # On the limit a hot winding needs more than 60 V give: so the bench's supply is set to just suffice.
     bus = np.where(limited > 0, np.hypot(v_q, v_d) / phase_voltage_limit(1.0), BUS_VOLTAGE)
     columns = (
         speed,

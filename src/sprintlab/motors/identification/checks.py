@@ -76,9 +76,9 @@ def voltage_flux(bench: Bench, pole_pairs: int) -> tuple[float, float] | None:
 def _robust_slopes(design: FloatArray, target: FloatArray) -> FloatArray:
     """Least squares, repeated without what lies far off, so that one spike does not decide."""
     kept = np.ones(len(target), dtype=bool)
-    slopes = np.zeros(design.shape[1])
+    slopes: FloatArray = np.zeros(design.shape[1])
     for _ in range(4):
-        slopes = np.linalg.lstsq(design[kept], target[kept], rcond=None)[0]
+        slopes = np.asarray(np.linalg.lstsq(design[kept], target[kept], rcond=None)[0], dtype=np.float64)
         error = np.abs(target - design @ slopes)
         kept = error <= 6.0 * float(np.median(error)) + 1e-12
     return slopes
