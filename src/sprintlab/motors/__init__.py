@@ -24,6 +24,7 @@ from sprintlab.motors.gear import Gear, joint_torque, motor_speed, reflected_ine
 from sprintlab.motors.parameters import PmsmParameters, motor_like, stack_motors
 from sprintlab.motors.power import copper_loss, electrical_power
 from sprintlab.motors.saturation import desaturate, saturate
+from sprintlab.motors.supply_files import SupplyFile, load_supply
 from sprintlab.motors.thermal import (
     COPPER_COEFFICIENT,
     WindingHeat,
@@ -45,6 +46,7 @@ __all__ = [
     "Gear",
     "MotorModel",
     "PmsmParameters",
+    "SupplyFile",
     "WindingHeat",
     "battery_current",
     "copper_loss",
@@ -58,6 +60,7 @@ __all__ = [
     "heated_motor",
     "joint_torque",
     "load_motor",
+    "load_supply",
     "loaded_voltage",
     "motor_like",
     "motor_speed",

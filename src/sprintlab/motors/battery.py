@@ -21,7 +21,7 @@ from sprintlab.motors.arrays import Array, as_arrays
 
 SECONDS_PER_HOUR = 3600.0
 _SOLVER_STEPS = 12
-_SOLVER_TOLERANCE = 1e-6  # [V]
+_SOLVER_TOLERANCE = 1e-4  # [V]
 _LEAST_SLOPE = 0.1  # the residual's slope is 1 where no motor is on its envelope, and more where one drives
 
 
@@ -107,17 +107,23 @@ def loaded_voltage(battery: Battery, state_of_charge: Array, power: Array) -> Ar
     return xp.minimum(voltage, source + battery.internal_resistance * battery.regeneration_limit)
 
 
-def shared_bus_voltage(battery: Battery, state_of_charge: Array, power_at: Callable[[Array], Array]) -> Array:
+def shared_bus_voltage(
+    battery: Battery,
+    state_of_charge: Array,
+    power_at: Callable[[Array], Array],
+    guess: Array | None = None,
+) -> Array:
     """The voltage at which the joints draw just the power that lowers the bus to it [V].
 
     A root of ``V - loaded_voltage(P(V))`` between the voltages that ``loaded_voltage`` can give, found by
     secants, each held inside the bracket by a bisection. Tensors take a fixed number of steps and never make
-    the host wait; NumPy stops when the residual is below a microvolt.
+    the host wait; NumPy stops when the residual is below 0.1 mV.
 
     Args:
         battery: the pack.
         state_of_charge: [-], one value a pack, e.g. of shape ``(n,)``.
         power_at: power of all joints together [W] at a bus voltage [V], shaped like ``state_of_charge``.
+        guess: where to begin [V], e.g. the voltage a moment ago; the highest possible when left out.
 
     Returns:
         Shaped like ``state_of_charge``.
@@ -128,7 +134,8 @@ def shared_bus_voltage(battery: Battery, state_of_charge: Array, power_at: Calla
         return voltage - loaded_voltage(battery, state_of_charge, power_at(voltage))
 
     low, high = 0.5 * source, source + battery.internal_resistance * battery.regeneration_limit
-    older, older_error = high, residual(high)
+    older = high if guess is None else xp.minimum(xp.maximum(as_arrays(guess, source)[1][0], low), high)
+    older_error = residual(older)
     voltage = older - older_error
     for _ in range(_SOLVER_STEPS):
         error = residual(voltage)

@@ -213,6 +213,6 @@ class SuppliedDrive:
             loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
             return np.asarray((output.motor_torque * speed + loss).sum())
 
-        self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at))
+        self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
         self._lowest = min(self._lowest, self._bus_voltage)
         self._drive.set_bus_voltage(self._bus_voltage)

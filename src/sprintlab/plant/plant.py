@@ -19,8 +19,8 @@ from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel
-from sprintlab.plant.drive import PreparedDrive
+from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, MotorModel, WindingHeat
+from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import ModelOptions, RobotDescription, build_model, soft_stop_torque
 
@@ -43,7 +43,11 @@ class PlantOptions:
         contact_time_constant: of the ground contact [s], at least two steps.
         impratio: friction over normal impedance; 10 keeps stance feet from creeping.
         motor_model: the envelope. ``"refined"`` for every published number.
-        bus_voltage: [V]; ``None`` takes the robot's.
+        bus_voltage: [V]; ``None`` takes the robot's. A battery replaces it.
+        battery: behind the bus; ``None``, as for every published number: the bus is stiff.
+        state_of_charge: of the battery at the start [-].
+        heat: of the windings; ``None``, as for every published number: they stay as they are.
+        winding_temperature: at the start, with ``heat`` [degC].
 
     Raises:
         InvalidValueError: a field is out of range, or the rates do not divide.
@@ -56,6 +60,10 @@ class PlantOptions:
     impratio: float = 10.0
     motor_model: MotorModel = "refined"
     bus_voltage: float | None = None
+    battery: Battery | None = None
+    state_of_charge: float = 1.0
+    heat: WindingHeat | None = None
+    winding_temperature: float = 25.0
 
     def __post_init__(self) -> None:
         check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
@@ -63,6 +71,8 @@ class PlantOptions:
         check_choice("plant.motor_model", self.motor_model, MOTOR_MODELS)
         if self.bus_voltage is not None:
             check_positive("plant.bus_voltage", self.bus_voltage, "V")
+        check_range("plant.state_of_charge", self.state_of_charge, 0.0, 1.0)
+        check_range("plant.winding_temperature", self.winding_temperature, -60.0, 250.0, "degC")
         _check_whole("plant.timestep", self.timestep, 1.0 / (self.motor_rate * self.timestep))
         _check_whole("plant.record_rate", self.record_rate, self.motor_rate / self.record_rate)
 
@@ -145,9 +155,14 @@ class Plant:
         self.model = build_model(robot, options.model_options())
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
-        self._drive = PreparedDrive(robot, options.bus_voltage or robot.bus_voltage, options.motor_model)
+        self._drive = _drive(robot, options)
         self._bind()
         self._place(settings)
+
+    @property
+    def supply(self) -> SupplyState | None:
+        """Battery and windings now; ``None`` where both are off."""
+        return self._drive.state if isinstance(self._drive, SuppliedDrive) else None
 
     @property
     def time(self) -> float:
@@ -285,6 +300,23 @@ class Plant:
         mujoco.mj_kinematics(self.model, self.data)
         feet = [self.data.geom(f"{leg}_foot").xpos[2] for leg in self.robot.leg_names]
         self._position[2] += self.robot.foot_radius - min(feet)
+
+
+def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | SuppliedDrive:
+    """The drives that the options ask for; the plain ones where battery and heat are off."""
+    voltage = options.bus_voltage or robot.bus_voltage
+    if options.battery is None and options.heat is None:
+        return PreparedDrive(robot, voltage, options.motor_model)
+    return SuppliedDrive(
+        robot,
+        voltage,
+        options.motor_model,
+        battery=options.battery,
+        state_of_charge=options.state_of_charge,
+        heat=options.heat,
+        winding_temperature=options.winding_temperature,
+        step=1.0 / options.motor_rate,
+    )
 
 
 def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.int8]:

@@ -1,0 +1,65 @@
+"""Flags that choose the drive on which a policy is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import tyro
+
+if TYPE_CHECKING:
+    from sprintlab.plant import PlantOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveFlags:
+    """The drive on which the policy is measured; published numbers use none of these.
+
+    Attributes:
+        motor_model: refined, simplified-dc, square or flux-weakening.
+        battery: put a battery behind the bus that all joints share.
+        heat: let copper loss warm the windings.
+        supply: file (TOML) with tables [battery] and [heat]; turns on what it holds.
+        state_of_charge: of the battery at the start, 0 to 1.
+        winding_temperature: at the start [degC].
+    """
+
+    motor_model: str = "refined"
+    battery: tyro.conf.FlagCreatePairsOff[bool] = False
+    heat: tyro.conf.FlagCreatePairsOff[bool] = False
+    supply: Path | None = None
+    state_of_charge: float = 1.0
+    winding_temperature: float = 25.0
+
+    def plant(self) -> PlantOptions:
+        """How the robot is simulated.
+
+        Raises:
+            SprintlabError: the supply file or a value is refused.
+        """
+        from sprintlab.motors import Battery, SupplyFile, WindingHeat, load_supply
+        from sprintlab.plant import PlantOptions
+
+        found = SupplyFile(battery=None, heat=None) if self.supply is None else load_supply(self.supply)
+        return PlantOptions(
+            motor_model=cast("Any", self.motor_model),
+            battery=found.battery or (Battery() if self.battery else None),
+            heat=found.heat or (WindingHeat() if self.heat else None),
+            state_of_charge=self.state_of_charge,
+            winding_temperature=self.winding_temperature,
+        )
+
+    def notes(self) -> list[str]:
+        """One sentence a choice that makes the numbers differ from the published ones."""
+        plant = self.plant()
+        notes: list[str] = []
+        if plant.motor_model != "refined":
+            notes.append(f"motor model: {plant.motor_model}")
+        if plant.battery is not None:
+            notes.append(
+                f"a battery behind the bus, {100 * plant.state_of_charge:.0f} % charged at the start"
+            )
+        if plant.heat is not None:
+            notes.append(f"windings that warm up from {plant.winding_temperature:g} degC")
+        return notes
