@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class Race:
         step_check: also compare 1 ms with 0.25 ms simulation steps.
         no_video: do not render the MP4.
         json: print JSON only.
+        drive: motor model, battery and heat.
     """
 
     policy: tyro.conf.Positional[str] = "sprint"
@@ -46,6 +48,7 @@ class Race:
     step_check: tyro.conf.FlagCreatePairsOff[bool] = False
     no_video: tyro.conf.FlagCreatePairsOff[bool] = False
     json: tyro.conf.FlagCreatePairsOff[bool] = False
+    drive: DriveFlags = DriveFlags()
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
@@ -68,7 +71,7 @@ class Race:
             self.robot,
             self.out,
             top_speed=self.top_speed,
-            settings=protocol_settings(self.trials, self.seed),
+            settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
             step_check=self.step_check,
             workers=self.workers,
             video=not self.no_video,
