@@ -29,7 +29,7 @@ def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     assert "not finished" in outcome.out and str(folder / "report.html") in outcome.out
     assert "\x1b" not in outcome.out
     expected = {f"{name}.png" for name in FIGURES}
-    expected |= {"report.html", "result.json", "trajectory.npz", "profile.npz"}
+    expected |= {"report.html", "replay.html", "result.json", "trajectory.npz", "profile.npz"}
     assert {path.name for path in folder.iterdir()} == expected
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 

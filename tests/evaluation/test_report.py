@@ -13,6 +13,7 @@ from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.race_files import default_folder, save_trajectory
+from sprintlab.evaluation.report_text import audit_value, result_rows, setup_rows, summary
 from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
 
 
@@ -79,7 +80,7 @@ def test_every_picture_is_a_png_in_both_looks(race, robot):
 
 
 def test_report_is_one_file_that_loads_nothing(page):
-    assert not re.findall(r"""(?:src|srcset|href)=["'](?!data:)""", page)
+    assert not re.findall(r"""(?:src|srcset|href)=["'](?!data:|#)""", page)
     assert "http" not in page
     assert base64.b64encode(b"light").decode() in page and base64.b64encode(b"dark").decode() in page
     assert "prefers-color-scheme: dark" in page and "@media print" in page
@@ -152,7 +153,51 @@ def test_the_completed_trial_is_drawn(race, trial):
     ("value", "unit", "text"), [(0.0042, "m", "4.2 mm"), (0.25, "m", "0.25 m"), (float("nan"), "", "-")]
 )
 def test_audit_values_read_well(value, unit, text):
-    assert report.audit_value(value, unit) == text
+    assert audit_value(value, unit) == text
+
+
+def test_summary_says_what_was_measured(race, robot):
+    text = " ".join(summary(race, robot))
+    assert "ran 90 m in 9.00 s with the raw command." in text
+    assert "self-paced" not in text  # it did not finish
+    assert "2 of 4 seeded trials fell" in text
+    assert "Every check of the exploit audit passed." in text
+
+
+def test_summary_does_not_hide_a_failed_audit(race, robot, trial):
+    sunk = audit_trials([replace(trial.metrics, deepest_penetration=0.05)])
+    text = " ".join(summary(replace(race, audit=sunk), robot))
+    assert "deepest foot penetration" in text and "not to be trusted" in text
+
+
+def test_summary_of_a_race_in_which_everything_failed(race, robot, make_trial):
+    fallen = replace(race.raw, trials=(make_trial(completed=False),), required=1)
+    unfinished = replace(race.sprint, time=float("nan"))
+    lost = replace(race, raw=fallen, self_paced=fallen, sprint=unfinished, sprint_self_paced=unfinished)
+    text = " ".join(summary(lost, robot))
+    assert "did not finish the 90 m" in text and "2 of 2 seeded trials fell" in text
+    assert "nan" not in text + report.render_report(lost, robot, [])
+
+
+def test_results_carry_their_spread(race, trial):
+    faster = replace(trial, metrics=replace(trial.metrics, held_speed=trial.metrics.held_speed + 1.0))
+    several = replace(race.raw, trials=(trial, faster))
+    rows = {row.name: row for row in result_rows(replace(race, raw=several))}
+    assert rows["held speed"].raw == f"{trial.metrics.held_speed + 0.5:.2f} ± 0.71"
+    assert "±" not in rows["held speed"].self_paced  # one completed trial has no spread
+    assert rows["falls"].raw == "0 of 2"
+
+
+def test_setup_names_robot_and_trials(race, robot):
+    rows = dict(setup_rows(race, robot))
+    assert rows["robot"].startswith("bp2, 36.5 kg, 12 motors")
+    assert "1 must complete" in rows["trials"]
+
+
+def test_figures_and_tables_are_numbered(page):
+    assert "Figure 1" in page and "Table 1" in page
+    targets = re.findall(r'href="#([\w-]+)"', page)
+    assert targets and all(f'id="{target}"' in page for target in targets)
 
 
 def test_a_taken_folder_name_gets_a_number(tmp_path):

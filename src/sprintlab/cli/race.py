@@ -55,6 +55,8 @@ class Race:
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
             files = self._race(lambda what: report(what, None))
+            report("writing the replay", None)
+            _write_replay(files.folder, self.robot)
         if self.json:
             print_json(
                 {**json.loads((files.folder / "result.json").read_text()), "folder": str(files.folder)}
@@ -107,7 +109,7 @@ def protocol_settings(trials: int, seed: int, **more: Any) -> Any:
 
 def result_table(result: Any) -> Table:
     """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.report import number, sprint_text
+    from sprintlab.evaluation.report_text import number, sprint_text
 
     raw, paced = result.raw, result.self_paced
     title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
@@ -135,7 +137,7 @@ def result_table(result: Any) -> Table:
 
 def audit_table(audit: Any) -> Table:
     """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report import audit_value
+    from sprintlab.evaluation.report_text import audit_value
 
     verdict = "passed" if audit.passed else "FAILED: do not trust the speeds"
     table = plain_table(
@@ -150,10 +152,21 @@ def audit_table(audit: Any) -> Table:
 def _share(group: Any, kind: str) -> str:
     import numpy as np
 
-    from sprintlab.evaluation.report import number
+    from sprintlab.evaluation.report_text import number
 
     values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
     return number(float(getattr(values, kind)()), 1)
+
+
+def _write_replay(folder: Path, robot: str) -> None:
+    """The 100 m as an interactive page beside the report."""
+    from sprintlab.cli.replay import race_result, replay_text
+    from sprintlab.evaluation.race_files import chosen_robot
+    from sprintlab.viewer.replay import load_arrays, write_replay
+
+    trajectory = folder / "trajectory.npz"
+    text = replay_text(trajectory, chosen_robot(robot).name, race_result(folder / "result.json"))
+    write_replay(folder / "replay.html", load_arrays(trajectory), chosen_robot(robot), text)
 
 
 def _print_result(files: RaceFiles) -> None:
@@ -164,6 +177,7 @@ def _print_result(files: RaceFiles) -> None:
     for note in files.result.notes:
         console.print(note)
     console.print(f"\nreport: {files.folder / 'report.html'}", soft_wrap=True)
+    console.print(f"replay: {files.folder / 'replay.html'}", soft_wrap=True)
     if files.video_message:
         stderr_console().print(files.video_message, soft_wrap=True)
     else:

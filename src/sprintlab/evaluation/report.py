@@ -13,7 +13,15 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from sprintlab.evaluation import figures
-from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, TrialResult
+from sprintlab.evaluation.report_text import (
+    audit_value,
+    number,
+    result_rows,
+    setup_rows,
+    sprint_text,
+    summary,
+)
+from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, TrialResult
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]
@@ -102,6 +110,9 @@ def render_report(
         else "exploit audit FAILED: do not trust the speeds",
         audit_passed=result.audit.passed,
         tiles=list(_tiles(result)),
+        summary=summary(result, robot),
+        setup=list(setup_rows(result, robot)),
+        results=list(result_rows(result)),
         figures=[_embedded(picture) for picture in pictures],
         audit=[_audit_row(item) for item in result.audit.items],
         trials=list(_trial_rows(result)),
@@ -186,16 +197,6 @@ def _embedded(picture: Picture) -> dict[str, str]:
     }
 
 
-def number(value: float, digits: int = 2) -> str:
-    """A number as text; a dash where it is not defined."""
-    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
-
-
-def sprint_text(sprint: SprintResult) -> str:
-    """Time of a sprint, or how far it came."""
-    return number(sprint.time) if sprint.finished else "not finished"
-
-
 def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
     """The numbers at the top of the page."""
     sprint, raw = result.sprint, result.raw
@@ -216,15 +217,6 @@ def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
         (number(raw.mean("cost_of_transport")), "", "cost of transport"),
     ):
         yield {"value": value, "unit": unit, "label": label}
-
-
-def audit_value(value: float, unit: str) -> str:
-    """A measured value or limit of the audit, with its unit; metres under 0.1 m in millimetres."""
-    if not np.isfinite(value):
-        return "-"
-    if unit == "m" and abs(value) < 0.1:
-        return f"{1e3 * value:.1f} mm"
-    return f"{value:.3g} {unit}".strip()
 
 
 def _audit_row(item: AuditItem) -> dict[str, Any]:

@@ -1,0 +1,167 @@
+"""The words and tables of a race's report: sentences are computed, so that they say what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
+from sprintlab.robots import RobotDescription
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number as text; a dash where it is not defined."""
+    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
+
+
+def sprint_text(sprint: SprintResult) -> str:
+    """Time of a sprint, or how far it came."""
+    return number(sprint.time) if sprint.finished else "not finished"
+
+
+def audit_value(value: float, unit: str) -> str:
+    """A measured value or limit of the audit, with its unit; metres under 0.1 m in millimetres."""
+    if not np.isfinite(value):
+        return "-"
+    if unit == "m" and abs(value) < 0.1:
+        return f"{1e3 * value:.1f} mm"
+    return f"{value:.3g} {unit}".strip()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultRow:
+    """One line of the table of results, mean and standard deviation over the trials that completed."""
+
+    name: str
+    raw: str
+    self_paced: str
+    unit: str
+    meaning: str
+
+
+_QUANTITIES = (
+    ("held speed", "held_speed", 2, "m/s", "mean over the last 2 s of the hold, heading frame"),
+    ("peak speed", "peak_speed", 2, "m/s", "best mean over 0.5 s"),
+    ("J", "angular_cost", 2, "rad²/s", "integral of roll rate² + pitch rate² over the profile"),
+    (
+        "cost of transport",
+        "cost_of_transport",
+        2,
+        "",
+        "power from the bus / (mass g speed), same time",
+    ),
+    ("power from the bus", "electrical_power", 0, "W", "all motors, last 2 s of the hold"),
+    ("mechanical power", "mechanical_power", 0, "W", "delivered to the joints, last 2 s of the hold"),
+    ("copper loss", "copper_power", 0, "W", "heat in the windings, last 2 s of the hold"),
+    ("stride frequency", "stride_frequency", 2, "Hz", "last 2 s of the hold"),
+    ("sideways deviation", "lateral_deviation", 2, "m", "largest distance from the straight line"),
+)
+
+
+def result_rows(result: RaceResult) -> Iterator[ResultRow]:
+    """The table of results, raw beside self-paced."""
+    yield ResultRow(
+        name=f"time over {result.sprint.distance:g} m",
+        raw=sprint_text(result.sprint),
+        self_paced=sprint_text(result.sprint_self_paced),
+        unit="s",
+        meaning="one run each, nominal friction and payload",
+    )
+    for name, field, digits, unit, meaning in _QUANTITIES:
+        raw, paced = (_with_spread(group, field, digits) for group in (result.raw, result.self_paced))
+        yield ResultRow(name=name, raw=raw, self_paced=paced, unit=unit, meaning=meaning)
+    raw, paced = (f"{group.falls} of {len(group.trials)}" for group in (result.raw, result.self_paced))
+    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that did not complete")
+
+
+def spread(group: SpeedResult, field: str) -> float:
+    """Standard deviation over the completed trials; ``nan`` for fewer than two."""
+    values = [getattr(trial.metrics, field) for trial in group.completed]
+    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
+
+
+def _with_spread(group: SpeedResult, field: str, digits: int) -> str:
+    mean, deviation = number(group.mean(field), digits), number(spread(group, field), digits)
+    return mean if "-" in (mean, deviation) else f"{mean} ± {deviation}"
+
+
+def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
+    """What a reader in a hurry must know, one sentence a point; nothing is said that was not measured."""
+    return [
+        _sprint_sentence(result),
+        *_speed_sentences(result),
+        *_motor_sentences(result, robot),
+        _audit_sentence(result),
+    ]
+
+
+def _sprint_sentence(result: RaceResult) -> str:
+    raw, paced = result.sprint, result.sprint_self_paced
+    ways = [
+        f"in {sprint.time:.2f} s {way}"
+        for sprint, way in ((raw, "with the raw command"), (paced, "self-paced"))
+        if sprint.finished
+    ]
+    start = f"{result.robot.upper()} ({result.mass:.1f} kg)"
+    if not ways:
+        return f"{start} did not finish the {raw.distance:g} m."
+    return f"{start} ran {raw.distance:g} m {' and '.join(ways)}."
+
+
+def _speed_sentences(result: RaceResult) -> Iterator[str]:
+    raw, trials = result.raw, len(result.raw.trials) + len(result.self_paced.trials)
+    yield f"{raw.falls + result.self_paced.falls} of {trials} seeded trials fell."
+    held = raw.mean("held_speed")
+    if np.isfinite(held):
+        gap = result.top_speed - held
+        yield (
+            f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, "
+            + (f"{gap:.2f} m/s short of the command." if gap > 0.05 else "as commanded.")
+        )
+
+
+def _motor_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
+    raw = result.raw
+    if not raw.completed:
+        return
+    share = np.asarray(raw.mean("envelope_share"), dtype=float)
+    busiest = robot.joint_names[int(share.argmax())].replace("_", " ")
+    yield f"The busiest motor, {busiest}, sits on its torque limit for {100 * share.max():.0f} % of the time."
+    drawn, copper = raw.mean("electrical_power"), raw.mean("copper_power")
+    if np.isfinite(drawn) and drawn > 0.0:
+        yield (
+            f"At speed the motors draw {drawn / 1e3:.1f} kW from the bus; {copper / 1e3:.1f} kW become heat "
+            "in the windings."
+        )
+
+
+def _audit_sentence(result: RaceResult) -> str:
+    failed = [item.name for item in result.audit.items if not item.passed]
+    if failed:
+        return f"The exploit audit failed ({', '.join(failed)}): the speeds are not to be trusted."
+    return "Every check of the exploit audit passed."
+
+
+def setup_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[str, str]]:
+    """With what it was run: robot, motors, plant, trials."""
+    limits = np.unique(np.asarray(robot.motors.peak_torque, dtype=float))
+    ratios = np.unique(np.asarray(robot.gear.ratio, dtype=float))
+    yield "robot", f"{robot.name}, {robot.total_mass:.1f} kg, {len(robot.joint_names)} motors"
+    yield (
+        "motors",
+        f"peak torque {_list(limits)} N m, gear ratio {_list(ratios)}, {robot.bus_voltage:g} V bus",
+    )
+    yield "policy", f"{result.policy}, 50 Hz"
+    yield "plant", "MuJoCo C, 0.25 ms steps, 1 kHz motor loop, refined motor model"
+    yield (
+        "trials",
+        f"{len(result.raw.trials)} with the raw command and {len(result.self_paced.trials)} self-paced, "
+        f"command up to {result.top_speed:g} m/s, {result.raw.required} must complete",
+    )
+    yield "computing time", f"{result.wall_time:.0f} s"
+
+
+def _list(values: np.ndarray) -> str:
+    return " and ".join(f"{value:g}" for value in values)
