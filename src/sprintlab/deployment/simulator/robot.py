@@ -24,7 +24,7 @@ from sprintlab.robots import RobotDescription
 
 _SETTLING = 2.0  # [s] that a robot takes to sink to the ground
 _UPRIGHT = 0.8  # of the standing height
-_SUDDEN = 0.5  # [s] from upright to the ground
+_SUDDEN = 0.3  # [s] from upright to the ground; a free fall takes 0.25 s, lying down half a second
 _MOVING = 0.5  # [m/s]
 
 
@@ -50,7 +50,7 @@ class SimulatedRobot:
         dropped: commands refused: old, duplicated, damaged, or a servo command to a latched watchdog.
         watchdog_trips: how often the watchdog took over from a controller.
         fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
-            or trunk or knee on the ground either above 0.5 m/s or within 0.5 s of standing under servo
+            or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
             commands.
 
     Raises:

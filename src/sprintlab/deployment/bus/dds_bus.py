@@ -1,0 +1,201 @@
+"""The bus over DDS, through Cyclone DDS: topics ``sprintlab_NAME_state``, ``_command`` and ``_fix``.
+
+Samples carry the bus's own bytes, best effort and without queues: a late command is worth nothing. A robot
+with a DDS interface of its own (Unitree's, for one) needs a bridge that does the duties of the robot's end;
+see ``sprintlab.deployment.interface``.
+"""
+
+# No ``from __future__ import annotations``: Cyclone DDS reads the type of ``Packet`` from its annotations.
+import contextlib
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException, Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import sequence, uint8
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from sprintlab.deployment.bus.address import BusAddress, BusError
+from sprintlab.deployment.interface import (
+    JointCommand,
+    MessageError,
+    MessageType,
+    PositionFix,
+    RobotState,
+    decode,
+    encode,
+)
+
+_PATIENCE = 3.0  # [s] to find a robot
+_SETTLING = 0.5  # [s] to hear of others
+_WAITING = 256  # samples that wait to be read; the oldest make room
+_QOS = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(_WAITING), Policy.Durability.Volatile)
+
+
+@dataclass
+class Packet(IdlStruct, typename="sprintlab.Packet"):
+    """A message of the bus."""
+
+    content: sequence[uint8]  # type: ignore
+
+
+def open_interface(address: BusAddress) -> "DdsInterface":
+    """The controller's end.
+
+    Raises:
+        BusError: no robot of this name is in the domain, or another controller drives it.
+    """
+    return DdsInterface(address)
+
+
+def open_endpoint(address: BusAddress) -> "DdsEndpoint":
+    """The robot's end.
+
+    Raises:
+        BusError: a robot of this name is in the domain already.
+    """
+    return DdsEndpoint(address)
+
+
+class _DdsEnd:
+    """A participant with topics of one robot."""
+
+    def __init__(self, address: BusAddress, writes: tuple[str, ...], reads: tuple[str, ...]) -> None:
+        self.malformed = 0
+        self._closed = self._peer_seen = False
+        self._name = f"sprintlab_{address.name}"
+        self._participant = _participant(address)
+        self._greet(address)
+        self._writers = {name: DataWriter(self._participant, self._topic(name), qos=_QOS) for name in writes}
+        self._readers = {name: DataReader(self._participant, self._topic(name), qos=_QOS) for name in reads}
+        self._waiting: dict[str, list[bytes]] = {name: [] for name in reads}
+
+    @property
+    def peer_left(self) -> bool:
+        """Whether the other end was there and is gone, in good order or not."""
+        if self._closed:
+            return True
+        here = any(reader.get_matched_publications() for reader in self._readers.values())
+        self._peer_seen = self._peer_seen or here
+        return self._peer_seen and not here
+
+    def close(self) -> None:
+        """Let go of the bus; a second call does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._writers.clear()
+            self._readers.clear()
+            del self._participant
+
+    def _greet(self, address: BusAddress) -> None:
+        """Find out whether this end may be there."""
+        raise NotImplementedError
+
+    def _topic(self, name: str) -> Any:
+        return Topic(self._participant, f"{self._name}_{name}", Packet)
+
+    def _published(self) -> set[str]:
+        """Topics of this robot that somebody publishes."""
+        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=1000)
+        names = {sample.topic_name for sample in found if hasattr(sample, "topic_name")}
+        return {name.removeprefix(f"{self._name}_") for name in names if name.startswith(f"{self._name}_")}
+
+    def _put(self, name: str, content: bytes) -> None:
+        if self._closed:
+            return
+        with contextlib.suppress(DDSException):  # a link that is down: the other end's watchdog sees it
+            self._writers[name].write(Packet(content=list(content)))
+
+    def _next(self, name: str, kind: type[MessageType]) -> MessageType | None:
+        while not self._closed:
+            waiting = self._waiting[name]
+            if not waiting:
+                samples = self._readers[name].take(N=_WAITING)
+                waiting += [bytes(s.content) for s in samples if isinstance(s, Packet)]
+            if not waiting:
+                return None
+            try:
+                return decode(kind, waiting.pop(0))
+            except MessageError:
+                self.malformed += 1
+        return None
+
+
+class DdsInterface(_DdsEnd):
+    """The controller's end over DDS.
+
+    Attributes:
+        malformed: messages that ``decode`` refused.
+    """
+
+    def __init__(self, address: BusAddress) -> None:
+        super().__init__(address, writes=("command",), reads=("state", "fix"))
+
+    def receive(self) -> RobotState | None:
+        """The next state in order of arrival; None if there is none left."""
+        return self._next("state", RobotState)
+
+    def receive_fix(self) -> PositionFix | None:
+        """The newest position fix not yet read, if any."""
+        newest = None
+        while (fix := self._next("fix", PositionFix)) is not None:
+            newest = fix
+        return newest
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the robot."""
+        self._put("command", encode(command))
+
+    def _greet(self, address: BusAddress) -> None:
+        deadline = time.monotonic() + _PATIENCE
+        while "state" not in self._published():
+            if time.monotonic() > deadline:
+                raise BusError(f"no robot named {address.name!r} is in the DDS domain; start it first")
+            time.sleep(0.1)
+        time.sleep(_SETTLING)
+        if "command" in self._published():
+            raise BusError(f"another controller drives the robot {address.name!r}")
+
+
+class DdsEndpoint(_DdsEnd):
+    """The robot's end over DDS.
+
+    Attributes:
+        malformed: messages that ``decode`` refused.
+    """
+
+    def __init__(self, address: BusAddress) -> None:
+        super().__init__(address, writes=("state", "fix"), reads=("command",))
+
+    def receive_command(self) -> JointCommand | None:
+        """The next command in order of arrival; None if there is none left."""
+        return self._next("command", JointCommand)
+
+    def publish(self, state: RobotState) -> None:
+        """Send a state."""
+        self._put("state", encode(state))
+
+    def publish_fix(self, fix: PositionFix) -> None:
+        """Send a position fix."""
+        self._put("fix", encode(fix))
+
+    def _greet(self, address: BusAddress) -> None:
+        time.sleep(_SETTLING)
+        if "state" in self._published():
+            raise BusError(f"a robot named {address.name!r} is in the DDS domain already")
+
+
+def _participant(address: BusAddress) -> Any:
+    """A participant of the domain that the address names, 0 if it names none."""
+    place = address.place or "0"
+    if not place.isdecimal() or int(place) > 230:
+        raise BusError(f"a DDS domain is a number from 0 to 230, not {place!r}")
+    try:
+        return DomainParticipant(int(place))
+    except DDSException as error:
+        raise BusError(f"cannot join DDS domain {place}: {error}") from error
