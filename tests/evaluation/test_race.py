@@ -7,8 +7,6 @@ import pytest
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
-from sprintlab.evaluation.results import ProtocolResult, SpeedResult
-from sprintlab.evaluation.tables import METHOD_COLUMNS, method_cells, method_rows, spread
 
 KEYS = {
     "time_100m_s",
@@ -71,33 +69,3 @@ def test_a_policy_for_another_robot_is_refused(standing_policy, robot):
 
     with pytest.raises(ContractMismatchError):
         evaluate_race(standing_policy, replace(robot, bus_voltage=48.0), top_speed=1.0, workers=1)
-
-
-def protocol(make_trial, cost, completed=True):
-    trial = make_trial(held_speed=11.0, angular_cost=cost, completed=completed)
-    speed = SpeedResult(top_speed=11.0, self_paced=False, trials=(trial,), required=1)
-    return ProtocolResult(self_paced=False, speeds=(speed,), common=speed)
-
-
-def test_methods_are_compared_with_the_mean_of_the_reference(make_trial):
-    results = {
-        "baseline": [protocol(make_trial, 3.0), protocol(make_trial, 3.0, completed=False)],
-        "sprint": [protocol(make_trial, cost) for cost in (1.0, 2.0, 3.0)],
-    }
-    baseline, sprint = method_rows(results)
-    assert sprint.normalized_cost.mean == pytest.approx(1.0)
-    assert sprint.normalized_cost.deviation == pytest.approx(0.5)
-    assert baseline.normalized_cost.mean == pytest.approx(1.5)
-    assert (baseline.seeds, baseline.audit_passed) == (2, 1)
-    assert len(method_cells(sprint)) == len(METHOD_COLUMNS)
-    assert method_cells(baseline)[2:6] == ("11.00", "10.20", "3.00", "1.500")
-    assert method_cells(sprint)[5] == "1.000 ± 0.500"
-
-
-def test_nothing_known_is_a_dash():
-    assert spread([float("nan")]).text() == "-"
-
-
-def test_the_reference_must_be_there(make_trial):
-    with pytest.raises(InvalidValueError, match="sprint"):
-        method_rows({"baseline": [protocol(make_trial, 1.0)]})

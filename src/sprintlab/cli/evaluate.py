@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
+from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
 from sprintlab.cli.race import policy_path, protocol_settings
+
+FIRST_PASS = 1.0  # [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +28,12 @@ class Evaluate:
         start: lowest speed [m/s].
         top: highest speed [m/s].
         grid: step between speeds [m/s].
+        every_speed: walk the whole grid instead of whole m/s first.
         common_speed: also report J at this speed, to compare policies [m/s].
         workers: processes; one a core when left out.
         out: also write the JSON here.
         json: print JSON only.
+        drive: motor model, battery and heat.
     """
 
     policy: tyro.conf.Positional[str]
@@ -38,10 +43,12 @@ class Evaluate:
     start: float = 1.0
     top: float = 16.0
     grid: float = 0.25
+    every_speed: tyro.conf.FlagCreatePairsOff[bool] = False
     common_speed: float | None = None
     workers: int | None = None
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
+    drive: DriveFlags = DriveFlags()
 
     def run(self) -> int:
         """Run the protocol and print its numbers.
@@ -71,7 +78,15 @@ class Evaluate:
 
         if self.common_speed is not None:
             check_positive("common_speed", self.common_speed, "m/s")
-        settings = protocol_settings(self.trials, self.seed, start=self.start, top=self.top, grid=self.grid)
+        settings = protocol_settings(
+            self.trials,
+            self.seed,
+            start=self.start,
+            top=self.top,
+            grid=self.grid,
+            first_step=first_pass(self.grid, self.every_speed),
+            plant=self.drive.plant(),
+        )
         results = []
         with TrialPool(policy_path(self.policy), chosen_robot(self.robot), self.workers) as pool:
             for paced, name in ((False, "raw"), (True, "self-paced")):
@@ -85,6 +100,12 @@ class Evaluate:
                     )
                 )
         return results
+
+
+def first_pass(grid: float, every_speed: bool) -> float | None:
+    """Step of a search's first pass [m/s]: 1 m/s where that is on the grid; ``None`` walks the whole grid."""
+    steps = FIRST_PASS / grid if grid > 0.0 else 0.0
+    return FIRST_PASS if not every_speed and steps > 1.0 and abs(steps - round(steps)) < 1e-6 else None
 
 
 def _speed_progress(
@@ -110,6 +131,7 @@ def protocol_numbers(result: Any) -> dict[str, Any]:
         "J_common_rad2_s": _defined(result.angular_cost_common),
         "common_speed_m_s": None if result.common is None else result.common.top_speed,
         "top_speed_command_m_s": None if best is None else best.top_speed,
+        "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
         "cost_of_transport": None if best is None else _defined(best.mean("cost_of_transport")),
         "speeds": [
             {
@@ -123,6 +145,13 @@ def protocol_numbers(result: Any) -> dict[str, Any]:
             for speed in result.speeds
         ],
     }
+
+
+def best_estimates(best: Any) -> tuple[Any, ...]:
+    """Errors of the policy's estimate by speed, over the completed trials; empty without an estimator."""
+    from sprintlab.evaluation.estimates import merge_bands
+
+    return merge_bands(band for trial in best.completed for band in trial.metrics.estimate)
 
 
 def _defined(value: float) -> float | None:
@@ -149,3 +178,18 @@ def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
     console = stdout_console()
     console.print(table)
     console.print("speeds in m/s, J in rad²/s")
+    for name, row in numbers.items():
+        if row["estimate"]:
+            console.print()
+            console.print(_estimate_table(name, row["estimate"]))
+
+
+def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Any:
+    from sprintlab.evaluation.ablation.table import ESTIMATE_COLUMNS, estimate_cells
+    from sprintlab.evaluation.results import EstimateBand
+
+    title = f"Estimate against truth at the highest speed, {name}"
+    table = plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:])
+    for row in estimate_cells([EstimateBand(**band) for band in bands]):
+        table.add_row(*row)
+    return table

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from sprintlab.cli.ablate import Ablate
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
@@ -22,6 +23,7 @@ from sprintlab.cli.race import Race
 from sprintlab.cli.replay import Replay
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
+from sprintlab.cli.run import Run
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
 
@@ -33,7 +35,9 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Ablate, tyro.conf.subcommand(name="ablate")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
+    | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[RobotSim, tyro.conf.subcommand(name="robot-sim")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]
     | Annotated[Train, tyro.conf.subcommand(name="train")]

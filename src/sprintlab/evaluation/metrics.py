@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
 from sprintlab.motors import copper_loss, electrical_power, no_load_speed
 from sprintlab.plant import PlantOptions
@@ -60,6 +61,7 @@ def trial_metrics(
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
         duty_factor=_duty_factor(trajectory, window),
+        estimate=estimate_bands(trajectory),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
     )
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.results import Trajectory
@@ -24,13 +25,17 @@ class Recorder:
         model: the compiled model that is simulated.
         robot: its description.
         capacity: greatest number of samples.
+        estimates: whether ``estimate`` is set at every policy step and shall be kept.
     """
 
-    def __init__(self, model: mujoco.MjModel, robot: RobotDescription, capacity: int) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, robot: RobotDescription, capacity: int, estimates: bool = False
+    ) -> None:
         self._robot = robot
         self._count = 0
         self.command = np.zeros(3)
         self.profile_speed = 0.0
+        self.estimate: FloatArray | None = None
         joints, legs = len(robot.joint_names), robot.leg_names
         self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
         self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
@@ -57,6 +62,8 @@ class Recorder:
             "capsule_position": (*self._capsules.shape, 3),
             "capsule_frame": (*self._capsules.shape, 9),
         }
+        if estimates:
+            shapes["estimate"] = (ESTIMATE_SIZE,)
         self._lowest_foot = np.full(len(legs), np.inf)
         self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
 
@@ -70,6 +77,8 @@ class Recorder:
         raw["time"][index] = data.time
         raw["profile_speed"][index] = self.profile_speed
         raw["command"][index] = self.command
+        if self.estimate is not None:
+            raw["estimate"][index] = self.estimate
         raw["qpos"][index] = data.qpos
         raw["qvel"][index] = data.qvel
         raw["joint_target"][index] = targets

@@ -46,6 +46,8 @@ class Trajectory:
         foot_position: (T, 4, 3) centre of the foot sphere, world [m].
         foot_slip_speed: (T, 4) tangential speed of the lowest point of the foot [m/s].
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
+        estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
+            height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
     """
 
     time: Array
@@ -70,10 +72,37 @@ class Trajectory:
     foot_position: Array
     foot_slip_speed: Array
     leg_distance: Array
+    estimate: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
-        """Every array by its name, for ``numpy.savez_compressed``."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        """Every array that there is by its name, for ``numpy.savez_compressed``."""
+        named = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: values for name, values in named.items() if values is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateBand:
+    """Errors of a policy's estimate while the robot really ran at a speed of this band.
+
+    Attributes:
+        lower: slowest speed of the band [m/s].
+        upper: fastest speed of the band [m/s].
+        samples: policy steps that count.
+        forward_bias: mean of estimated minus true forward velocity [m/s].
+        forward_error: its root mean square [m/s].
+        velocity_error: root mean square of the length of the velocity error, all three axes [m/s].
+        height_error: root mean square [m].
+        contact_accuracy: share of feet and steps at which contact or flight was told rightly.
+    """
+
+    lower: float
+    upper: float
+    samples: int
+    forward_bias: float
+    forward_error: float
+    velocity_error: float
+    height_error: float
+    contact_accuracy: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +128,7 @@ class TrialMetrics:
         deepest_penetration: of a foot into the ground [m].
         smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
         slip_per_step: mean way that a foot slides in one stance [m].
+        estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
     """
 
     held_speed: float
@@ -118,6 +148,7 @@ class TrialMetrics:
     deepest_penetration: float
     smallest_leg_distance: float
     slip_per_step: float
+    estimate: tuple[EstimateBand, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -163,7 +163,7 @@ def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, 
     runtime.reset()
     policy_steps = math.ceil(course.longest * POLICY_RATE) + 1
     samples = math.ceil(policy_steps * request.plant.record_rate / POLICY_RATE)
-    recorder = Recorder(plant.model, robot, samples)
+    recorder = Recorder(plant.model, robot, samples, estimates=policy.estimates)
     motor_steps = round(request.plant.motor_rate / POLICY_RATE)
     upright = True
     while upright:
@@ -174,6 +174,7 @@ def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, 
         recorder.profile_speed = asked
         recorder.command = _command(asked, base, request.self_paced)
         targets = runtime.step(plant.measurement(), recorder.command)
+        recorder.estimate = runtime.last_estimate
         upright = plant.advance(np.asarray(targets, dtype=float), motor_steps, recorder)
     return _Run(
         trajectory=recorder.trajectory(),

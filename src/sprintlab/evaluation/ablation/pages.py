@@ -1,12 +1,28 @@
-"""Computed sections of a Markdown page: written between two marks, the text around them stays."""
+"""The tables of an ablation, and the computed sections of a page; the text around them stays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.evaluation.ablation.table import (
+    COLLAPSE_SPEED,
+    DETAIL_COLUMNS,
+    ESTIMATE_COLUMNS,
+    SEED_COLUMNS,
+    TABLE_COLUMNS,
+    Records,
+    common_speed,
+    detail_cells,
+    estimate_cells,
+    method_estimates,
+    method_rows,
+    seed_cells,
+    table_cells,
+)
 
 
 def section_marks(name: str) -> tuple[str, str]:
@@ -35,3 +51,100 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str
     """A table in Markdown; cells are text."""
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextTable:
+    """A table for a terminal or a page.
+
+    Attributes:
+        name: of its section on a page.
+        title: heading.
+        columns: headings of the columns.
+        rows: cells as text.
+        note: how to read it.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str
+
+
+def result_tables(grouped: Records) -> list[TextTable]:
+    """Every table of an ablation: Table II, what stands behind it, each seed, the estimates."""
+    rows = method_rows(grouped)
+    everything = [record for group in grouped.values() for record in group]
+    tables = [
+        TextTable(
+            name="methods",
+            title="Table II",
+            columns=TABLE_COLUMNS,
+            rows=tuple(table_cells(row) for row in rows),
+            note=TABLE_NOTE,
+        ),
+        TextTable(
+            name="details",
+            title="At the highest speed that each policy passes, raw command",
+            columns=DETAIL_COLUMNS,
+            rows=tuple(detail_cells(row) for row in rows),
+            note=_detail_note(common_speed(everything)),
+        ),
+        TextTable(
+            name="seeds",
+            title="Every policy",
+            columns=SEED_COLUMNS,
+            rows=tuple(seed_cells(record) for record in everything),
+            note=SEED_NOTE,
+        ),
+    ]
+    return [*tables, *_estimate_tables(grouped)]
+
+
+TABLE_NOTE = (
+    "Speeds in m/s, times in s; mean ± standard deviation over the seeds. Ours is a surrogate robot: compare "
+    f"orders and ratios. Collapse: less than {COLLAPSE_SPEED:g} m/s held."
+)
+SEED_NOTE = "v*: the highest commanded speed that enough trials completed. Audit: what failed, if anything."
+ESTIMATE_NOTE = (
+    "Root mean square errors of the filtered estimate, as the policy used it, against the simulator; raw "
+    "trials at the best speed of each seed, by the true forward speed."
+)
+
+
+def _detail_note(speed: float | None) -> str:
+    if speed is None:
+        return "There is no speed that every policy passed."
+    return f"J in rad²/s. Common speed: {speed:g} m/s, the highest that every policy passed and was tried at."
+
+
+def _estimate_tables(grouped: Records) -> list[TextTable]:
+    """One table a method whose policies estimate."""
+    bands = {method: method_estimates(group) for method, group in grouped.items()}
+    return [
+        TextTable(
+            name=f"estimates-{method}",
+            title=f"Estimates of {method}",
+            columns=ESTIMATE_COLUMNS,
+            rows=tuple(estimate_cells(found)),
+            note=ESTIMATE_NOTE,
+        )
+        for method, found in bands.items()
+        if found
+    ]
+
+
+def update_results_page(page: Path, grouped: Records) -> None:
+    """Put every table between the marks of the page; the estimates of all methods share one section.
+
+    Raises:
+        SprintlabError: the page cannot be read or written, or lacks a section's marks.
+    """
+    sections: dict[str, list[str]] = {"methods": [], "details": [], "seeds": [], "estimates": []}
+    for table in result_tables(grouped):
+        title = f"**{table.title}**\n\n" if table.name.startswith("estimates") else ""
+        text = f"{title}{markdown_table(table.columns, table.rows)}\n\n{table.note}"
+        sections[table.name.split("-")[0]].append(text)
+    for name, parts in sections.items():
+        replace_section(page, name, "\n\n".join(parts) or "No policy with an estimator yet.")

@@ -1,0 +1,281 @@
+"""Evaluates policies by the protocol, several side by side, and remembers every speed that is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from sprintlab.control import PolicyContract, load_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+from sprintlab.evaluation.ablation.record import (
+    EvaluationRecord,
+    SearchRecord,
+    SpeedRecord,
+    SprintRecord,
+    speed_record,
+    sprint_record,
+)
+from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
+from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, search_speeds
+from sprintlab.evaluation.results import SprintResult
+from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.robots import RobotDescription, robot_fingerprint
+
+PACKAGES = ("sprintlab", "mujoco", "numpy", "onnxruntime")
+WAYS = ("raw", "self-paced")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A policy to evaluate.
+
+    Attributes:
+        method: its row of the table.
+        seed: of its training.
+        policy: the policy file.
+    """
+
+    method: str
+    seed: int
+    policy: Path
+
+    def __str__(self) -> str:
+        return f"{self.method}, seed {self.seed}"
+
+
+Step = Callable[[Candidate, str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationPlan:
+    """How policies are evaluated.
+
+    Attributes:
+        robot: what they drive.
+        protocol: trials, grid, first pass, plant.
+        distance: of the sprint [m].
+        cache: folder that keeps every finished speed, so that a killed run goes on; ``None`` keeps none.
+        workers: processes; ``None`` takes one a core.
+        command_line: as typed.
+    """
+
+    robot: RobotDescription
+    protocol: ProtocolSettings = field(default_factory=ProtocolSettings)
+    distance: float = 100.0
+    cache: Path | None = None
+    workers: int | None = None
+    command_line: str = ""
+
+    def protocol_numbers(self) -> dict[str, Any]:
+        """Every setting that decides the numbers, JSON-ready."""
+        return {**asdict(self.protocol), "friction": list(self.protocol.friction), "distance": self.distance}
+
+    def digest(self, policy_sha256: str) -> str:
+        """Name of everything that decides the numbers of one policy: file, robot, settings, versions."""
+        decides = {
+            "policy": policy_sha256,
+            "robot": robot_fingerprint(self.robot),
+            "protocol": {k: v for k, v in self.protocol_numbers().items() if k not in _PATH_ONLY},
+            "versions": versions(),
+        }
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:20]
+
+
+_PATH_ONLY = ("start", "top", "first_step")
+"""These decide which speeds are tried, not what comes out at one of them."""
+
+
+def evaluate_candidates(
+    candidates: Sequence[Candidate],
+    plan: EvaluationPlan,
+    *,
+    done: Callable[[Candidate, EvaluationRecord], None] = lambda *_: None,
+    step: Step = lambda *_: None,
+) -> list[EvaluationRecord]:
+    """Evaluate policies, as many at once as keep every core busy.
+
+    Args:
+        candidates: what to evaluate.
+        plan: how.
+        done: called, from another thread, with each record as soon as it is complete.
+        step: called, from another thread, after every speed: candidate, what was run, v* [m/s].
+
+    Returns:
+        Records in the order of the candidates.
+
+    Raises:
+        SprintlabError: a policy is refused, the simulation failed, or the cache cannot be written; what
+            was finished by then is in the cache.
+    """
+    for candidate in candidates:  # refuse before hours of work, not after
+        TrialPool(candidate.policy, plan.robot, workers=1)
+    with WorkerProcesses(plan.workers) as processes:
+        # A search waits for its slowest trial at every speed: two at once fill the gaps of a few cores.
+        together = max(1, min(len(candidates), processes.count // 4 + 1))
+        with ThreadPoolExecutor(together) as threads:
+
+            def evaluate(candidate: Candidate) -> EvaluationRecord:
+                record = _Evaluation(candidate, plan, processes, step).run()
+                done(candidate, record)
+                return record
+
+            futures = [threads.submit(evaluate, candidate) for candidate in candidates]
+            return _results(futures, processes)
+
+
+def _results(futures: list[Future[EvaluationRecord]], processes: WorkerProcesses) -> list[EvaluationRecord]:
+    """All results; the first failure, or Ctrl-C, stops the others."""
+    try:
+        wait(futures, return_when=FIRST_EXCEPTION)
+        failed = [future for future in futures if future.done() and future.exception() is not None]
+        return [future.result() for future in (failed or futures)]
+    except BaseException:
+        for future in futures:
+            future.cancel()
+        processes.close()
+        raise
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that decide the numbers."""
+    return {name: metadata.version(name) for name in PACKAGES}
+
+
+def policy_digest(path: Path) -> str:
+    """SHA-256 of a policy file.
+
+    Raises:
+        SprintlabError: it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise SprintlabError(f"cannot read policy file {path}: {error.strerror or error}") from error
+
+
+class _Evaluation:
+    """One policy through the whole protocol."""
+
+    def __init__(
+        self,
+        candidate: Candidate,
+        plan: EvaluationPlan,
+        processes: WorkerProcesses,
+        step: Step,
+    ) -> None:
+        self._candidate, self._plan, self._step = candidate, plan, step
+        self._sha256 = policy_digest(candidate.policy)
+        self._pool = TrialPool(candidate.policy, plan.robot, processes=processes)
+        self._cache = None if plan.cache is None else plan.cache / plan.digest(self._sha256)
+
+    def run(self) -> EvaluationRecord:
+        """Both searches, then both sprints at their best speeds."""
+        searches = {way: self._search(way) for way in WAYS}
+        sprints = {way: self._sprint(way, searches[way]) for way in WAYS}
+        return evaluation_record(
+            self._candidate, self._plan, self._sha256, self._pool.policy.contract, searches, sprints
+        )
+
+    def _search(self, way: str) -> SearchRecord:
+        speeds = search_speeds(self._plan.protocol, lambda top_speed: self._speed(way, top_speed))
+        return SearchRecord(speeds=speeds)
+
+    def _speed(self, way: str, top_speed: float) -> SpeedRecord:
+        def measure() -> SpeedRecord:
+            paced = way == "self-paced"
+            return speed_record(
+                run_speed(self._pool, top_speed, self_paced=paced, settings=self._plan.protocol)
+            )
+
+        record: SpeedRecord = self._remembered(f"{way}-{top_speed:.4f}", SpeedRecord, measure)
+        self._step(self._candidate, f"{way} {top_speed:g} m/s", top_speed)
+        return record
+
+    def _sprint(self, way: str, search: SearchRecord) -> SprintRecord | None:
+        if search.best is None:
+            return None
+        top_speed = search.best.top_speed
+
+        def measure() -> SprintRecord:
+            request = TrialRequest(
+                top_speed=top_speed,
+                distance=self._plan.distance,
+                self_paced=way == "self-paced",
+                plant=self._plan.protocol.plant,
+            )
+            (result,) = self._pool.run([request])
+            assert isinstance(result, SprintResult)
+            return sprint_record(result)
+
+        record = self._remembered(f"sprint-{way}-{top_speed:.4f}", SprintRecord, measure)
+        self._step(self._candidate, f"{way} {self._plan.distance:g} m", top_speed)
+        return record
+
+    def _remembered(self, name: str, kind: type[Any], measure: Callable[[], Any]) -> Any:
+        """From the cache, else measured and put there; a damaged file counts as missing."""
+        if self._cache is None:
+            return measure()
+        path = self._cache / f"{name}.json"
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=kind)
+        except (OSError, msgspec.DecodeError):
+            record = measure()
+            atomic_write_json(path, msgspec.to_builtins(record))
+            return record
+
+
+def evaluation_record(
+    candidate: Candidate,
+    plan: EvaluationPlan,
+    policy_sha256: str,
+    contract: PolicyContract,
+    searches: dict[str, SearchRecord],
+    sprints: dict[str, SprintRecord | None],
+) -> EvaluationRecord:
+    """Everything about one policy, with what is needed to repeat it."""
+    training = contract.training
+    return EvaluationRecord(
+        method=candidate.method,
+        seed=candidate.seed,
+        actuator_model=training.actuator_model,
+        training={
+            "method": training.method,
+            "device": training.device,
+            "date": training.date,
+            "environment_steps": str(training.environment_steps),
+            "config_hash": training.config_hash,
+            "command_line": training.command_line,
+        },
+        policy_sha256=policy_sha256,
+        robot=plan.robot.name,
+        robot_fingerprint=robot_fingerprint(plan.robot),
+        protocol=plan.protocol_numbers(),
+        command_line=plan.command_line,
+        date=datetime.now().astimezone().isoformat(timespec="seconds"),
+        versions=versions(),
+        machine=f"Python {platform.python_version()}, {platform.machine()} {platform.system()}",
+        raw=searches["raw"],
+        self_paced=searches["self-paced"],
+        sprint=sprints["raw"],
+        sprint_self_paced=sprints["self-paced"],
+    )
+
+
+def load_candidate(method: str, policy: Path) -> Candidate:
+    """A policy file as a candidate; its seed is in its contract.
+
+    Raises:
+        PolicyFileError: the file is no policy.
+    """
+    return Candidate(method=method, seed=load_policy(policy).contract.training.seed, policy=policy)

@@ -1,0 +1,280 @@
+"""What is kept of a policy's evaluation: plain numbers in ``evaluation.json``; ``null`` where undefined."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.estimates import merge_bands
+from sprintlab.evaluation.results import AuditReport, EstimateBand, SpeedResult, SprintResult
+
+FORMAT_VERSION = 1
+
+Number = float | None
+Numbers = tuple[Number, ...]
+
+
+class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One item of the exploit audit; ``value`` is ``null`` where it is not defined."""
+
+    name: str
+    value: Number
+    unit: str
+    threshold: float
+    passed: bool
+
+
+class AuditRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The exploit audit, item by item."""
+
+    items: tuple[AuditEntry, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every item passed."""
+        return all(item.passed for item in self.items)
+
+
+class SpeedRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The seeded trials of one v*: means over those that completed.
+
+    Attributes:
+        top_speed: v* [m/s].
+        trials: how many ran; a speed that fails is given up at the fall that decides it.
+        falls: how many of them fell.
+        passed: whether enough completed.
+        held_speed: [m/s].
+        peak_speed: 0.5 s mean [m/s].
+        angular_cost: J [rad^2/s].
+        lateral_deviation: [m].
+        cost_of_transport: electrical.
+        electrical_power: [W].
+        stride_frequency: [Hz].
+        duty_factor: of each foot (4).
+        envelope_share: share of time of each joint on its motor's limit (12).
+        audit: the exploit audit over the trials that completed.
+        estimate: errors of the policy's estimate by speed; empty without an estimator.
+    """
+
+    top_speed: float
+    trials: int
+    falls: int
+    passed: bool
+    held_speed: Number
+    peak_speed: Number
+    angular_cost: Number
+    lateral_deviation: Number
+    cost_of_transport: Number
+    electrical_power: Number
+    stride_frequency: Number
+    duty_factor: Numbers
+    envelope_share: Numbers
+    audit: AuditRecord
+    estimate: tuple[EstimateBand, ...] = ()
+
+
+class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The search for the highest speed, one way of giving the command.
+
+    Attributes:
+        speeds: every v* tried, rising.
+    """
+
+    speeds: tuple[SpeedRecord, ...]
+
+    @property
+    def best(self) -> SpeedRecord | None:
+        """The highest v* before the first that failed; ``None`` when the first one failed."""
+        best = None
+        for speed in self.speeds:
+            if not speed.passed:
+                break
+            best = speed
+        return best
+
+    def at(self, top_speed: float) -> SpeedRecord | None:
+        """The trials at one v* [m/s]; ``None`` when it was not tried."""
+        return next((speed for speed in self.speeds if abs(speed.top_speed - top_speed) < 1e-9), None)
+
+    @property
+    def max_velocity(self) -> float:
+        """Mean held speed at the best v* [m/s]; ``nan`` when nothing passed."""
+        return math.nan if self.best is None else number(self.best.held_speed)
+
+    @property
+    def peak_speed(self) -> float:
+        """Mean 0.5 s peak at the best v* [m/s]; ``nan`` when nothing passed."""
+        return math.nan if self.best is None else number(self.best.peak_speed)
+
+    @property
+    def angular_cost(self) -> float:
+        """J at the best v* [rad^2/s]; ``nan`` when nothing passed."""
+        return math.nan if self.best is None else number(self.best.angular_cost)
+
+    @property
+    def audit_passed(self) -> bool:
+        """Whether a speed passed and its trials kept the exploit audit."""
+        return self.best is not None and self.best.audit.passed
+
+
+class SprintRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One run over a distance.
+
+    Attributes:
+        top_speed: v* [m/s].
+        distance: [m].
+        time: from the first non-zero command to the base's last metre [s]; ``null`` when not reached.
+        fell: whether it fell, be it after the line.
+        audit: exploit audit of the run.
+    """
+
+    top_speed: float
+    distance: float
+    time: Number
+    fell: bool
+    audit: AuditRecord
+
+
+class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that an evaluation found out about one policy.
+
+    Attributes:
+        format_version: of this structure.
+        method: training method, from the policy's contract.
+        seed: of the training.
+        actuator_model: motor model in training.
+        training: device, date, steps and command line of the training.
+        policy_sha256: of the policy file.
+        robot: name of the robot.
+        robot_fingerprint: of its description.
+        protocol: settings of the search.
+        command_line: that made this record.
+        date: ISO 8601.
+        versions: of the packages that ran it.
+        machine: in words.
+        raw: search with the command as it is.
+        self_paced: search with the command held within 1 m/s of the measured speed.
+        sprint: over the distance, raw, at the best v*; ``null`` when no v* passed.
+        sprint_self_paced: the same, self-paced.
+    """
+
+    format_version: int = FORMAT_VERSION
+    method: str
+    seed: int
+    actuator_model: str
+    training: dict[str, str]
+    policy_sha256: str
+    robot: str
+    robot_fingerprint: str
+    protocol: dict[str, Any]
+    command_line: str
+    date: str
+    versions: dict[str, str]
+    machine: str
+    raw: SearchRecord
+    self_paced: SearchRecord
+    sprint: SprintRecord | None
+    sprint_self_paced: SprintRecord | None
+
+
+def number(value: Number) -> float:
+    """``nan`` for ``None``."""
+    return math.nan if value is None else value
+
+
+def plain(value: float) -> Number:
+    """``None`` for what is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def audit_record(report: AuditReport) -> AuditRecord:
+    """The audit without its notes."""
+    return AuditRecord(
+        items=tuple(
+            AuditEntry(
+                name=item.name,
+                value=plain(item.value),
+                unit=item.unit,
+                threshold=item.threshold,
+                passed=item.passed,
+            )
+            for item in report.items
+        )
+    )
+
+
+def speed_record(result: SpeedResult) -> SpeedRecord:
+    """The numbers of one v*."""
+    done = [trial.metrics for trial in result.completed]
+    means = {
+        name: plain(result.mean(name))
+        for name in (
+            "held_speed",
+            "peak_speed",
+            "angular_cost",
+            "lateral_deviation",
+            "cost_of_transport",
+            "electrical_power",
+            "stride_frequency",
+        )
+    }
+    vectors = {
+        name: tuple(plain(value) for value in result.mean(name)) if done else ()
+        for name in ("duty_factor", "envelope_share")
+    }
+    return SpeedRecord(
+        top_speed=result.top_speed,
+        trials=len(result.trials),
+        falls=result.falls,
+        passed=result.passed,
+        audit=audit_record(audit_trials(done)),
+        estimate=merge_bands(band for metrics in done for band in metrics.estimate),
+        **means,
+        **vectors,
+    )
+
+
+def sprint_record(result: SprintResult) -> SprintRecord:
+    """The numbers of one run over a distance."""
+    return SprintRecord(
+        top_speed=result.trial.top_speed,
+        distance=result.distance,
+        time=plain(result.time),
+        fell=not result.trial.completed,
+        audit=audit_record(result.trial.audit),
+    )
+
+
+def encode(record: msgspec.Struct) -> Any:
+    """A record as JSON-ready values."""
+    return msgspec.to_builtins(record)
+
+
+def decode(data: Any, kind: type[Any]) -> Any:
+    """Inverse of ``encode``. Raises ``msgspec.ValidationError`` for anything else."""
+    return msgspec.convert(data, kind)
+
+
+def write_evaluation(path: Path, record: EvaluationRecord) -> None:
+    """Write in one step; raises ``SprintlabError`` where the disk refuses."""
+    atomic_write_json(path, encode(record))
+
+
+def read_evaluation(path: Path) -> EvaluationRecord:
+    """Inverse of ``write_evaluation``.
+
+    Raises:
+        SprintlabError: the file is missing, no evaluation, or of another format.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=EvaluationRecord)
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except msgspec.DecodeError as error:
+        raise SprintlabError(f"{path} is no evaluation of this version: {error}") from error

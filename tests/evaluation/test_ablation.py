@@ -1,0 +1,329 @@
+"""The methods side by side: searches that resume, tables, pages, folders of runs."""
+
+import dataclasses
+import json
+import math
+
+import msgspec
+import pytest
+
+from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
+from sprintlab.evaluation.ablation import measure, runs
+from sprintlab.evaluation.ablation.measure import Candidate, EvaluationPlan, evaluate_candidates
+from sprintlab.evaluation.ablation.pages import (
+    markdown_table,
+    replace_section,
+    result_tables,
+    section_marks,
+    update_results_page,
+)
+from sprintlab.evaluation.ablation.paper import PAPER_TABLE
+from sprintlab.evaluation.ablation.record import (
+    AuditRecord,
+    EvaluationRecord,
+    SearchRecord,
+    SpeedRecord,
+    SprintRecord,
+    encode,
+    read_evaluation,
+    speed_record,
+    write_evaluation,
+)
+from sprintlab.evaluation.ablation.table import (
+    SEED_COLUMNS,
+    TABLE_COLUMNS,
+    common_speed,
+    method_rows,
+    seed_cells,
+    table_cells,
+    table_numbers,
+)
+from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
+from sprintlab.evaluation.results import EstimateBand, SpeedResult
+from sprintlab.evaluation.tables import spread
+
+SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
+
+
+def speed(top_speed, passed=True, cost=2.0, held=None, **values):
+    return SpeedRecord(
+        **{
+            "top_speed": top_speed,
+            "trials": 10,
+            "falls": 0 if passed else 2,
+            "passed": passed,
+            "held_speed": top_speed - 0.5 if held is None else held,
+            "peak_speed": top_speed,
+            "angular_cost": cost,
+            "lateral_deviation": 0.1,
+            "cost_of_transport": 1.0,
+            "electrical_power": 1000.0,
+            "stride_frequency": 3.0,
+            "duty_factor": (0.2,) * 4,
+            "envelope_share": (0.1,) * 12,
+            "audit": AuditRecord(items=()),
+            **values,
+        }
+    )
+
+
+def record(method="sprint", seed=0, best=10.0, cost=2.0, **values):
+    """An evaluation that passed whole speeds up to ``best`` and failed the next."""
+    steps = [speed(float(top), cost=cost * top / best) for top in range(1, int(best) + 1)]
+    search = SearchRecord(speeds=(*steps, speed(best + 1.0, passed=False)))
+    sprint = SprintRecord(
+        top_speed=best, distance=100.0, time=100.0 / best, fell=False, audit=AuditRecord(items=())
+    )
+    fields = {
+        "method": method,
+        "seed": seed,
+        "actuator_model": "refined",
+        "training": {"environment_steps": "1000000"},
+        "policy_sha256": "0" * 64,
+        "robot": "bp2",
+        "robot_fingerprint": "f",
+        "protocol": {},
+        "command_line": "sprintlab ablate",
+        "date": "2026-01-01",
+        "versions": {},
+        "machine": "none",
+        "raw": search,
+        "self_paced": search,
+        "sprint": sprint,
+        "sprint_self_paced": sprint,
+    }
+    return EvaluationRecord(**{**fields, **values})
+
+
+@dataclasses.dataclass
+class Try:
+    speed: float
+    passed: bool
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.0, 3.0, 3.25, 3.75, 15.75, 99.0])
+def test_two_passes_find_what_one_finds(limit):
+    tried = {}
+
+    def run(top_speed):
+        return Try(top_speed, top_speed <= limit)
+
+    for name, step in (("whole grid", None), ("two passes", 1.0)):
+        result = search_speeds(ProtocolSettings(first_step=step), run)
+        assert [one.speed for one in result] == sorted(one.speed for one in result)
+        tried[name] = (max((one.speed for one in result if one.passed), default=None), len(result))
+    assert tried["whole grid"][0] == tried["two passes"][0]
+    if limit > 3.0:
+        assert tried["two passes"][1] < tried["whole grid"][1]
+
+
+def test_a_first_pass_off_the_grid_is_refused():
+    with pytest.raises(InvalidValueError, match="first_step"):
+        ProtocolSettings(first_step=0.6)
+
+
+def test_best_is_the_speed_before_the_first_that_failed():
+    search = SearchRecord(speeds=(speed(1.0), speed(2.0), speed(2.25, passed=False), speed(3.0)))
+    assert search.best is not None and search.best.top_speed == 2.0
+    assert search.at(2.25) is not None and search.at(2.5) is None
+    nothing = SearchRecord(speeds=(speed(1.0, passed=False),))
+    assert nothing.best is None and math.isnan(nothing.max_velocity) and not nothing.audit_passed
+
+
+def test_only_completed_trials_make_the_numbers(make_trial):
+    trials = (make_trial(held_speed=9.0), make_trial(held_speed=1.0, completed=False))
+    result = speed_record(SpeedResult(top_speed=9.5, self_paced=False, trials=trials, required=1))
+    assert (result.held_speed, result.falls, result.passed) == (9.0, 1, True)
+    fallen = speed_record(SpeedResult(top_speed=9.5, self_paced=False, trials=trials[1:], required=1))
+    assert fallen.held_speed is None and fallen.duty_factor == () and not fallen.passed
+    json.dumps(encode(fallen), allow_nan=False)
+
+
+@pytest.fixture(scope="module")
+def plan(robot, tmp_path_factory):
+    cache = tmp_path_factory.mktemp("cache")
+    return EvaluationPlan(robot=robot, protocol=SHORT, distance=1.0, cache=cache, workers=1)
+
+
+@pytest.fixture(scope="module")
+def standing(standing_policy, plan):
+    """The evaluation of a policy that stands, computed once."""
+    candidate = Candidate(method="sprint", seed=3, policy=standing_policy)
+    return candidate, evaluate_candidates([candidate], plan)[0]
+
+
+def test_an_evaluation_runs_both_searches_and_survives_the_disk(standing, tmp_path):
+    _, result = standing
+    for search in (result.raw, result.self_paced):
+        assert [one.top_speed for one in search.speeds] == [0.5, 0.75]
+        assert search.best is not None and search.best.falls == 0
+    assert result.sprint is not None and result.sprint.time is None  # it stands
+    write_evaluation(tmp_path / "evaluation.json", result)
+    assert read_evaluation(tmp_path / "evaluation.json") == result
+
+
+def test_what_is_done_is_not_done_again(standing, plan, monkeypatch):
+    candidate, result = standing
+    monkeypatch.setattr(measure, "run_speed", lambda *_, **__: pytest.fail("a speed was run again"))
+    (again,) = evaluate_candidates([candidate], plan)
+    assert (again.raw, again.self_paced, again.sprint) == (result.raw, result.self_paced, result.sprint)
+
+
+def test_a_killed_evaluation_goes_on_and_a_damaged_file_counts_for_nothing(standing, plan, monkeypatch):
+    candidate, result = standing
+    files = sorted(plan.cache.glob("*/raw-*.json"))
+    before = files[0].stat().st_mtime_ns
+    files[1].write_text(files[1].read_text()[:40])
+    (again,) = evaluate_candidates([candidate], plan)
+    assert again.raw == result.raw
+    assert json.loads(files[1].read_text())["top_speed"] == 0.75 and files[0].stat().st_mtime_ns == before
+
+
+def test_other_settings_and_policies_have_other_places_in_the_cache(plan):
+    other = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, trials=3))
+    further = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, top=9.0))
+    assert plan.digest("a") != plan.digest("b") and plan.digest("a") != other.digest("a")
+    assert plan.digest("a") == further.digest("a")
+
+
+def test_a_policy_that_is_none_is_refused_before_anything_runs(standing, plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(measure, "run_speed", lambda *_, **__: pytest.fail("something ran"))
+    bad = Candidate(method="baseline", seed=0, policy=tmp_path / "none.onnx")
+    with pytest.raises(PolicyFileError, match=r"none\.onnx"):
+        evaluate_candidates([standing[0], bad], plan)
+
+
+def test_a_failure_in_one_policy_arrives(standing, plan, monkeypatch, make_policy):
+    def fail(*_, **__):
+        raise SprintlabError("the disk is full")
+
+    monkeypatch.setattr(measure, "run_speed", fail)
+    plan = dataclasses.replace(plan, cache=None)
+    with pytest.raises(SprintlabError, match="the disk is full"):
+        evaluate_candidates([standing[0], standing[0]], plan)
+
+
+def test_table_two_stands_beside_the_papers():
+    records = {method: [record(method, seed, cost=1.0 + seed) for seed in range(3)] for method in PAPER_TABLE}
+    rows = {row.method: row for row in method_rows(records)}
+    assert list(rows) == list(PAPER_TABLE)
+    cells = dict(zip(TABLE_COLUMNS, table_cells(rows["sprint"]), strict=True))
+    assert cells["paper: max velocity"] == "12.4" and cells["paper: J_norm"] == "1.000"
+    assert cells["ours, raw"] == "9.50 ± 0.00" and cells["ours: J_norm"] == "1.000 ± 0.500"
+    assert cells["100 m raw"] == "10.00 ± 0.00" and cells["audit"] == "3 of 3"
+    collapse = dict(zip(TABLE_COLUMNS, table_cells(rows["fixed-acceleration"]), strict=True))
+    assert collapse["paper: max velocity"] == "collapse" and collapse["ours, raw"] == "9.50 ± 0.00"
+
+
+def test_collapsed_seeds_are_told_and_do_not_drag_the_others():
+    stands = SearchRecord(speeds=(speed(1.0, held=0.1), speed(16.0, held=0.0)))
+    records = {"sprint": [record(seed=0), record(seed=1, raw=stands, self_paced=stands)]}
+    (row,) = method_rows(records)
+    assert row.collapsed == 1 and row.max_velocity.mean == 9.5
+    assert "(1 of 2 collapsed)" in table_cells(row)[4]
+    (row,) = method_rows({"sprint": records["sprint"][1:]})
+    assert table_cells(row)[4] == "collapse"
+    assert common_speed(records["sprint"]) == 10.0
+
+
+def test_the_common_speed_is_one_that_all_passed():
+    assert common_speed([record(best=10.0), record(best=7.0), record(best=12.0)]) == 7.0
+    assert common_speed([]) is None
+    row = method_rows({"sprint": [record(best=10.0, cost=2.0)], "baseline": [record(best=5.0, cost=3.0)]})[0]
+    assert row.common_cost.mean == pytest.approx(1.0)  # J of sprint at 5 m/s
+
+
+def test_without_the_reference_j_norm_is_not_defined():
+    row = method_rows({"baseline": [record("baseline")], "sprint": []})[0]
+    assert math.isnan(row.normalized_cost.mean) and table_cells(row)[7] == "-"
+    json.dumps(table_numbers({"baseline": [record("baseline")]}), allow_nan=False)
+
+
+def test_spread_of_nothing_and_of_one():
+    assert spread([float("nan")]).text() == "-"
+    assert spread([1.0]).text() == "1.00" and spread([1.0, 3.0]).text(1) == "2.0 ± 1.4"
+
+
+def test_a_failed_audit_is_named():
+    item = {
+        "name": "deepest foot penetration",
+        "value": 0.02,
+        "unit": "m",
+        "threshold": 0.005,
+        "passed": False,
+    }
+    audit = msgspec.convert({"items": [item]}, AuditRecord)
+    search = SearchRecord(speeds=(speed(9.0, audit=audit),))
+    cells = dict(zip(SEED_COLUMNS, seed_cells(record(raw=search)), strict=True))
+    assert cells["audit"] == "deepest foot penetration"
+
+
+def test_runs_are_found_in_the_papers_order(tmp_path):
+    for name in ("sprint/seed-10", "sprint/seed-2", "baseline/seed-0", "gallop/seed-1", "sprint/notes"):
+        (tmp_path / name).mkdir(parents=True)
+    found = [(run.method, run.seed) for run in runs.find_runs(tmp_path)]
+    assert found == [("baseline", 0), ("sprint", 2), ("sprint", 10), ("gallop", 1)]
+    with pytest.raises(SprintlabError, match="seed-<number>"):
+        runs.find_runs(tmp_path / "sprint")
+    with pytest.raises(SprintlabError, match="no folder"):
+        runs.find_runs(tmp_path / "nothing")
+
+
+def test_records_are_grouped_with_every_method_of_the_paper():
+    grouped = runs.by_method([record("gallop"), record("sprint", 1), record("sprint", 0)])
+    assert list(grouped) == [*PAPER_TABLE, "gallop"]
+    assert [one.seed for one in grouped["sprint"]] == [0, 1] and grouped["baseline"] == []
+
+
+def test_a_damaged_evaluation_is_refused(tmp_path):
+    path = tmp_path / "evaluation.json"
+    with pytest.raises(SprintlabError, match="cannot read"):
+        read_evaluation(path)
+    path.write_text('{"format_version": 1}')
+    with pytest.raises(SprintlabError, match="no evaluation of this version"):
+        read_evaluation(path)
+
+
+@pytest.fixture
+def page(tmp_path):
+    path = tmp_path / "results.md"
+    marks = (section_marks(name) for name in ("methods", "details", "seeds", "estimates"))
+    path.write_text(
+        "# Results\n\n" + "\n\nbetween\n\n".join("\n\nold\n\n".join(pair) for pair in marks) + "\n"
+    )
+    return path
+
+
+def test_a_page_keeps_its_text_and_gets_new_tables(page):
+    band = EstimateBand(
+        lower=2.0,
+        upper=4.0,
+        samples=9,
+        forward_bias=0.0,
+        forward_error=0.1,
+        velocity_error=0.2,
+        height_error=0.01,
+        contact_accuracy=0.9,
+    )
+    estimating = SearchRecord(speeds=(speed(9.0, estimate=(band,)),))
+    grouped = runs.by_method([record(), record("baseline", raw=estimating)])
+    update_results_page(page, grouped)
+    text = page.read_text()
+    assert text.startswith("# Results") and text.count("between") == 3 and "old" not in text
+    assert markdown_table(TABLE_COLUMNS, []).splitlines()[0] in text
+    assert "| 2 to 4 | 9 |" in text and "Estimates of baseline" in text
+    update_results_page(page, grouped)
+    assert page.read_text() == text
+
+
+def test_every_table_has_as_many_cells_as_columns():
+    for table in result_tables(runs.by_method([record()])):
+        assert table.rows and all(len(row) == len(table.columns) for row in table.rows)
+
+
+def test_a_page_without_marks_is_refused(tmp_path):
+    path = tmp_path / "page.md"
+    path.write_text("nothing here")
+    with pytest.raises(SprintlabError, match="computed: methods"):
+        replace_section(path, "methods", "x")
+    assert path.read_text() == "nothing here"

@@ -1,0 +1,123 @@
+"""Estimate against truth: frames, bands, and that what a policy estimates arrives in the metrics."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import SimulationError
+from sprintlab.evaluation.estimates import (
+    body_velocity,
+    estimate_bands,
+    estimate_pair,
+    merge_bands,
+    total_band,
+)
+from sprintlab.evaluation.results import EstimateBand
+
+
+def turned(angle):
+    """Unit quaternion of a yaw."""
+    return np.array([[math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]])
+
+
+def test_body_velocity_turns_with_the_body():
+    forward = body_velocity(turned(math.pi / 2), np.array([[0.0, 3.0, 1.0]]))
+    np.testing.assert_allclose(forward, [[3.0, 0.0, 1.0]], atol=1e-12)
+
+
+@given(
+    st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.lists(st.floats(-10, 10), min_size=3, max_size=3)
+)
+def test_body_velocity_keeps_the_length(quaternion, velocity):
+    norm = np.linalg.norm(quaternion)
+    unit = np.array([quaternion]) / norm if norm > 1e-3 else turned(0.0)
+    result = body_velocity(unit, np.array([velocity]))
+    assert np.linalg.norm(result) == pytest.approx(np.linalg.norm(velocity), abs=1e-9)
+
+
+@pytest.fixture
+def run(make_trajectory):
+    """Two seconds: one at 1 m/s, one at 5 m/s, with a given estimate."""
+
+    def build(estimate):
+        time = np.arange(1000) / 500.0
+        speed = np.where(time < 1.0, 1.0, 5.0)
+        qvel = np.zeros((1000, 22))
+        qvel[:, 0] = speed
+        velocity = np.stack((speed, np.zeros(1000)), axis=1)
+        values = None if estimate is None else estimate(speed)
+        return make_trajectory(2.0, time=time, qvel=qvel, velocity=velocity, estimate=values)
+
+    return build
+
+
+def exact(speed):
+    """What the trajectory of ``run`` really does."""
+    estimate = np.zeros((len(speed), 8))
+    estimate[:, 0], estimate[:, 3], estimate[:, 4:] = speed, 0.5, 0.9
+    return estimate
+
+
+def test_an_exact_estimate_has_no_error(run):
+    bands = estimate_bands(run(exact))
+    assert [(band.lower, band.upper, band.samples) for band in bands] == [(0.0, 2.0, 50), (4.0, 6.0, 50)]
+    for band in bands:
+        assert band.velocity_error == band.height_error == band.forward_bias == 0.0
+        assert band.contact_accuracy == 1.0
+
+
+def test_errors_are_told_apart_by_speed(run):
+    def wrong(speed):
+        estimate = exact(speed)
+        fast = speed > 2.0
+        estimate[fast, 0] += 0.3
+        estimate[fast, 1] -= 0.4
+        estimate[fast, 3] += 0.02
+        estimate[fast, 4] = 0.1
+        return estimate
+
+    slow, fast = estimate_bands(run(wrong))
+    assert slow.velocity_error == 0.0
+    assert fast.forward_bias == pytest.approx(0.3) and fast.forward_error == pytest.approx(0.3)
+    assert fast.velocity_error == pytest.approx(0.5)
+    assert fast.height_error == pytest.approx(0.02)
+    assert fast.contact_accuracy == pytest.approx(0.75)
+
+
+def test_only_fresh_estimates_count(run):
+    pair = estimate_pair(run(exact))
+    np.testing.assert_allclose(np.diff(pair.time), 0.02)
+
+
+def test_without_an_estimator_there_is_nothing_to_compare(run):
+    assert estimate_bands(run(None)) == ()
+    with pytest.raises(SimulationError, match="no estimator"):
+        estimate_pair(run(None))
+
+
+def band(lower, samples, error, contact):
+    return EstimateBand(
+        lower=lower,
+        upper=lower + 2.0,
+        samples=samples,
+        forward_bias=error,
+        forward_error=error,
+        velocity_error=error,
+        height_error=error,
+        contact_accuracy=contact,
+    )
+
+
+def test_bands_of_several_trials_merge_by_their_samples():
+    merged = merge_bands([band(4.0, 10, 1.0, 1.0), band(0.0, 5, 2.0, 0.5), band(4.0, 30, 3.0, 0.6)])
+    assert [item.lower for item in merged] == [0.0, 4.0]
+    assert merged[1].samples == 40
+    assert merged[1].velocity_error == pytest.approx(math.sqrt((10 * 1.0 + 30 * 9.0) / 40))
+    assert merged[1].forward_bias == pytest.approx(2.5)
+    assert merged[1].contact_accuracy == pytest.approx(0.7)
+    total = total_band(merged)
+    assert total is not None and (total.lower, total.upper, total.samples) == (0.0, 6.0, 45)
+    assert total_band([]) is None
