@@ -41,8 +41,10 @@ from sprintlab.evaluation.ablation.table import (
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
 from sprintlab.evaluation.results import EstimateBand, SpeedResult
 from sprintlab.evaluation.tables import spread
+from sprintlab.plant import PlantOptions
 
-SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
+COARSE = PlantOptions(timestep=0.001, contact_time_constant=0.002)
+SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.75, hold=0.5, plant=COARSE)
 
 
 def speed(top_speed, passed=True, cost=2.0, held=None, **values):
@@ -180,7 +182,7 @@ def test_a_killed_evaluation_goes_on_and_a_damaged_file_counts_for_nothing(stand
 
 
 def test_other_settings_and_policies_have_other_places_in_the_cache(plan):
-    other = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, trials=3))
+    other = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, trials=2))
     further = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, top=9.0))
     assert plan.digest("a") != plan.digest("b") and plan.digest("a") != other.digest("a")
     assert plan.digest("a") == further.digest("a")
