@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,8 @@ class RobotSim:
         watchdog: without a command for this long, the robot damps its joints by itself [ms].
         fix_rate: position fixes a second, as from an RTK receiver [Hz]; 0 for none.
         seed: decides noise, jitter and losses.
+        priority: of the real-time scheduler, 1 to 99, where permitted; below the controller's.
+        no_real_time: keep the normal scheduler.
         speed_factor: simulated seconds per second; 1 is real time.
         lock_step: one step for each answer of the controller, whatever the clock says.
         duration: end after this much simulated time [s].
@@ -60,6 +62,8 @@ class RobotSim:
     watchdog: float = 50.0
     fix_rate: float = 10.0
     seed: int = 0
+    priority: int = 40
+    no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
     speed_factor: float = 1.0
     lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
     duration: float | None = None
@@ -95,7 +99,7 @@ class RobotSim:
 
         stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
         recorder = None if self.truth is None else self._recorder(world)
-        with progress_bar(quiet=self.json) as report, _interruption() as stopped:
+        with progress_bar(quiet=self.json) as report, _interruption() as stopped, self._scheduler():
             result = run_simulator(
                 world,
                 endpoint,
@@ -110,6 +114,14 @@ class RobotSim:
 
             save_trajectory(self.truth, recorder.trajectory())
         return result
+
+    def _scheduler(self) -> AbstractContextManager[Any]:
+        """Real-time scheduling, unless the clock does not matter."""
+        from sprintlab.core.checks import check_range
+        from sprintlab.deployment.controller.realtime import real_time
+
+        check_range("priority", self.priority, 1, 99)
+        return nullcontext() if self.lock_step or self.no_real_time else real_time(self.priority)
 
     def _recorder(self, world: Any) -> Any:
         """Records the true motion for as long as --duration says."""

@@ -184,6 +184,10 @@ class Plant:
             joint_velocity=self._velocity[self._joint_velocity],
         )
 
+    def joint_state(self) -> tuple[FloatArray, FloatArray]:
+        """Joint positions [rad] and velocities [rad/s] that the encoders on the motor side see, ``(12,)``."""
+        return self._position[self._joint_position], self._velocity[self._joint_velocity]
+
     def base_state(self) -> BaseState:
         """Speed, heading and place of the trunk, from the simulator's state."""
         w, x, y, z = self._position[3:7].tolist()

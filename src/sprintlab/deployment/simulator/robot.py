@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.errors import SimulationError
 from sprintlab.deployment.interface import (
     FloatArray,
     JointCommand,
@@ -96,26 +97,31 @@ class SimulatedRobot:
     def step(self, recorder: MotionRecorder | None = None) -> None:
         """Live for one motor step."""
         self._watch()
-        measured = self.plant.measurement()
-        wanted, targets = self._wanted(measured.joint_position, measured.joint_velocity)
+        wanted, targets = self._wanted(*self.plant.joint_state())
         self._drive = self.plant.drive_joints(wanted, targets, recorder or _Blind())
         self._steps += 1
         self._notice_falls()
 
     def state(self, timestamp: int) -> RobotState:
-        """What the sensors say now; ``timestamp`` in nanoseconds."""
-        measured = self.plant.measurement()
-        noise, noisy = self._options.noise, self._noisy
+        """What the sensors say now; ``timestamp`` in nanoseconds.
+
+        Raises:
+            SimulationError: the simulated state is no longer finite.
+        """
+        data, noise, noisy = self.plant.data, self._options.noise, self._noisy
+        position, velocity = self.plant.joint_state()
+        if not math.isfinite(float(data.qpos.sum() + data.qvel.sum())):
+            raise SimulationError(f"the simulated state is no longer finite at {self.time:.2f} s")
         self._states += 1
         torque = np.zeros(len(self._robot.joint_names)) if self._drive is None else self._drive.torque
         return RobotState(
             sequence=self._states,
             timestamp=timestamp,
-            joint_position=noisy(np.asarray(measured.joint_position), noise.joint_position),
-            joint_velocity=noisy(np.asarray(measured.joint_velocity), noise.joint_velocity),
+            joint_position=noisy(position, noise.joint_position),
+            joint_velocity=noisy(velocity, noise.joint_velocity),
             joint_torque=noisy(torque, noise.joint_torque),
-            quaternion=self._turned(self.plant.data.qpos[3:7].copy()),
-            angular_velocity=noisy(np.asarray(measured.angular_velocity), noise.angular_velocity),
+            quaternion=self._turned(data.qpos[3:7].copy()),
+            angular_velocity=noisy(data.qvel[3:6], noise.angular_velocity),
             bus_voltage=self._options.plant.bus_voltage or self._robot.bus_voltage,
             command_sequence=0 if self._command is None else self._command.sequence,
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
@@ -172,7 +178,7 @@ class SimulatedRobot:
         """Sink to the ground with damped joints, and call the place where that ends the origin."""
         data = self.plant.data
         for _ in range(round(_SETTLING / self._period)):
-            wanted = -self._robot.damping * self.plant.measurement().joint_velocity
+            wanted = -self._robot.damping * self.plant.joint_state()[1]
             self.plant.drive_joints(wanted, self._robot.default_pose, _Blind())
         data.qpos[:2] = 0.0
         data.qvel[:] = 0.0
