@@ -8,12 +8,13 @@ published number uses, calls the general law. ``SuppliedDrive`` puts a battery a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_choice, check_positive
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Battery,
@@ -146,7 +147,7 @@ class SuppliedDrive:
         step: time between two calls [s].
 
     Raises:
-        InvalidValueError: as ``PreparedDrive`` does.
+        InvalidValueError: as ``PreparedDrive`` does, or the heat of a wrong number of motors is given.
     """
 
     def __init__(
@@ -162,6 +163,7 @@ class SuppliedDrive:
         step: float = 0.001,
     ) -> None:
         self._drive = PreparedDrive(robot, bus_voltage, model)
+        _check_motors(heat, len(robot.joint_names))
         self._motors = self._cold_motors = robot.motors
         self._ratio = np.asarray(robot.gear.ratio, dtype=float)
         self._battery, self._heat, self._step = battery, heat, step
@@ -216,3 +218,13 @@ class SuppliedDrive:
         self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
         self._lowest = min(self._lowest, self._bus_voltage)
         self._drive.set_bus_voltage(self._bus_voltage)
+
+
+def _check_motors(heat: WindingHeat | None, motors: int) -> None:
+    """Refuse a thermal model of another number of motors."""
+    for field in () if heat is None else fields(heat):
+        size = np.size(getattr(heat, field.name))
+        if size not in (1, motors):
+            raise InvalidValueError(
+                f"heat.{field.name}", f"{size} numbers", f"give one, or {motors}: one a motor"
+            )

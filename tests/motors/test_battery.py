@@ -1,0 +1,178 @@
+"""The battery: its own circuit, and the joints that share it."""
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    Battery,
+    PmsmParameters,
+    battery_current,
+    discharged,
+    drive_torque,
+    electrical_power,
+    loaded_voltage,
+    no_load_speed,
+    open_circuit_voltage,
+    shared_bus_voltage,
+    stack_motors,
+)
+from sprintlab.motors.gear import Gear
+
+MOTORS = st.from_type(PmsmParameters)
+GEAR = Gear(ratio=6.0, efficiency=1.0)
+BATTERIES = st.builds(
+    Battery,
+    series_cells=st.integers(6, 24),
+    internal_resistance=st.floats(0.0, 0.2),
+    regeneration_limit=st.floats(0.0, 100.0),
+)
+CHARGES = st.floats(0.0, 1.0)
+
+
+def test_open_circuit_voltage_follows_the_table_and_ends_with_it():
+    battery = Battery(charge_table=(0.0, 0.5, 1.0), voltage_table=(3.0, 3.6, 4.2), series_cells=10)
+    charge = np.array([-1.0, 0.0, 0.25, 0.5, 0.75, 1.0, 2.0])
+    expected = [30.0, 30.0, 33.0, 36.0, 39.0, 42.0, 42.0]
+    np.testing.assert_allclose(open_circuit_voltage(battery, charge), expected)
+
+
+@given(BATTERIES, CHARGES, st.floats(-0.2, 1.0))
+def test_a_load_takes_out_what_the_source_gives_less_the_loss_inside(battery, charge, share):
+    source = float(open_circuit_voltage(battery, charge))
+    resistance = battery.internal_resistance
+    most = source**2 / (4 * max(resistance, 1e-3))
+    power = share * most
+    voltage = float(loaded_voltage(battery, charge, power))
+    current = float(battery_current(battery, voltage, power))
+    assert 0.5 * source - 1e-9 <= voltage <= source + resistance * battery.regeneration_limit + 1e-9
+    assert current >= -battery.regeneration_limit
+    if current > -battery.regeneration_limit and resistance > 0:
+        assert source - voltage == pytest.approx(resistance * current, abs=1e-6 * source)
+
+
+@given(BATTERIES, CHARGES)
+def test_the_bus_falls_with_the_load(battery, charge):
+    powers = np.linspace(-20e3, 20e3, 401)
+    assert (np.diff(loaded_voltage(battery, charge, powers)) <= 1e-12).all()
+
+
+def test_more_than_the_battery_can_give_leaves_half_its_voltage():
+    battery = Battery(internal_resistance=0.1)
+    assert loaded_voltage(battery, 1.0, 1e6) == pytest.approx(0.5 * 58.8)
+
+
+def test_what_the_battery_does_not_take_back_is_burnt():
+    battery = Battery(internal_resistance=0.1, regeneration_limit=10.0)
+    voltage = loaded_voltage(battery, 0.5, -5000.0)
+    assert voltage == pytest.approx(float(open_circuit_voltage(battery, 0.5)) + 1.0)
+    assert battery_current(battery, voltage, -5000.0) == -10.0
+    none = Battery(regeneration_limit=0.0)
+    assert loaded_voltage(none, 0.5, -5000.0) == open_circuit_voltage(none, 0.5)
+    assert battery_current(none, 50.0, -5000.0) == 0.0
+
+
+def joint_powers(motor, desired, velocity, bus, model="refined"):
+    output = drive_torque(motor, GEAR, desired, velocity, bus, model)
+    return electrical_power(motor, output.motor_torque, 6.0 * velocity, output.direct_current)
+
+
+@given(MOTORS, BATTERIES, CHARGES, st.integers(0, 2**32 - 1), st.sampled_from(["refined", "flux-weakening"]))
+def test_the_shared_voltage_is_the_one_that_the_joints_power_leaves(motor, battery, charge, seed, model):
+    random = np.random.default_rng(seed)
+    speed = float(no_load_speed(motor, open_circuit_voltage(battery, charge))) / 6
+    velocity = random.uniform(-1.2, 1.2, 12) * speed
+    desired = random.uniform(-1.0, 1.0, 12) * 6 * motor.peak_torque
+
+    def power_at(bus):
+        return joint_powers(motor, desired, velocity, float(bus), model).sum()
+
+    voltage = float(shared_bus_voltage(battery, charge, power_at))
+    left = float(loaded_voltage(battery, charge, power_at(voltage)))
+    # A motor that passes the speed where no current fits changes its power in a leap: between the two
+    # sides of it lies the answer.
+    beside = [float(loaded_voltage(battery, charge, power_at(voltage + step))) for step in (-0.02, 0.02)]
+    assert min(*beside, left) - 1e-3 <= voltage <= max(*beside, left) + 1e-3
+
+
+def test_one_hard_working_leg_takes_voltage_from_all(surrogate):
+    battery = Battery()
+    velocity = np.full(12, 35.0)
+    idle, busy = np.zeros(12), np.concatenate((np.zeros(9), np.full(3, 500.0)))
+    buses = [
+        float(shared_bus_voltage(battery, 1.0, lambda v, d=d: joint_powers(surrogate, d, velocity, v).sum()))
+        for d in (idle, busy)
+    ]
+    assert buses[0] == pytest.approx(58.8, abs=0.1)
+    assert buses[1] < 55.0
+    limits = [drive_torque(surrogate, GEAR, 500.0, 35.0, bus).upper for bus in buses]
+    assert limits[1] < 0.9 * limits[0]
+
+
+def test_every_environment_has_its_own_voltage_in_numpy_and_torch(surrogate):
+    motors = stack_motors([surrogate] * 12)
+    random = np.random.default_rng(3)
+    velocity = random.uniform(-40, 40, (64, 12))
+    desired = random.uniform(-200, 200, (64, 12)) * random.uniform(0, 1, (64, 1))
+    charge = random.uniform(0, 1, 64)
+    battery = Battery()
+
+    def solve(wanted, speeds, charges):
+        def power_at(bus):
+            return joint_powers(motors, wanted, speeds, bus[:, None]).sum(-1)
+
+        return shared_bus_voltage(battery, charges, power_at)
+
+    together = solve(desired, velocity, charge)
+    assert np.ptp(together) > 5.0
+    one_by_one = [solve(desired[[i]], velocity[[i]], charge[[i]])[0] for i in range(64)]
+    np.testing.assert_allclose(together, one_by_one, atol=1e-3)
+    tensors = (torch.as_tensor(values) for values in (desired, velocity, charge))
+    np.testing.assert_allclose(solve(*tensors).numpy(), together, atol=1e-3)
+
+
+def test_a_guess_changes_the_way_and_not_the_answer(surrogate):
+    def power_at(bus):
+        return joint_powers(surrogate, np.full(12, 300.0), np.full(12, 30.0), float(bus)).sum()
+
+    answers = [
+        float(shared_bus_voltage(Battery(), 0.8, power_at, guess)) for guess in (None, 10.0, 45.0, 90.0)
+    ]
+    assert np.ptp(answers) < 1e-3
+
+
+def test_nothing_looks_into_a_tensor():
+    battery, tensor = Battery(), torch.zeros(5, device="meta")
+    voltage = shared_bus_voltage(battery, tensor, lambda bus: 100.0 * bus)
+    assert voltage.shape == (5,)
+    assert discharged(battery, tensor, battery_current(battery, voltage, tensor), 0.1).device.type == "meta"
+
+
+def test_charge_runs_out_with_the_current_and_stays_within_its_ends():
+    battery = Battery(capacity=1.0)
+    assert discharged(battery, 0.5, 1.0, 360.0) == pytest.approx(0.4)
+    assert discharged(battery, 0.5, -1.0, 360.0) == pytest.approx(0.6)
+    assert discharged(battery, 0.01, 100.0, 360.0) == 0.0
+    assert discharged(battery, 0.99, -100.0, 360.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("series_cells", 0),
+        ("internal_resistance", -0.1),
+        ("internal_resistance", 75.0),  # milliohm
+        ("capacity", 0.0),
+        ("regeneration_limit", -1.0),
+        ("voltage_table", (3.0, 4.0)),
+        ("voltage_table", (4.2, 4.0, 3.8, 3.7, 3.6, 3.5, 3.3, 3.0)),
+        ("charge_table", (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)),  # percent
+        ("charge_table", (0.0,)),
+    ],
+)
+def test_impossible_battery_is_refused(field, value):
+    with pytest.raises(InvalidValueError, match="battery"):
+        Battery(**{field: value})

@@ -1,0 +1,116 @@
+"""The plant's drives on a battery and with warm windings, against the general laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    Battery,
+    WindingHeat,
+    battery_current,
+    copper_loss,
+    discharged,
+    drive_torque,
+    flux_factor,
+    heated_motor,
+    loaded_voltage,
+    open_circuit_voltage,
+    warmed,
+)
+from sprintlab.plant import Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
+from sprintlab.robots import load_robot
+
+ROBOT = load_robot("bp2")
+STEP = 0.001
+
+
+def motion(count=200, seed=2):
+    """Wanted torques and joint velocities that wander up to and over the envelope, ``(count, 12)`` each."""
+    random = np.random.default_rng(seed)
+    walks = np.cumsum(random.normal(size=(2, count, 12)), axis=1)
+    return 12.0 * walks[0], 4.0 * walks[1]
+
+
+@pytest.mark.parametrize("model", ["refined", "flux-weakening"])
+def test_every_step_agrees_with_the_laws_it_is_made_of(model):
+    battery, heat = Battery(), WindingHeat(heat_capacity=30.0)
+    drive = SuppliedDrive(
+        ROBOT, 60.0, model, battery=battery, state_of_charge=0.7, heat=heat, winding_temperature=60.0
+    )
+    limited = 0
+    for desired, velocity in zip(*motion(), strict=True):
+        before = drive.state
+        output = drive(desired, velocity)
+        after = drive.state
+        motors = heated_motor(ROBOT.motors, heat, before.winding_temperature)
+        asked = desired * flux_factor(heat, before.winding_temperature)
+        expected = drive_torque(motors, ROBOT.gear, asked, velocity, after.bus_voltage, model)
+        for got, wanted in zip(output, expected, strict=True):
+            np.testing.assert_allclose(np.broadcast_to(got, 12), wanted, atol=1e-9)
+        loss = copper_loss(motors, output.motor_torque, output.direct_current)
+        power = (output.motor_torque * velocity * ROBOT.gear.ratio + loss).sum()
+        left = float(loaded_voltage(battery, before.state_of_charge, power))
+        assert after.bus_voltage == pytest.approx(left, abs=1e-3)
+        np.testing.assert_allclose(
+            after.winding_temperature, warmed(heat, before.winding_temperature, loss, STEP)
+        )
+        current = battery_current(battery, after.bus_voltage, power)
+        charge = discharged(battery, before.state_of_charge, current, STEP)
+        assert after.state_of_charge == pytest.approx(charge, abs=1e-9)
+        limited += int((np.abs(output.motor_torque - asked / ROBOT.gear.ratio) > 1e-9).any())
+    assert 20 < limited < 200
+    assert after.lowest_bus_voltage < 0.99 * float(open_circuit_voltage(battery, 0.7))
+    assert np.ptp(after.winding_temperature) > 1.0
+
+
+def test_a_stiff_battery_and_cold_windings_change_nothing():
+    table = (3.0, 60.0 / 14, 60.0 / 14 + 1e-9)
+    battery = Battery(internal_resistance=0.0, charge_table=(0.0, 0.1, 1.0), voltage_table=table)
+    heat = WindingHeat(heat_capacity=1e9)
+    supplied, plain = SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat), PreparedDrive(ROBOT, 60.0)
+    for desired, velocity in zip(*motion(50), strict=True):
+        for got, wanted in zip(supplied(desired, velocity), plain(desired, velocity), strict=True):
+            np.testing.assert_allclose(got, wanted, atol=1e-4)
+
+
+def test_the_plant_uses_them_only_where_asked(standing_targets):
+    plain = Plant(ROBOT, PlantOptions(), TrialSettings())
+    assert plain.supply is None
+    options = PlantOptions(
+        battery=Battery(), heat=WindingHeat(), state_of_charge=0.5, winding_temperature=80.0
+    )
+    plant = Plant(ROBOT, options, TrialSettings())
+    assert plant.supply is not None
+    assert plant.supply.state_of_charge == 0.5
+    plant.advance(standing_targets, 200, _Blind())
+    assert plant.supply.bus_voltage < float(open_circuit_voltage(Battery(), 0.5))
+    assert plant.supply.state_of_charge < 0.5
+    abduction = plant.supply.winding_temperature[::3]  # it bears next to nothing and cools down
+    assert 79.9 < abduction.min() < 80.0
+    assert plant.supply.winding_temperature.max() > 80.0
+
+
+@pytest.fixture
+def standing_targets():
+    return np.asarray(ROBOT.default_pose, dtype=float)
+
+
+class _Blind:
+    def sample(self, data, drive, targets):
+        pass
+
+    def watch_feet(self, data):
+        pass
+
+
+def test_the_heat_of_another_number_of_motors_is_refused():
+    with pytest.raises(InvalidValueError, match=r"heat\.heat_capacity = '5 numbers'"):
+        SuppliedDrive(ROBOT, 60.0, heat=WindingHeat(heat_capacity=np.full(5, 100.0)))
+
+
+@pytest.mark.parametrize(("field", "value"), [("state_of_charge", 50.0), ("winding_temperature", 350.0)])
+def test_impossible_starts_are_refused(field, value):
+    with pytest.raises(InvalidValueError, match=field):
+        replace(PlantOptions(), **{field: value})
