@@ -7,6 +7,7 @@ value or an electrical speed throws the two apart by a factor that names the mis
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ _SAME_LEVEL = 0.02  # share of the largest value within which two levels count a
 _AGREE = (0.93, 1.07)  # flux from torque over flux from voltage: beyond, a warning
 _TOLERABLE = (0.8, 1.25)  # beyond, an error
 _NAMED = 0.08  # a factor names a mistake if it is this near
+_DEPENDENT = 0.03  # singular value of unit columns below which they count as dependent
 _MOST_BACK_EMF = 1.3  # back-EMF over what the bus can balance, without flux weakening
 
 
@@ -53,10 +55,7 @@ def torque_flux(bench: Bench, pole_pairs: int) -> float:
     Raises:
         SprintlabError: torque and current have opposite signs, or there is no torque at all.
     """
-    columns = [bench.current, -bench.current * np.abs(bench.current)]
-    if bench.speed is not None:
-        columns += [-np.sign(bench.speed), -bench.speed]
-    slope = float(_robust_slopes(np.stack(columns, axis=-1), bench.torque)[0])
+    slope = _torque_slope(bench)
     if float(np.median(np.abs(bench.torque))) == 0.0:
         raise SprintlabError("the torque is zero in most rows: is its column the right one?")
     if slope <= 0.0:
@@ -64,24 +63,46 @@ def torque_flux(bench: Bench, pole_pairs: int) -> float:
     return slope / (1.5 * pole_pairs)
 
 
+def _torque_slope(bench: Bench) -> float:
+    """Torque per ampere [N m/A]; friction and saturation are left out where they cannot be told apart."""
+    columns = [bench.current, -bench.current * np.abs(bench.current)]
+    friction = [] if bench.speed is None else [-np.sign(bench.speed), -bench.speed]
+    for chosen in ([*columns, *friction], columns):
+        slopes = _robust_slopes(np.stack(chosen, axis=-1), bench.torque)
+        if slopes is not None:
+            return float(slopes[0])
+    return float(bench.current @ bench.torque / (bench.current @ bench.current))
+
+
 def voltage_flux(bench: Bench, pole_pairs: int) -> tuple[float, float] | None:
-    """Flux linkage [Wb] and resistance [ohm] from v_q = R i_q + w psi; ``None`` without voltages."""
+    """Flux linkage [Wb] and resistance [ohm] from v_q = R i_q + w psi.
+
+    ``None`` without voltages, or where the current follows the speed so that the two cannot be told apart.
+    """
     if bench.q_voltage is None or bench.speed is None:
         return None
     design = np.stack((bench.current, pole_pairs * bench.speed), axis=-1)
-    resistance, flux = _robust_slopes(design, bench.q_voltage).tolist()
-    return flux, resistance
+    slopes = _robust_slopes(design, bench.q_voltage)
+    return None if slopes is None else (float(slopes[1]), float(slopes[0]))
 
 
-def _robust_slopes(design: FloatArray, target: FloatArray) -> FloatArray:
-    """Least squares, repeated without what lies far off, so that one spike does not decide."""
+def _robust_slopes(design: FloatArray, target: FloatArray) -> FloatArray | None:
+    """Least squares, repeated without what lies far off, so that one spike does not decide.
+
+    ``None`` where the columns depend on each other.
+    """
+    lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    design = design / lengths
+    if np.linalg.matrix_rank(design, tol=_DEPENDENT) < design.shape[1]:
+        return None
     kept = np.ones(len(target), dtype=bool)
-    slopes: FloatArray = np.zeros(design.shape[1])
+    slopes = np.zeros(design.shape[1])
     for _ in range(4):
-        slopes = np.asarray(np.linalg.lstsq(design[kept], target[kept], rcond=None)[0], dtype=np.float64)
+        solution: Any = np.linalg.lstsq(design[kept], target[kept], rcond=None)
+        slopes = np.asarray(solution[0], dtype=np.float64)
         error = np.abs(target - design @ slopes)
         kept = error <= 6.0 * float(np.median(error)) + 1e-12
-    return slopes
+    return slopes / lengths
 
 
 def check_units(bench: Bench, pole_pairs: int) -> list[str]:
@@ -98,7 +119,7 @@ def check_units(bench: Bench, pole_pairs: int) -> list[str]:
     if from_voltage is not None:
         return _compare_fluxes(from_torque, *from_voltage, pole_pairs)
     if bench.bus_voltage is None:
-        return ["no voltages in the bench: nothing checks the units of torque, current and speed"]
+        return ["no voltages that tell the flux: nothing checks the units of torque, current and speed"]
     _check_back_emf(bench, from_torque, pole_pairs)
     return []
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ _MANY_OUTLIERS = 0.2
 _LEAST_EXPLAINED = 0.9
 _LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
-_BLIND = 1e-6  # a singular value below this share of the largest sees nothing
+_BLIND = 1e-5  # a singular value below this share of the largest sees nothing
 _PART = 0.3  # least component of a parameter in a blind direction to be named
 
 
@@ -205,6 +206,27 @@ def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, 
     return held
 
 
+class _Decomposition:
+    """Singular values of a Jacobian with unit columns, and what follows from them.
+
+    Attributes:
+        singular: (p,) largest first.
+        leverage: (m,) share of each residual that the fit takes for itself.
+        gain: (p, m) change of each parameter with each residual.
+        blind_directions: unit vectors ``(p,)`` of parameters that no residual sees.
+    """
+
+    def __init__(self, jacobian: Any) -> None:
+        matrix = np.asarray(jacobian, dtype=float)
+        lengths = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        left, self.singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
+        floored = np.maximum(self.singular, 1e-12 * float(self.singular[0]))
+        seen = self.singular >= _BLIND * self.singular[0]
+        self.leverage: FloatArray = np.sum(left[:, seen] ** 2, axis=1)
+        self.gain: FloatArray = (right.T / floored) @ left.T / lengths[:, None]
+        self.blind_directions: list[FloatArray] = list(right[~seen])
+
+
 class _Fit:
     """One fit over the channels of a bench; parameters travel in units of their first guess."""
 
@@ -229,7 +251,7 @@ class _Fit:
             noise = self._noise(point)
         kept = ~self._outlying(point, noise)
         solution = self._solve(point, noise, kept, "linear")
-        noise = self._residual_spread(solution.x, kept)
+        noise = self._residual_spread(solution, noise, kept)
         solution = self._solve(solution.x, noise, kept, "linear")
         widths, singular, blind = self._intervals(solution, kept)
         fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
@@ -310,17 +332,26 @@ class _Fit:
         ]
         return self._floored(spread)
 
-    def _residual_spread(self, point: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
-        """Standard deviation of each channel without outliers, parameters counted off."""
-        values = self._values(point)
-        used = [kept[channel.rows] for channel in self._channels]
-        total = sum(int(mask.sum()) for mask in used)
+    def _residual_spread(self, solution: Any, noise: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+        """Standard deviation of each channel without outliers and without the freedom that the fit took."""
+        freedom = self._freedom(_Decomposition(solution.jac), kept)
         spread: list[float] = []
-        for channel, mask in zip(self._channels, used, strict=True):
-            error = (channel.predict(values) - channel.measured)[mask]
-            freedom = len(error) * max(total - len(self._free), 1) / max(total, 1)
-            spread.append(float(np.sqrt(np.sum(error**2) / max(freedom, 1.0))))
+        start = 0
+        for rows, scale, left in zip(self._used_rows(kept), noise.tolist(), freedom, strict=True):
+            error = solution.fun[start : start + rows] * scale
+            start += rows
+            spread.append(float(np.sqrt(np.sum(error**2) / left)) if left >= 1.0 else scale)
         return self._floored(spread)
+
+    def _used_rows(self, kept: NDArray[np.bool_]) -> list[int]:
+        """Residuals that each channel adds."""
+        return [int(kept[channel.rows].sum()) for channel in self._channels]
+
+    def _freedom(self, decomposition: _Decomposition, kept: NDArray[np.bool_]) -> list[float]:
+        """Residuals less parameters, channel by channel: each row's leverage is what the fit took of it."""
+        ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
+        taken = decomposition.leverage
+        return [float(end - begin - taken[begin:end].sum()) for begin, end in pairwise(ends)]
 
     def _floored(self, spread: list[float]) -> FloatArray:
         floor = [_SMALLEST_NOISE * _range(channel, self._bench) for channel in self._channels]
@@ -336,20 +367,25 @@ class _Fit:
         return outlying
 
     def _intervals(self, solution: Any, kept: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, list[str]]:
-        """Half widths in SI, singular values of the column-scaled Jacobian, and blind directions in words."""
-        jacobian = np.asarray(solution.jac, dtype=float)
-        freedom = max(len(jacobian) - len(self._free), 1)
-        lengths = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-        _, singular, directions = np.linalg.svd(jacobian / lengths, full_matrices=False)
-        floored = np.maximum(singular, 1e-12 * float(singular[0]))
-        deviation = np.sqrt(np.sum((directions.T / floored) ** 2, axis=1)) / lengths
+        """Half widths in SI, singular values of the column-scaled Jacobian, and blind directions in words.
+
+        The noise of a channel is known only as well as its rows allow: the quantile of Student's t takes the
+        effective degrees of freedom of each parameter (Welch and Satterthwaite).
+        """
+        decomposition = _Decomposition(solution.jac)
+        ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
+        shares = np.array(
+            [np.sum(decomposition.gain[:, begin:end] ** 2, axis=1) for begin, end in pairwise(ends)]
+        )
+        freedom = np.maximum(np.array(self._freedom(decomposition, kept)), 1.0)[:, None]
+        variance = shares.sum(axis=0)
+        effective = variance**2 / np.sum(shares**2 / freedom, axis=0)
+        quantile = _stats.t.ppf(0.5 + CONFIDENCE / 2.0, effective)
         blind = [
             " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
-            for value, direction in zip(singular, directions, strict=True)
-            if value < _BLIND * singular[0]
+            for direction in decomposition.blind_directions
         ]
-        quantile = float(_stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom))
-        return quantile * deviation * self._start, singular, blind
+        return quantile * np.sqrt(variance) * self._start, decomposition.singular, blind
 
     def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
         values = self._values(point)
