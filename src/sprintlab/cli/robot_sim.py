@@ -5,12 +5,13 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotSim:
+class RobotSim(DriveFlags):
     """Be a robot on the bus: the 1 kHz plant in a process of its own, with the faults of a real link.
 
     It runs until Ctrl-C, until --duration has passed, or, with --end-with-controller, until the controller
@@ -32,7 +33,7 @@ class RobotSim:
         jitter: greatest additional delay of a message, each way [ms].
         loss: share of messages lost, each way [%].
         noise: sensor noise, as a multiple of a typical set.
-        bus_voltage: [V]; the robot's own when left out.
+        bus_voltage: of a stiff bus [V]; the robot's own when left out. --battery makes it sag.
         friction: of feet and floor.
         payload: mass added to the trunk [kg].
         watchdog: without a command for this long, the robot damps its joints by itself [ms].
@@ -85,9 +86,9 @@ class RobotSim:
 
         check_positive("distance", self.distance, "m")
         pace, options = self._pace(), self._options()
-        world = SimulatedWorld(chosen_robot(self.robot), options)
         endpoint = open_endpoint(self.bus)
         try:
+            world = SimulatedWorld(chosen_robot(self.robot), options)
             report = self._simulate(world, endpoint, pace)
         finally:
             endpoint.close()
@@ -138,12 +139,12 @@ class RobotSim:
     def _options(self) -> SimulatorOptions:
         from sprintlab.deployment.simulator import LinkOptions, SensorNoise, SimulatorOptions
         from sprintlab.deployment.simulator.options import TYPICAL_NOISE
-        from sprintlab.plant import PlantOptions, TrialSettings
+        from sprintlab.plant import TrialSettings
 
         link = LinkOptions(delay=1e-3 * self.delay, jitter=1e-3 * self.jitter, loss=0.01 * self.loss)
         noise: SensorNoise = TYPICAL_NOISE.scaled(self.noise)
         return SimulatorOptions(
-            plant=PlantOptions(bus_voltage=self.bus_voltage),
+            plant=replace(self.plant(), bus_voltage=self.bus_voltage),
             trial=TrialSettings(seed=self.seed, friction=self.friction, payload=self.payload),
             to_controller=link,
             to_robot=link,

@@ -122,7 +122,7 @@ class SimulatedRobot:
             joint_torque=noisy(torque, noise.joint_torque),
             quaternion=self._turned(data.qpos[3:7].copy()),
             angular_velocity=noisy(data.qvel[3:6], noise.angular_velocity),
-            bus_voltage=self._options.plant.bus_voltage or self._robot.bus_voltage,
+            bus_voltage=self._bus_voltage,
             command_sequence=0 if self._command is None else self._command.sequence,
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
         )
@@ -140,6 +140,14 @@ class SimulatedRobot:
             position=self._noisy(data.qpos[:3].copy(), noise.track_position),
             velocity=self._noisy(data.qvel[:3].copy(), noise.track_velocity),
         )
+
+    @property
+    def _bus_voltage(self) -> float:
+        """Voltage at the drives [V]: what the battery leaves, where there is one."""
+        supply = self.plant.supply
+        if supply is None:
+            return self._options.plant.bus_voltage or self._robot.bus_voltage
+        return supply.bus_voltage
 
     def _watch(self) -> None:
         """Take over when no command has come for too long; only another safe command ends that."""
