@@ -17,6 +17,8 @@ from sprintlab.cli.ablate import Ablate
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
+from sprintlab.cli.limit import Limit
+from sprintlab.cli.figures import Figures
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
@@ -36,7 +38,9 @@ Command = (
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Ablate, tyro.conf.subcommand(name="ablate")]
+    | Annotated[Figures, tyro.conf.subcommand(name="figures")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
+    | Annotated[Limit, tyro.conf.subcommand(name="limit")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[RobotSim, tyro.conf.subcommand(name="robot-sim")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]

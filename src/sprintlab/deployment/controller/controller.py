@@ -18,7 +18,7 @@ from sprintlab.commands import heading_angle, heading_command, wrap_angle
 from sprintlab.control import Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
-from sprintlab.deployment.controller.motion import JointMotion, Waypoint, folded_pose
+from sprintlab.deployment.controller.motion import JointMotion, Motion, SinkMotion, Waypoint, folded_pose
 from sprintlab.deployment.interface import (
     CommandSource,
     ControlTick,
@@ -43,6 +43,7 @@ from sprintlab.deployment.safety import (
     StateMonitor,
     VelocityLimiter,
     VelocityLimits,
+    implied_torque,
     trunk_tilt,
 )
 from sprintlab.deployment.safety.timer import Persistence
@@ -56,6 +57,7 @@ _SINK_TIME = 1.5  # s
 _DAMP_TIME = 1.0  # s of damping after sinking
 _SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
 _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
+_LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
@@ -100,6 +102,7 @@ class Controller:
         fault_counts: how often each fault was noticed.
         stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
         policy_time: duration of the last policy step [s].
+        moving_since: time in the last run at which the command was first not zero [s]; None before.
 
     Raises:
         ContractMismatchError: the policy was not made for this robot.
@@ -126,26 +129,27 @@ class Controller:
         self._zeros = np.zeros(len(robot.joint_names))
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
-        self._motion = JointMotion(self._targets, 0.0)
+        self._motion: Motion = JointMotion(self._targets, 0.0)
         self._course = Course(0.0)
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
         self._slow = Persistence(_BRAKED_TIME)
         self._start: int | None = None
         self._now = self._next_policy = 0
         self._sequence = 0
+        self._last_command: JointCommand | None = None
         self._answer, self._answered_at = 0, 0.0
         self._fix: PositionFix | None = None
         self._fix_at = 0.0
         self._faults: list[Fault] = []
         self._run_started = 0.0
         self._brake_started: float | None = None
-        self._after_brake = Mode.STAND
         self._held = False
         self._override: Request | None = None
         self.mode = Mode.PASSIVE
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
         self.policy_time = 0.0
+        self.moving_since: float | None = None
 
     @property
     def state(self) -> RobotState | None:
@@ -153,9 +157,24 @@ class Controller:
         return self._states.last
 
     @property
+    def commanded_speed(self) -> float:
+        """Forward speed that the policy is asked for [m/s]."""
+        return float(self._velocity[0])
+
+    @property
     def braking(self) -> bool:
         """Whether a run is being brought to a stand."""
         return self._brake_started is not None
+
+    def come_down(self, *, at_once: bool = False) -> None:
+        """Bring the robot down whatever the source says: brake, stand, lie down; or stop at once."""
+        self._override = Request.STOP if at_once else Request.LIE_DOWN
+
+    def last_command(self, now: int) -> JointCommand:
+        """What to send before leaving the robot alone at ``now`` [ns]: off if passive, else damping."""
+        if self.mode is not Mode.PASSIVE:
+            self._enter_stop("the controller ends")
+        return self._command(now)
 
     def step(self, now: int, states: Sequence[RobotState], fix: PositionFix | None = None) -> ControlTick:
         """One step of the 1 kHz loop.
@@ -259,7 +278,7 @@ class Controller:
             self._enter_stop(next(gravest).value)
         elif Reaction.BRAKE in reactions and self.mode is Mode.RUN:
             self._held = True
-            self._start_brake(time, Mode.STAND)
+            self._start_brake(time)
 
     def _enter_stop(self, reason: str) -> None:
         self.mode, self.stop_reason = Mode.STOP, reason
@@ -267,8 +286,7 @@ class Controller:
         self._limiter.reset()
         self._velocity = np.zeros(3)
 
-    def _start_brake(self, time: float, then: Mode) -> None:
-        self._after_brake = then
+    def _start_brake(self, time: float) -> None:
         if self._brake_started is None:
             self._brake_started = time
             self._slow.reset()
@@ -324,7 +342,7 @@ class Controller:
         if goal is None:
             return
         if self.mode is Mode.RUN:
-            self._start_brake(time, goal)
+            self._start_brake(time)
         elif self._may_leave(goal, state, time):
             self._enter(goal, state, time)
 
@@ -334,6 +352,8 @@ class Controller:
             return self._ready(state, time)
         if self.mode is Mode.STOP:
             return self._states.stale(time) or self._at_rest(state)
+        if self.mode is Mode.STAND and time < self._motion.end_time:
+            return False
         return goal is not Mode.RUN or not (self._held or self._operator.lost(time))
 
     def _ready(self, state: RobotState, time: float) -> bool:
@@ -356,6 +376,8 @@ class Controller:
             self._velocity = self._limiter.brake(dt, yaw_rate)
         else:
             self._velocity = self._limiter.advance(self._operator.velocity, dt)
+        if self.moving_since is None and self._velocity[0] != 0.0:
+            self.moving_since = time - self._run_started
         begin = clock.perf_counter_ns()
         try:
             targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
@@ -370,9 +392,9 @@ class Controller:
     # ---- modes ---------------------------------------------------------------------------------------
 
     def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
-        self.mode = mode
+        ran, self.mode = self.mode is Mode.RUN, mode
         standing = np.array(self._robot.default_pose)
-        here = state.joint_position.copy()
+        here = self._bumpless_start(state)
         if mode is Mode.STAND_UP:
             self._held = False
             self._motion = JointMotion(
@@ -381,22 +403,33 @@ class Controller:
         elif mode is Mode.STAND:
             self._brake_started = None
             self._velocity = np.zeros(3)
-            self._motion = JointMotion(here, time, Waypoint(standing, _SETTLE_TIME))
+            # After a run the feet stand where they stand: any other pose would brace the legs.
+            pose = here if ran else standing
+            self._motion = JointMotion(here, time, Waypoint(pose, _SETTLE_TIME))
         elif mode is Mode.LIE_DOWN:
             self._brake_started = None
             self._velocity = np.zeros(3)
-            self._motion = JointMotion(here, time, Waypoint(self._folded, _SINK_TIME))
+            self._motion = SinkMotion(self._robot, here, time, _SINK_TIME)
         elif mode is Mode.RUN:
             self._start_run(state, time)
         else:
             self._forget_robot()
+
+    def _bumpless_start(self, state: RobotState) -> FloatArray:
+        """Targets [rad] that ask for the torque of the last command: a motion from there begins smoothly."""
+        if self._last_command is None:
+            return state.joint_position.copy()
+        torque = implied_torque(self._last_command, state)
+        offset = np.clip(torque / self._robot.stiffness, -_LARGEST_SAG, _LARGEST_SAG)
+        lower, upper = self._robot.position_limits.T
+        return np.clip(state.joint_position + offset, lower, upper)
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()
         self._limiter.reset()
         self._late.clear()
         self._course = Course(float(heading_angle(state.quaternion)))
-        self._run_started = time
+        self._run_started, self.moving_since = time, None
 
     def _advance_mode(self, time: float) -> None:
         """Leave a mode that has done its work, and move the targets of those without a policy."""
@@ -426,7 +459,7 @@ class Controller:
             return
         calm = float(np.abs(state.joint_velocity).max()) < _BRAKED_SPEED
         if self._slow.update(calm and not self._velocity[:2].any(), time):
-            self._enter(self._after_brake, state, time)
+            self._enter(Mode.STAND, state, time)
         elif time - self._brake_started > self._longest_brake:
             self._note(Fault.BRAKE_FAILED)
             self._react(time)
@@ -464,7 +497,7 @@ class Controller:
         feedforward: FloatArray,
     ) -> JointCommand:
         self._sequence += 1
-        return JointCommand(
+        self._last_command = JointCommand(
             sequence=self._sequence,
             timestamp=now,
             mode=mode,
@@ -474,6 +507,7 @@ class Controller:
             feedforward_torque=feedforward,
             state_sequence=self._states.last.sequence if self._states.last else 0,
         )
+        return self._last_command
 
 
 def _measurement(state: RobotState) -> Measurement:

@@ -1,0 +1,205 @@
+"""``sprintlab run``: drive a robot on the bus with a policy."""
+
+from __future__ import annotations
+
+import os
+import select
+import shlex
+import signal
+import sys
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
+from sprintlab.cli.race import policy_path
+
+if TYPE_CHECKING:
+    from sprintlab.deployment.controller import Controller, LoopReport
+
+_ATTENDED = ("keyboard", "gamepad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Drive a robot: stand up, run as the command source wishes, lie down. Ctrl-C brings it down in order,
+    a second Ctrl-C stops it at once.
+
+    Attributes:
+        policy: a policy file, or the name of a policy that comes with the package.
+        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
+        robot: a robot's name, or a parameter table of one's own (.toml).
+        source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
+        top_speed: highest commanded speed [m/s].
+        distance: of a sprint [m].
+        log: write every step to this MCAP file.
+        duration: come down after this time [s].
+        priority: of the real-time scheduler, 1 to 99.
+        no_real_time: keep the normal scheduler.
+        lock_step: take time from a simulated robot and answer each of its steps.
+        json: print JSON only.
+    """
+
+    policy: tyro.conf.Positional[str] = "sprint"
+    bus: tyro.conf.Positional[str] = "shm://bp2"
+    robot: str = "bp2"
+    source: str = "sprint"
+    top_speed: float = 12.0
+    distance: float = 100.0
+    log: Path | None = None
+    duration: float | None = None
+    priority: int = 50
+    no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
+    lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Drive until the robot lies again; 1 when something kept it from running as it should.
+
+        Raises:
+            SprintlabError: an option, the policy, the source, the bus or the log is refused.
+        """
+        from sprintlab.control import load_policy
+        from sprintlab.deployment.bus import open_bus
+        from sprintlab.deployment.controller import Controller, LoopOptions
+        from sprintlab.deployment.safety import VelocityLimits
+        from sprintlab.deployment.sources import open_source
+        from sprintlab.evaluation.race_files import chosen_robot
+
+        options = LoopOptions(
+            lock_step=self.lock_step,
+            priority=None if self.no_real_time else self.priority,
+            duration=self.duration,
+            attended=self.source.startswith(_ATTENDED),
+        )
+        robot, policy = chosen_robot(self.robot), load_policy(policy_path(self.policy))
+        limits = VelocityLimits(forward=self.top_speed)
+        with ExitStack() as stack:
+            source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)
+            stack.enter_context(closing(source))
+            controller = Controller(policy, robot, source, limits=limits)
+            log = self._log(policy, robot.name)
+            if log is not None:
+                stack.enter_context(closing(log))
+            bus = stack.enter_context(closing(open_bus(self.bus)))
+            report = self._drive(controller, bus, options, log)
+        self._show(controller, report, _sprint_time(controller, source))
+        return 0 if _in_order(controller, report) else 1
+
+    def _log(self, policy: Any, robot: str) -> Any:
+        if self.log is None:
+            return None
+        from sprintlab.control import encode_contract
+        from sprintlab.deployment.log import LogFacts, McapRunLog
+
+        facts = {
+            "command_line": shlex.join(["sprintlab", *sys.argv[1:]]),
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "policy": self.policy,
+            "bus": self.bus,
+        }
+        return McapRunLog(
+            self.log, LogFacts(robot=robot, contract=encode_contract(policy.contract), facts=facts)
+        )
+
+    def _drive(self, controller: Controller, bus: Any, options: Any, log: Any) -> LoopReport:
+        from sprintlab.deployment.controller import run_loop
+
+        stderr_console().print(f"driving {self.bus}; Ctrl-C brings the robot down", soft_wrap=True)
+        with _interruptions() as interrupted, _status_line(quiet=self.json) as status:
+            return run_loop(controller, bus, options, log=log, interrupted=interrupted, status=status)
+
+    def _show(self, controller: Controller, report: LoopReport, sprint_time: float | None) -> None:
+        if self.json:
+            faults = {fault.value: count for fault, count in controller.fault_counts.items()}
+            print_json({**report.to_dict(), "sprint_time": sprint_time, "faults": faults})
+            return
+        table = plain_table("Run", "quantity", "value", "unit", numbers=("value",))
+        for row in _rows(controller, report, self.distance, sprint_time):
+            table.add_row(*row)
+        stdout_console().print(table)
+        stdout_console().print(_latency_table(report))
+        for remark in report.grant.remarks if report.grant else ():
+            stderr_console().print(remark, soft_wrap=True)
+
+
+def _in_order(controller: Controller, report: LoopReport) -> bool:
+    from sprintlab.deployment.safety import RESPONSES, Reaction
+
+    grave = any(RESPONSES[fault].reaction is not Reaction.DROP for fault in controller.fault_counts)
+    return report.end == "passive" and not grave
+
+
+def _sprint_time(controller: Controller, source: Any) -> float | None:
+    """From the first non-zero command to the end of a sprint's distance [s], by the controller's clock."""
+    finish = getattr(source, "finish_time", None)
+    if finish is None or controller.moving_since is None:
+        return None
+    return round(finish - controller.moving_since, 3)
+
+
+def _rows(
+    controller: Controller, report: LoopReport, distance: float, sprint_time: float | None
+) -> list[tuple[str, str, str]]:
+    rows = [("time", f"{report.duration:.2f}", "s"), ("end", report.end, "")]
+    if sprint_time is not None:
+        rows.append((f"time over {distance:g} m", f"{sprint_time:.2f}", "s"))
+    if report.grant is not None:
+        granted = "none" if report.grant.priority is None else str(report.grant.priority)
+        rows += [
+            ("memory locked", "yes" if report.grant.memory_locked else "no", ""),
+            ("real-time priority", granted, ""),
+            ("deadline misses", f"{report.deadline_misses} of {report.steps}", ""),
+            ("periods skipped", str(report.skipped), ""),
+        ]
+    rows.append(("damaged messages", str(report.malformed), ""))
+    rows += [(f"fault {fault.value}", str(count), "") for fault, count in controller.fault_counts.items()]
+    return rows
+
+
+def _latency_table(report: LoopReport) -> Any:
+    columns = ("p50", "p90", "p99", "p99.9", "max")
+    table = plain_table("Latency [µs]", "what", *columns, numbers=columns)
+    for name, values in report.to_dict()["microseconds"].items():
+        numbers = ["-" if values[column] is None else f"{values[column]:.0f}" for column in columns]
+        table.add_row(name.replace("_", " "), *numbers)
+    return table
+
+
+@contextmanager
+def _interruptions() -> Generator[Callable[[], int]]:
+    """Yield a function that counts Ctrl-C and termination signals."""
+    received: list[int] = []
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = {kind: signal.signal(kind, lambda number, _: received.append(number)) for kind in kinds}
+    try:
+        yield lambda: len(received)
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+@contextmanager
+def _status_line(*, quiet: bool) -> Generator[Callable[[Controller, LoopReport], None]]:
+    """Yield what shows how things stand on a terminal; it never waits for one that does not take it."""
+    descriptor = sys.stderr.fileno() if not quiet and sys.stderr.isatty() else None
+
+    def show(controller: Controller, report: LoopReport) -> None:
+        if descriptor is None or not select.select([], [descriptor], [], 0.0)[1]:
+            return
+        speed = controller.commanded_speed
+        faults = sum(controller.fault_counts.values())
+        line = f"{report.duration:7.1f} s  {controller.mode.value:<9} {speed:5.2f} m/s commanded"
+        line += f"  {report.deadline_misses} misses  {faults} faults  {controller.stop_reason:<20}"
+        os.write(descriptor, f"\r{line[:100]}".encode())
+
+    try:
+        yield show
+    finally:
+        if descriptor is not None:
+            os.write(descriptor, b"\r\x1b[K")
