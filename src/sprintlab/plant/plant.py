@@ -136,6 +136,14 @@ class MotionRecorder(Protocol):
         ...
 
 
+class JointDrive(Protocol):
+    """Twelve motors: what they give of what is asked for."""
+
+    def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray, /) -> DriveOutput:
+        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
+        ...
+
+
 class Plant:
     """One robot in one simulation.
 
@@ -155,7 +163,7 @@ class Plant:
         self.model = build_model(robot, options.model_options())
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
-        self._drive = _drive(robot, options)
+        self._drive: JointDrive = _drive(robot, options)
         self._bind()
         self._place(settings)
 
@@ -163,6 +171,10 @@ class Plant:
     def supply(self) -> SupplyState | None:
         """Battery and windings now; ``None`` where both are off."""
         return self._drive.state if isinstance(self._drive, SuppliedDrive) else None
+
+    def use_drive(self, drive: JointDrive) -> None:
+        """Go on with another motor law."""
+        self._drive = drive
 
     @property
     def time(self) -> float:

@@ -88,7 +88,7 @@ class LivePlant(Plant):
 
     def change_motors(self, model: MotorModel, bus_voltage: float) -> None:
         """Give every joint another motor law or bus voltage [V]."""
-        self._drive = PreparedDrive(self.robot, bus_voltage, model)
+        self.use_drive(PreparedDrive(self.robot, bus_voltage, model))
 
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
@@ -159,21 +159,23 @@ class _Samples:
     joints: NDArray[np.int64]
     speed: list[FloatArray] = field(default_factory=list)
     torque: list[FloatArray] = field(default_factory=list)
+    direct_current: list[FloatArray] = field(default_factory=list)
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
         self.speed.append(data.qvel[self.joints])
         self.torque.append(np.asarray(drive.motor_torque))
+        self.direct_current.append(np.broadcast_to(drive.direct_current, self.joints.shape))
 
     def watch_feet(self, data: mujoco.MjData) -> None:
         """Feet are only watched by an evaluation."""
 
-    def take(self) -> tuple[FloatArray, FloatArray]:
-        """All samples as ``(n, 12)`` arrays, and start anew."""
-        size = (-1, len(self.joints))
-        taken = np.array(self.speed).reshape(size), np.array(self.torque).reshape(size)
-        self.speed.clear()
-        self.torque.clear()
-        return taken
+    def take(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint speed, motor torque and direct current as ``(n, 12)`` arrays; starts anew."""
+        kept = self.speed, self.torque, self.direct_current
+        speed, torque, direct = (np.array(values).reshape(-1, len(self.joints)) for values in kept)
+        for values in kept:
+            values.clear()
+        return speed, torque, direct
 
 
 class Session:
@@ -282,8 +284,9 @@ class Session:
         return np.array([speed, 0.0, float(limit_yaw_rate(np.asarray(yaw_rate), np.asarray(speed), 0.7))])
 
     def _glimpse(self) -> Glimpse:
-        speed, torque = self._samples.take()
-        power = electrical_power(self.robot.motors, torque, speed * self.robot.gear.ratio).sum(axis=1)
+        speed, torque, direct = self._samples.take()
+        motor_speed = speed * self.robot.gear.ratio
+        power = electrical_power(self.robot.motors, torque, motor_speed, direct).sum(axis=1)
         base = self.plant.base_state()
         return Glimpse(
             time=self._earlier + self.plant.time,

@@ -1,0 +1,111 @@
+"""The examples of docs/extending.md: run as they stand, then looked at."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
+LONGEST = 40  # lines
+
+
+def examples():
+    text = PAGE.read_text(encoding="utf-8")
+    return dict(re.findall(r"^## ([^\n]+)\n.*?```python\n(.*?)```", text, re.MULTILINE | re.DOTALL))
+
+
+@pytest.fixture
+def example(tmp_path, monkeypatch):
+    """Run the example below a heading in an empty folder; returns what it defined."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(heading):
+        names = {"__name__": "example"}
+        exec(compile(examples()[heading], f"{PAGE.name}: {heading}", "exec"), names)
+        return names
+
+    return run
+
+
+def test_there_are_four_short_examples():
+    assert set(examples()) == {"A motor law", "A command schedule", "A reward term", "A robot"}
+    assert max(len(code.splitlines()) for code in examples().values()) < LONGEST
+
+
+def test_power_limited_drive(example):
+    names = example("A motor law")
+    robot, given = names["robot"], names["given"]
+    power = np.asarray(given.motor_torque) * 20.0 * np.asarray(robot.gear.ratio)
+    assert power.max() <= 1500.0 * (1 + 1e-9)
+    roomy = names["PowerLimitedDrive"](robot, robot.bus_voltage, 1e6)
+    refined = names["PreparedDrive"](robot, robot.bus_voltage)
+    for speed in (-30.0, 0.0, 25.0):
+        assert_allclose(roomy.limits(np.full(12, speed)), refined.limits(np.full(12, speed)))
+    assert refined(np.full(12, 200.0), np.full(12, 20.0)).motor_torque.max() * 120.0 > 1500.0
+    names["plant"].advance(robot.default_pose, 5, _Idle())
+
+
+class _Idle:
+    """A recorder that keeps nothing."""
+
+    def sample(self, data, drive, targets):
+        pass
+
+    def watch_feet(self, data):
+        pass
+
+
+def test_staircase_climbs_to_its_target(example):
+    from sprintlab.commands import initial_state
+
+    schedule = example("A command schedule")["StaircaseSchedule"]()
+    count, random = 64, np.random.default_rng(0)
+    state, before = initial_state(count, np.zeros(count)), np.zeros(count)
+    for step in range(200):
+        state = schedule.advance(
+            state,
+            speed=np.zeros(count),
+            dt=0.02,
+            lower=-1.0,
+            upper=4.0,
+            friction=np.full(count, 0.8),
+            fresh=np.full(count, step == 0),
+            random=random.random((count, 8)),
+        )
+        command = np.asarray(state.command[:, 0])
+        assert np.abs(command - before).max() <= 0.5 + 1e-12
+        assert command.min() >= -1.0 and command.max() <= 4.0
+        before = command
+    assert before.max() > 1.5
+
+
+def test_reward_term_is_among_the_penalties(example):
+    torch = pytest.importorskip("torch")
+    from sprintlab.training import rewards
+
+    known = dict(rewards.PENALTIES)
+    try:
+        names = example("A reward term")
+        settings = names["settings"].rewards
+        assert settings.penalties()["sideways_velocity"].second == -2.0
+        assert set(settings.penalties()) <= set(rewards.PENALTIES)
+
+        class Step:
+            class body:
+                velocity = torch.tensor([[3.0, -2.0, 0.0]])
+
+        assert rewards.PENALTIES["sideways_velocity"](Step, settings).tolist() == [4.0]
+    finally:
+        rewards.PENALTIES.clear()
+        rewards.PENALTIES.update(known)
+
+
+def test_long_shank_is_a_robot(example):
+    from sprintlab.robots import load_robot, robot_names
+
+    names = example("A robot")
+    assert "longshank" in robot_names()
+    assert names["robot"].standing_height > load_robot("bp2").standing_height
+    assert names["model"].nu == 12
