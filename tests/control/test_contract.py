@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import (
+    ESTIMATE_TERMS,
     LowPass,
     ObservationLayout,
     check_contract,
@@ -34,6 +35,11 @@ def with_term(contract, index, **changes):
         msgspec.structs.replace(contract.observation.terms[index], **changes),
     )
     return with_observation(contract, terms=terms)
+
+
+def estimating(contract, terms):
+    filters = msgspec.structs.replace(contract.filters, estimate_cutoff_hz=3.0)
+    return {"filters": filters, "estimate": terms}
 
 
 MOTOR_COLUMNS = (
@@ -100,6 +106,14 @@ def test_contract_tells_layout_filter_and_training(robot, contract):
             lambda c: with_observation(c, history_order="newest-first"),
             "observation.history_order",
         ),
+        (lambda c: with_observation(c, terms=c.observation.terms[:-1]), "observation.terms"),
+        (
+            lambda c: {"position_limits": set_entry(c.position_limits, 2, (-2.6, -0.2))},
+            "position_limits[FL_knee]",
+        ),
+        (lambda c: {"estimate": ESTIMATE_TERMS}, "estimate"),
+        (lambda c: estimating(c, ESTIMATE_TERMS[::-1]), "estimate"),
+        (lambda c: estimating(c, ESTIMATE_TERMS[:2]), "estimate"),
     ],
 )
 def test_every_mismatch_is_refused_by_name(contract, robot, change, field):
@@ -125,6 +139,37 @@ def test_bus_voltage_is_compared_with_both_values(contract, robot):
     motors = msgspec.structs.replace(contract.motors, bus_voltage=48.0)
     with pytest.raises(ContractMismatchError, match=r"motors\.bus_voltage .* 48\.0, robot bp2 has 60\.0"):
         check_contract(msgspec.structs.replace(contract, motors=motors), robot)
+
+
+def test_a_contract_with_an_estimator_names_its_terms_and_filter(robot, contract):
+    made = make_contract(
+        robot,
+        layout=ObservationLayout(),
+        training=contract.training,
+        software={},
+        proprioception_filter=LowPass(),
+        estimate_filter=LowPass(cutoff_hz=3.0),
+    )
+    check_contract(made, robot)
+    assert [(term.name, term.size) for term in made.estimate] == [
+        ("body_velocity", 3),
+        ("base_height", 1),
+        ("foot_contact", 4),
+    ]
+    assert made.filters.estimate_cutoff_hz == 3.0
+
+
+def test_a_file_that_does_not_tell_limits_and_estimate_is_read(contract, robot):
+    data = json.loads(encode_contract(contract))
+    del data["position_limits"], data["estimate"]
+    check_contract(decode_contract(json.dumps(data)), robot)
+
+
+def test_a_training_without_a_hash_of_its_configuration_is_refused(contract):
+    data = json.loads(encode_contract(contract))
+    data["training"]["config_hash"] = "unknown"
+    with pytest.raises(PolicyFileError, match="64 hexadecimal digits"):
+        decode_contract(json.dumps(data))
 
 
 def test_a_heavier_robot_is_another_robot(contract, robot):

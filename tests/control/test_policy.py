@@ -156,3 +156,31 @@ def test_shipped_policy_is_found_by_name_or_the_names_are_told(tmp_path, monkeyp
     assert shipped_policy("sprint") == tmp_path / "sprint.onnx"
     with pytest.raises(PolicyFileError, match="there is: sprint"):
         shipped_policy("gallop")
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (lambda c: {"joint_names": c.joint_names[::-1]}, "joint_names"),
+        (lambda c: {"action_scale": (0.3,) * 12}, "action_scale"),
+        (lambda c: {"stiffness": (100.0,) * 12}, "stiffness"),
+        (lambda c: {"robot_name": "other"}, "robot_name"),
+        (
+            lambda c: {"observation": msgspec.structs.replace(c.observation, history_order="newest-first")},
+            "observation.history_order",
+        ),
+        (
+            lambda c: {"observation": msgspec.structs.replace(c.observation, terms=c.observation.terms[1:])},
+            "observation.terms",
+        ),
+    ],
+)
+def test_a_file_for_something_else_is_refused_at_load(write_policy, contract, robot, change, field):
+    changed = msgspec.structs.replace(contract, **change(contract))
+    path = write_policy(metadata={CONTRACT_KEY: encode_contract(changed)})
+    with pytest.raises(ContractMismatchError, match=f"^{field}"):
+        load_policy(path, robot)
+
+
+def test_the_shipped_policy_loads_for_its_robot(robot):
+    assert load_policy(shipped_policy(), robot).contract.robot_name == robot.name

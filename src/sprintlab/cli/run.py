@@ -77,7 +77,8 @@ class Run:
             duration=self.duration,
             attended=self.source.startswith(_ATTENDED),
         )
-        robot, policy = chosen_robot(self.robot), load_policy(policy_path(self.policy))
+        robot = chosen_robot(self.robot)
+        policy = load_policy(policy_path(self.policy), robot)
         limits = VelocityLimits(forward=self.top_speed)
         with ExitStack() as stack:
             source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)

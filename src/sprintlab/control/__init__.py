@@ -3,8 +3,10 @@
 from sprintlab.control.action import joint_targets, pd_torque
 from sprintlab.control.contract import (
     CONTRACT_KEY,
+    ESTIMATE_TERMS,
     MOTOR_RATE_HZ,
     POLICY_RATE_HZ,
+    EstimateTerm,
     PolicyContract,
     TrainingRecord,
     check_contract,
@@ -43,12 +45,14 @@ from sprintlab.control.policy import (
 __all__ = [
     "CONTRACT_KEY",
     "ESTIMATE_SIZE",
+    "ESTIMATE_TERMS",
     "FRAME_SIZE",
     "JOINT_COUNT",
     "MOTOR_RATE_HZ",
     "POLICY_RATE_HZ",
     "PROPRIOCEPTION_SIZE",
     "Decision",
+    "EstimateTerm",
     "LowPass",
     "Measurement",
     "ObservationLayout",

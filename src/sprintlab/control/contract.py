@@ -7,6 +7,7 @@ the robot before the first step.
 from __future__ import annotations
 
 import platform
+import re
 from dataclasses import fields
 from importlib import metadata
 from typing import Any, cast
@@ -28,6 +29,7 @@ MOTOR_RATE_HZ = 1000.0
 ACTION_LIMIT = 10.0
 
 Vector = tuple[float, ...]
+Interval = tuple[float, float]
 
 
 def check_vector(field: str, vector: Vector, size: int) -> None:
@@ -77,6 +79,22 @@ class FilterContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             check_positive("estimate_cutoff_hz", self.estimate_cutoff_hz, "Hz")
 
 
+class EstimateTerm(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One term of an estimate: its name and how many numbers it has."""
+
+    name: str
+    size: int
+
+
+ESTIMATE_TERMS = (
+    EstimateTerm(name="body_velocity", size=3),
+    EstimateTerm(name="base_height", size=1),
+    EstimateTerm(name="foot_contact", size=4),
+)
+"""What an estimator tells, in order: velocity in the body frame [m/s], height of the trunk over the ground
+[m], probability that a foot touches the ground."""
+
+
 class MotorTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Motors and gears, one entry a joint (12), and the bus; units as in ``PmsmParameters``, ``Gear``."""
 
@@ -117,6 +135,10 @@ class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     device: str
     date: str
 
+    def __post_init__(self) -> None:
+        if re.fullmatch("[0-9a-f]{64}", self.config_hash) is None:
+            raise InvalidValueError("training.config_hash", self.config_hash, "64 hexadecimal digits")
+
 
 class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a policy was made for; joints in policy order, SI units.
@@ -138,9 +160,14 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         robot_fingerprint: of the whole robot description, masses and lengths included.
         software: versions of the packages that made the policy.
         training: how it was trained.
+        position_limits: lowest and highest position of each joint [rad] (12 pairs); None in files that do
+            not tell, whose fingerprint covers them all the same.
+        estimate: terms of the network's estimate in order; None without an estimator, and in files that do
+            not tell.
 
     Raises:
-        InvalidValueError: a vector has not one number a joint, or a number is not finite or positive.
+        InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
+            hash of the configuration is none.
     """
 
     format_version: int = FORMAT_VERSION
@@ -159,9 +186,14 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     robot_fingerprint: str
     software: dict[str, str]
     training: TrainingRecord
+    position_limits: tuple[Interval, ...] | None = None
+    estimate: tuple[EstimateTerm, ...] | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
+        if self.position_limits is not None:
+            for limits in zip(*self.position_limits, strict=True):
+                check_vector("position_limits", limits, joints)
         for field in ("default_pose", "action_scale", "stiffness", "damping"):
             check_vector(field, getattr(self, field), joints)
         for field in MotorTable.__struct_fields__:
@@ -225,6 +257,7 @@ def robot_section(robot: RobotDescription) -> dict[str, Any]:
         "stiffness": _vector(robot.stiffness),
         "damping": _vector(robot.damping),
         "motors": _motor_table(robot),
+        "position_limits": tuple(tuple(pair) for pair in robot.position_limits.tolist()),
         "robot_fingerprint": robot_fingerprint(robot),
     }
 
@@ -261,6 +294,7 @@ def make_contract(
             proprioception_cutoff_hz=proprioception_filter.cutoff_hz,
             estimate_cutoff_hz=None if estimate_filter is None else estimate_filter.cutoff_hz,
         ),
+        estimate=None if estimate_filter is None else ESTIMATE_TERMS,
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,
@@ -278,8 +312,22 @@ def check_contract(contract: PolicyContract, robot: RobotDescription) -> None:
     _require_equal("policy_rate_hz", contract.policy_rate_hz, POLICY_RATE_HZ, "this version")
     _require_equal("motor_rate_hz", contract.motor_rate_hz, MOTOR_RATE_HZ, "this version")
     layout_from_contract(contract.observation)
+    check_estimate(contract)
     for field, value in robot_section(robot).items():
         _compare_robot_field(field, getattr(contract, field), value, robot)
+
+
+def check_estimate(contract: PolicyContract) -> None:
+    """Refuse an estimate whose terms are not those of this version, or that no filter belongs to.
+
+    Raises:
+        ContractMismatchError: names the terms on both sides.
+    """
+    if contract.estimate is None:
+        return
+    known = ESTIMATE_TERMS if contract.filters.estimate_cutoff_hz is not None else ()
+    here, there = ([f"{term.name} {term.size}" for term in terms] for terms in (contract.estimate, known))
+    _require_equal("estimate", here, there, "this version")
 
 
 def encode_contract(contract: PolicyContract) -> str:
@@ -342,6 +390,8 @@ def _motor_table(robot: RobotDescription) -> MotorTable:
 def _compare_robot_field(field: str, value: Any, expected: Any, robot: RobotDescription) -> None:
     """Compare one field of ``robot_section``; in a motor table or a vector, name the entry that differs."""
     owner = f"robot {robot.name}"
+    if value is None:
+        return  # a field that the file does not tell
     if isinstance(expected, MotorTable):
         for column in MotorTable.__struct_fields__:
             name = f"motors.{column}"

@@ -12,7 +12,13 @@ import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
-from sprintlab.control.contract import CONTRACT_KEY, PolicyContract, check_contract, decode_contract
+from sprintlab.control.contract import (
+    CONTRACT_KEY,
+    PolicyContract,
+    check_contract,
+    check_estimate,
+    decode_contract,
+)
 from sprintlab.control.observation import (
     JOINT_COUNT,
     Proprioception,
@@ -198,13 +204,18 @@ class PolicyRuntime:
         )
 
 
-def load_policy(path: str | os.PathLike[str]) -> Policy:
+def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = None) -> Policy:
     """Read a policy file.
+
+    Args:
+        path: the ONNX file.
+        robot: also refuse a policy that was not made for this robot.
 
     Raises:
         PolicyFileError: the file is missing, unreadable, truncated, without a contract, or its network
             has other inputs or outputs than its contract says.
-        ContractMismatchError: the observation is not one that this version builds.
+        ContractMismatchError: observation or estimate are not what this version builds, or the robot is
+            another one.
     """
     session = _open_session(Path(path))
     text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
@@ -214,6 +225,9 @@ def load_policy(path: str | os.PathLike[str]) -> Policy:
         contract = decode_contract(text)
     except PolicyFileError as error:
         raise PolicyFileError(f"{path} is no usable policy: {error}") from error
+    if robot is not None:
+        check_contract(contract, robot)
+    check_estimate(contract)
     policy = Policy(contract, session)
     inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: JOINT_COUNT}
     if policy.estimates:
