@@ -17,8 +17,8 @@ from sprintlab.cli.ablate import Ablate
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
-from sprintlab.cli.limit import Limit
 from sprintlab.cli.figures import Figures
+from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
@@ -50,6 +50,21 @@ Command = (
 )
 
 
+def parse(arguments: Sequence[str]) -> Any:
+    """Turn a command line into the command that it names; nothing runs yet.
+
+    Raises:
+        SystemExit: help was printed, or the command line makes no sense.
+    """
+    return tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="sprintlab",
+        description="How fast can a legged robot run before its motors stop it?",
+        args=list(arguments),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+
+
 def run(arguments: Sequence[str]) -> int:
     """Parse and run one command.
 
@@ -62,14 +77,7 @@ def run(arguments: Sequence[str]) -> int:
     """
     if list(arguments[:1]) == ["train"] and len(arguments) > 1:
         return run_training(arguments[1:])
-    command: Any = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="sprintlab",
-        description="How fast can a legged robot run before its motors stop it?",
-        args=list(arguments),
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
-    return command.run()
+    return parse(arguments).run()
 
 
 def one_sentence(error: BaseException) -> str:

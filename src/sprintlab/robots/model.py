@@ -249,7 +249,17 @@ def _limit(joint: mujoco.MjsJoint, limits: object, options: ModelOptions) -> Non
 
 
 def _set_shank_inertia(body: mujoco.MjsBody, robot: RobotDescription, side: float) -> None:
-    """Shank and foot as one rigid body: parallel-axis theorem about the common centre of mass."""
+    body.mass, body.ipos, inertia = shank_with_foot(robot, side)
+    body.explicitinertial = True
+    body.fullinertia = _full_inertia(inertia)
+
+
+def shank_with_foot(robot: RobotDescription, side: float = 1.0) -> tuple[float, FloatArray, FloatArray]:
+    """Shank and foot as one rigid body, by the parallel-axis theorem; ``side`` -1 mirrors y.
+
+    Returns:
+        mass [kg], centre of mass ``(3,)`` [m] and inertia about it ``(3, 3)`` [kg m^2], in the shank's frame.
+    """
     shank = robot.mechanics.shank
     foot = np.array((0.0, 0.0, -robot.mechanics.shank_length))
     foot_mass, radius = robot.mechanics.foot_mass, robot.foot_radius
@@ -257,8 +267,7 @@ def _set_shank_inertia(body: mujoco.MjsBody, robot: RobotDescription, side: floa
     common = (shank.mass * center + foot_mass * foot) / (shank.mass + foot_mass)
     inertia = shank.inertia_matrix(side) + shank.mass * _point_inertia(center - common)
     inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + _point_inertia(foot - common))
-    body.mass, body.ipos, body.explicitinertial = shank.mass + foot_mass, common, True
-    body.fullinertia = _full_inertia(inertia)
+    return shank.mass + foot_mass, common, inertia
 
 
 def _point_inertia(position: FloatArray) -> FloatArray:

@@ -1,0 +1,337 @@
+"""The speed limit of a robot: what stops it, how it moves, and what trained policies reach."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sprintlab.core.checks import check_range
+from sprintlab.limits.leg import GRAVITY, FloatArray, PlanarLink
+from sprintlab.limits.search import Fastest, SearchSettings, fastest_stride
+from sprintlab.limits.stride import GROUPS, STANCE_POINTS, Runner, Stride, evaluate, runner_from_robot
+from sprintlab.motors import Gear, copper_loss, desaturate
+from sprintlab.robots import RobotDescription
+
+Progress = Callable[[str, float | None], None]
+
+_WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
+_FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
+_SEARCH_STEPS = 18  # speeds that a search tries, about; for the progress bar
+
+LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
+    "hip torque in stance": ("hip in stance",),
+    "hip torque in swing": ("hip in swing",),
+    "knee torque in stance": ("knee in stance",),
+    "knee torque in swing": ("knee in swing",),
+    "joint range and leg length": ("joint range", "leg length"),
+    "friction on the ground": ("friction",),
+}
+"""What is taken away, one at a time, to see what stops the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lifted:
+    """The limit when one of its causes is gone.
+
+    Attributes:
+        cause: a key of ``LIMITS_TO_LIFT``.
+        speed: limit without it [m/s].
+        bounded: False where even twice the limit was possible.
+    """
+
+    cause: str
+    speed: float
+    bounded: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """The limit of a robot with one quantity scaled.
+
+    Attributes:
+        quantity: a key of ``scalings``.
+        factor: on the quantity.
+        speed: limit then [m/s].
+    """
+
+    quantity: str
+    factor: float
+    speed: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrideFacts:
+    """What the fastest stride is like.
+
+    Attributes:
+        frequency: [Hz].
+        duty: share of the stride in which a foot is on the ground.
+        step: way of the trunk over a standing foot [m].
+        peak_force: greatest vertical force on one foot, in weights of the robot.
+        impact: share of the vertical impulse that comes at touchdown.
+        hip_speed: greatest speed of the hip's drive over its no-load speed.
+        knee_speed: the same for the knee's.
+        hip_full: share of the stride in which the hip's drive gives all it can.
+        knee_full: the same for the knee's.
+        mechanical_power: mean of all drives, braking subtracted [W].
+        positive_power: mean of all drives, driving only [W].
+        copper_loss: mean heat in all windings [W].
+        envelope_power: greatest mechanical power of all hips and knees together [W].
+        cost_of_transport: electrical energy per weight and way.
+    """
+
+    frequency: float
+    duty: float
+    step: float
+    peak_force: float
+    impact: float
+    hip_speed: float
+    knee_speed: float
+    hip_full: float
+    knee_full: float
+    mechanical_power: float
+    positive_power: float
+    copper_loss: float
+    envelope_power: float
+    cost_of_transport: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedSpeed:
+    """What a policy reached, read from a result file.
+
+    Attributes:
+        policy: its name.
+        speed: held under the evaluation's profile [m/s].
+        source: the file.
+    """
+
+    policy: str
+    speed: float
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLimit:
+    """The whole answer.
+
+    Attributes:
+        robot: its name.
+        speed: upper estimate of the top speed [m/s].
+        cause: what stops the robot: the limit whose absence lets it run fastest.
+        facts: of the fastest stride.
+        stride: the fastest stride, a batch of one.
+        lifted: the limit without each cause, in the order of ``LIMITS_TO_LIFT``.
+        sensitivities: the limit with one quantity scaled.
+        trained: what policies reached.
+    """
+
+    robot: str
+    speed: float
+    cause: str
+    facts: StrideFacts
+    stride: Stride
+    lifted: tuple[Lifted, ...]
+    sensitivities: tuple[Sensitivity, ...]
+    trained: tuple[TrainedSpeed, ...]
+
+
+def speed_limit(
+    robot: RobotDescription,
+    *,
+    settings: SearchSettings | None = None,
+    factors: Sequence[float] = (0.9, 1.1),
+    trained: Sequence[TrainedSpeed] = (),
+    progress: Progress | None = None,
+) -> SpeedLimit:
+    """Upper estimate of a robot's top speed from its motors and its legs, without any training.
+
+    Args:
+        robot: the robot.
+        settings: how hard to search.
+        factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
+        trained: measured speeds to put beside it.
+        progress: called with what is done and the share done.
+
+    Raises:
+        InvalidValueError: a factor outside [0.3, 3].
+        SimulationError: the motors cannot carry the robot at any speed.
+    """
+    for factor in factors:
+        check_range("factors", factor, 0.3, 3.0)
+    settings, runner = settings or SearchSettings(), runner_from_robot(robot)
+    variants = [(name, factor) for name in scalings(runner) for factor in factors]
+    meter = _Meter(progress, 1 + len(LIMITS_TO_LIFT) + len(variants))
+    best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
+    lifted = tuple(_lift(runner, settings, best, cause, meter.search(f"without {cause}")) for cause in LIMITS_TO_LIFT)
+    sensitivities = tuple(
+        Sensitivity(
+            quantity=name,
+            factor=factor,
+            speed=fastest_stride(
+                scalings(runner)[name](factor), settings, near=best, tick=meter.search(f"{name} x {factor:g}")
+            ).speed,
+        )
+        for name, factor in variants
+    )
+    stride = evaluate(runner, best.parameters[None], best.speed)
+    return SpeedLimit(
+        robot=robot.name,
+        speed=best.speed,
+        cause=max(lifted, key=lambda item: item.speed).cause,
+        facts=stride_facts(runner, stride, best.speed),
+        stride=stride,
+        lifted=lifted,
+        sensitivities=sensitivities,
+        trained=tuple(trained),
+    )
+
+
+class _Meter:
+    """Turns the ticks of searches into shares of the whole."""
+
+    def __init__(self, progress: Progress | None, searches: int) -> None:
+        self._progress, self._searches, self._begun = progress, searches, 0
+
+    def search(self, what: str) -> Callable[[], None]:
+        """The tick of the next search."""
+        first, ticks = self._begun, [0]
+        self._begun += 1
+
+        def tick() -> None:
+            ticks[0] += 1
+            if self._progress is not None:
+                self._progress(what, (first + min(ticks[0] / _SEARCH_STEPS, 1.0)) / self._searches)
+
+        return tick
+
+
+def _lift(
+    runner: Runner, settings: SearchSettings, best: Fastest, cause: str, tick: Callable[[], None]
+) -> Lifted:
+    kept = [group for group in GROUPS if group not in LIMITS_TO_LIFT[cause]]
+    ceiling = _WITHOUT_CEILING * best.speed
+    found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling, tick=tick)
+    return Lifted(cause=cause, speed=found.speed, bounded=found.bounded)
+
+
+def scalings(runner: Runner) -> dict[str, Callable[[float], Runner]]:
+    """Robots that differ from ``runner`` in one quantity, by the quantity's name.
+
+    A gear takes the reflected rotor inertia along; a longer leg keeps its masses; mass goes on the trunk.
+    """
+
+    def geared(factor: float) -> Runner:
+        gear = Gear(ratio=factor * np.asarray(runner.gear.ratio), efficiency=runner.gear.efficiency)
+        return replace(runner, gear=gear, leg=replace(runner.leg, armature=factor**2 * runner.leg.armature))
+
+    def stretched(factor: float) -> Runner:
+        links = {name: _stretched(getattr(runner.leg, name), factor) for name in ("thigh", "shank")}
+        return replace(runner, leg=replace(runner.leg, **links))
+
+    choices: dict[str, Callable[[float], Runner]] = {
+        "bus voltage": lambda factor: replace(runner, bus_voltage=factor * runner.bus_voltage),
+        "gear ratio": geared,
+        "leg length": stretched,
+        "mass": lambda factor: replace(runner, mass=factor * runner.mass),
+    }
+    spring = runner.knee_spring
+    if spring is not None:
+        choices["knee spring"] = lambda factor: replace(
+            runner, knee_spring=replace(spring, stiffness=factor * spring.stiffness)
+        )
+    return choices
+
+
+def _stretched(link: PlanarLink, factor: float) -> PlanarLink:
+    return replace(
+        link,
+        length=factor * link.length,
+        center_x=factor * link.center_x,
+        center_z=factor * link.center_z,
+        inertia=factor**2 * link.inertia,
+    )
+
+
+def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
+    """Numbers of one stride (a batch of one)."""
+    period, duty = float(stride.period[0]), float(stride.duty[0])
+    velocity, torque = stride.velocity[0], stride.torque[0]
+    power = runner.legs * torque * velocity
+    heat = runner.legs * _copper(runner, torque).sum(-1)
+    peak = runner.peak_torque
+    room = np.minimum(stride.upper[0] - torque, torque - stride.lower[0])
+    full = _mean(stride, (room < (1.0 - _FULL) * peak).astype(float))
+    fastest = np.abs(velocity).max(axis=0) / _no_load(runner)
+    weight = runner.mass * GRAVITY
+    mechanical, loss = float(_mean(stride, power.sum(-1))), float(_mean(stride, heat))
+    return StrideFacts(
+        frequency=1.0 / period,
+        duty=duty,
+        step=speed * duty * period,
+        peak_force=float(stride.force[0, :, 1].max()) / weight,
+        impact=float(stride.impact[0]),
+        hip_speed=float(fastest[0]),
+        knee_speed=float(fastest[1]),
+        hip_full=float(full[0]),
+        knee_full=float(full[1]),
+        mechanical_power=mechanical,
+        positive_power=float(_mean(stride, np.maximum(power, 0.0).sum(-1))),
+        copper_loss=loss,
+        envelope_power=runner.legs * float(_envelope_power(runner).sum()),
+        cost_of_transport=(mechanical + loss) / (weight * speed),
+    )
+
+
+def _mean(stride: Stride, values: FloatArray) -> FloatArray:
+    """Mean over the stride's time of values at its points ``(p, ...)``."""
+    time = stride.time[0]
+    halves = [slice(0, STANCE_POINTS), slice(STANCE_POINTS, None)]
+    total = sum(np.trapezoid(values[half], time[half], axis=0) for half in halves)
+    return np.asarray(total / stride.period[0])
+
+
+def _copper(runner: Runner, torque: FloatArray) -> FloatArray:
+    """Heat in the windings of hip and knee for their torques ``(p, 2)`` [W]."""
+    scale = np.asarray(runner.gear.ratio) * np.asarray(runner.gear.efficiency)
+    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, torque / scale)))
+
+
+def _no_load(runner: Runner) -> FloatArray:
+    """Joint speed beyond which the envelope gives no driving torque ``(2,)`` [rad/s]."""
+    speeds = _speeds(runner)
+    upper = runner.joint_limits(speeds)[1]
+    return np.array([speeds[:, joint][upper[:, joint] > 0.0].max() for joint in (0, 1)])
+
+
+def _envelope_power(runner: Runner) -> FloatArray:
+    """Greatest mechanical power of hip and knee ``(2,)`` [W]."""
+    speeds = _speeds(runner)
+    return (runner.joint_limits(speeds)[1] * speeds).max(axis=0)
+
+
+def _speeds(runner: Runner) -> FloatArray:
+    """Joint speeds ``(2000, 2)`` [rad/s] from standstill beyond any no-load speed."""
+    motors, ratio = runner.motors, np.asarray(runner.gear.ratio)
+    back_emf = np.asarray(motors.pole_pairs) * np.asarray(motors.flux_linkage) * ratio
+    return np.linspace(0.0, 1.0, 2000)[:, None] * runner.bus_voltage / back_emf
+
+
+def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
+    """Held speeds of this robot's policies in the result files (``result.json``) below a folder, fastest first."""
+    found = []
+    for path in sorted(folder.rglob("result.json")):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if not isinstance(result, dict) or result.get("robot") != robot:
+            continue
+        speed = result.get("held_speed_m_s")
+        if isinstance(speed, float) and result.get("falls") == 0:
+            found.append(TrainedSpeed(policy=str(result.get("policy")), speed=speed, source=str(path)))
+    return tuple(sorted(found, key=lambda item: -item.speed))

@@ -1,0 +1,99 @@
+"""The one picture of a speed limit."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sprintlab.limits.analysis import SpeedLimit
+from sprintlab.limits.leg import FloatArray, rotate
+from sprintlab.limits.stride import STANCE_POINTS, Runner
+
+_STANCE, _SWING, _LIMIT, _QUIET = "#d1495b", "#2b6cb0", "#222222", "#9aa5b1"
+_COLORS = ("#2b6cb0", "#d1495b", "#2f855a", "#b7791f", "#6b46c1")
+
+
+def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
+    """Leg through a stride, torque over speed, the causes, and the sensitivities."""
+    figure = Figure(figsize=(11.0, 8.4), layout="constrained")
+    axes = figure.subplots(2, 3)
+    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s, stopped by {limit.cause}")
+    _draw_leg(axes[0, 0], limit, runner)
+    for joint, name in enumerate(("hip", "knee")):
+        _draw_cloud(axes[0, 1 + joint], limit, runner, joint, name)
+    _draw_lifted(axes[1, 0], limit)
+    _draw_sensitivities(axes[1, 1], limit)
+    _draw_trained(axes[1, 2], limit)
+    return figure
+
+
+def figure_bytes(figure: Figure) -> bytes:
+    """A figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130)
+    return buffer.getvalue()
+
+
+def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
+    position, foot = limit.stride.position[0], limit.stride.foot[0]
+    knee = rotate(position[:, 0], 0.0, -runner.leg.thigh.length)
+    for index in range(0, len(position), 4):
+        color = _STANCE if index < STANCE_POINTS else _SWING
+        line = np.vstack((np.zeros(2), knee[index], foot[index]))
+        axes.plot(line[:, 0], line[:, 1], color=color, linewidth=1.2, alpha=0.5)
+    axes.plot(*foot[:STANCE_POINTS].T, color=_STANCE, label="stance")
+    axes.plot(*foot[STANCE_POINTS:].T, color=_SWING, label="swing")
+    axes.axhline(-float(limit.stride.height[0]), color=_QUIET, linewidth=1.0)
+    axes.set(title="the fastest stride, seen from the hip", xlabel="forward [m]", ylabel="up [m]", aspect="equal")
+    axes.legend(frameon=False, loc="upper right", fontsize="small")
+
+
+def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name: str) -> None:
+    stride = limit.stride
+    speed, torque = stride.velocity[0, :, joint], stride.torque[0, :, joint]
+    reach = 1.08 * max(float(np.abs(speed).max()), 1.0)
+    speeds = np.linspace(-reach, reach, 401)
+    lower, upper = runner.joint_limits(np.stack((speeds, speeds), axis=-1))
+    axes.fill_between(speeds, lower[:, joint], upper[:, joint], color=_QUIET, alpha=0.25, linewidth=0)
+    for part, color, label in (
+        (slice(0, STANCE_POINTS), _STANCE, "stance"),
+        (slice(STANCE_POINTS, None), _SWING, "swing"),
+    ):
+        axes.plot(speed[part], torque[part], ".-", color=color, markersize=4, linewidth=0.8, label=label)
+    axes.set(title=f"{name} over its envelope", xlabel="drive speed [rad/s]", ylabel="torque [N m]")
+
+
+def _draw_lifted(axes: Axes, limit: SpeedLimit) -> None:
+    names = [item.cause for item in limit.lifted]
+    values = [item.speed for item in limit.lifted]
+    bars = axes.barh(names, values, color=[_STANCE if name == limit.cause else _QUIET for name in names])
+    labels = [f"{'' if item.bounded else '> '}{item.speed:.1f}" for item in limit.lifted]
+    axes.bar_label(bars, labels, padding=2, fontsize="small")
+    axes.axvline(limit.speed, color=_LIMIT, linewidth=1.0, linestyle="--")
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    axes.set(title="limit if this were no limit", xlabel="m/s")
+
+
+def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
+    quantities = list(dict.fromkeys(item.quantity for item in limit.sensitivities))
+    for quantity, color in zip(quantities, _COLORS, strict=False):
+        rows = [(item.factor, item.speed) for item in limit.sensitivities if item.quantity == quantity]
+        points: FloatArray = np.array(sorted([*rows, (1.0, limit.speed)]))
+        axes.plot(*points.T, "o-", color=color, markersize=4, label=quantity)
+    axes.set(title="how the limit moves", xlabel="factor", ylabel="m/s")
+    if quantities:
+        axes.legend(frameon=False, fontsize="small")
+
+
+def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
+    names = ["limit", *(item.policy for item in limit.trained)]
+    values = [limit.speed, *(item.speed for item in limit.trained)]
+    bars = axes.bar(np.arange(len(names)), values, color=[_LIMIT] + [_SWING] * len(limit.trained), width=0.6)
+    axes.set_xticks(np.arange(len(names)), names)
+    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
+    axes.margins(x=0.3, y=0.12)
+    axes.set(title="and what policies reach" if limit.trained else "no policy measured yet", ylabel="m/s")

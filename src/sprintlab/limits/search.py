@@ -1,0 +1,208 @@
+"""The highest speed at which a stride keeps every limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sprintlab.core.checks import check_range
+from sprintlab.core.errors import SimulationError
+from sprintlab.limits.leg import GRAVITY, FloatArray
+from sprintlab.limits.stride import (
+    GROUPS,
+    PARAMETERS,
+    SHAPES,
+    SWING_WAVES,
+    Runner,
+    evaluate,
+    stride_bounds,
+    violations,
+)
+
+Tick = Callable[[], None]
+
+_KEPT = 3e-3  # a stride is possible when nothing is broken by more; ``_MARGIN`` of stride.py is inside it
+_STEP = 1e-5  # of the scaled parameters, for differences
+_EVALUATIONS = 120  # at most, in a local search
+_SHAKE = 0.7  # of a known stride, in units of ``_SCALES``
+_GROWTH = 1.25
+_SCALES = np.r_[0.05, 0.03, 0.05, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, np.full(2 * SWING_WAVES, 0.15)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """How hard to look.
+
+    Attributes:
+        starts: random strides from which a speed is tried before it counts as too fast.
+        resolution: relative width of the interval in which the limit is left.
+        seed: of the random strides.
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    starts: int = 12
+    resolution: float = 0.004
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_range("starts", self.starts, 1, 1000)
+        check_range("resolution", self.resolution, 1e-4, 0.1)
+        check_range("seed", self.seed, 0, 2**32 - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fastest:
+    """The fastest possible stride that was found.
+
+    Attributes:
+        speed: [m/s].
+        parameters: of the stride ``(PARAMETERS,)``: the witness that this speed is possible in the model.
+        bounded: False where the search ended at its ceiling.
+    """
+
+    speed: float
+    parameters: FloatArray
+    bounded: bool = True
+
+
+def fastest_stride(
+    runner: Runner,
+    settings: SearchSettings | None = None,
+    *,
+    groups: Sequence[str] = GROUPS,
+    near: Fastest | None = None,
+    ceiling: float = 60.0,
+    tick: Tick | None = None,
+) -> Fastest:
+    """Raise the speed until no stride keeps the limits, then halve the interval.
+
+    Args:
+        runner: the robot.
+        settings: how hard to look.
+        groups: the limits to keep, of ``GROUPS``.
+        near: result for a similar robot, to begin with.
+        ceiling: speed at which to stop looking [m/s].
+        tick: called after each speed that was tried.
+
+    Raises:
+        SimulationError: no stride is possible even at walking speed.
+    """
+    settings = settings or SearchSettings()
+    search = _Search(runner, settings, tuple(groups), tick)
+    slow, known = _first_possible(search, near)
+    if slow >= ceiling:
+        return Fastest(speed=slow, parameters=known, bounded=False)
+    fast = None
+    while fast is None:
+        higher = min(slow * (_GROWTH if near is None else 1.08), ceiling)
+        found = search.possible(higher, known)
+        if found is None:
+            fast = higher
+        elif higher >= ceiling:
+            return Fastest(speed=higher, parameters=found, bounded=False)
+        else:
+            slow, known = higher, found
+    while fast / slow > 1.0 + settings.resolution:
+        middle = 0.5 * (slow + fast)
+        found = search.possible(middle, known)
+        if found is None:
+            fast = middle
+        else:
+            slow, known = middle, found
+    return Fastest(speed=slow, parameters=known)
+
+
+def _first_possible(search: _Search, near: Fastest | None) -> tuple[float, FloatArray]:
+    """A possible speed and its stride: just below a known one, else from a brisk walk down."""
+    pace = float(np.sqrt(GRAVITY * search.runner.leg.reach))
+    speeds = [pace * factor for factor in (1.0, 0.6, 0.3)]
+    if near is not None:
+        speeds = [near.speed * factor for factor in (1.0, 0.9, 0.75, 0.5)] + speeds
+    for speed in speeds:
+        found = search.possible(speed, None if near is None else near.parameters)
+        if found is not None:
+            return speed, found
+    raise SimulationError("no stride is possible at any speed: the motors cannot carry the robot")
+
+
+class _Search:
+    """Looks for a stride that keeps the limits at a given speed."""
+
+    def __init__(
+        self, runner: Runner, settings: SearchSettings, groups: tuple[str, ...], tick: Tick | None
+    ) -> None:
+        self.runner = runner
+        self._settings, self._groups, self._tick = settings, groups, tick
+        lower, upper = stride_bounds(runner)
+        self._lower, self._upper = lower / _SCALES, upper / _SCALES
+
+    def possible(self, speed: float, known: FloatArray | None) -> FloatArray | None:
+        """Parameters of a possible stride, or None; ``known`` is tried first."""
+        random = np.random.default_rng(self._settings.seed)
+        if self._tick is not None:
+            self._tick()
+        for start in self._starts(random, speed, known):
+            found = self._descend(start, speed)
+            if found is not None:
+                return found
+        return None
+
+    def _starts(
+        self, random: np.random.Generator, speed: float, known: FloatArray | None
+    ) -> Iterator[FloatArray]:
+        """The known stride, then in turns a shaken copy of it and a random one."""
+        if known is not None:
+            yield known
+        for index in range(self._settings.starts):
+            if known is not None and index % 2 == 0:
+                yield known + _SHAKE * _SCALES * random.standard_normal(PARAMETERS)
+            else:
+                yield self._draw(random, speed)
+
+    def _draw(self, random: np.random.Generator, speed: float) -> FloatArray:
+        """A stride drawn from what runners do: 2.5 to 7 strides a second, legs swept by 0.3 to 1 leg length."""
+        reach = self.runner.leg.reach
+        pace = np.sqrt(reach / 0.63)  # periods of similar animals go with the root of their size
+        period = random.uniform(0.15, 0.4) * pace
+        shapes = {
+            "period": period,
+            "duty": np.clip(random.uniform(0.3, 1.0) * reach / speed / period, 0.05, 0.5),
+            "height": random.uniform(0.7, 0.92) * reach,
+            "sweep": random.uniform(-0.15, 0.15) * reach,
+            "share": random.uniform(0.3, 0.9),
+            "impact": 0.05,
+        }
+        waves = random.normal(0.0, 0.1, (2, SWING_WAVES))
+        waves[1, 0] -= random.uniform(0.2, 1.2)  # bend the knee
+        return np.r_[[shapes.get(name, 0.0) for name in SHAPES], waves.ravel()]
+
+    def _descend(self, start: FloatArray, speed: float) -> FloatArray | None:
+        """Least squares on the violations; the stride if none is left."""
+        inside = np.clip(start / _SCALES, self._lower + 1e-9, self._upper - 1e-9)
+        result = least_squares(
+            lambda scaled: self._residuals(scaled[None], speed)[0],
+            inside,
+            jac=lambda scaled: self._slopes(scaled, speed),  # pyright: ignore[reportArgumentType]
+            bounds=(self._lower, self._upper),
+            max_nfev=_EVALUATIONS,
+            xtol=1e-7,
+            ftol=5e-4,
+            gtol=1e-12,
+        )
+        return result.x * _SCALES if np.abs(result.fun).max() < _KEPT else None
+
+    def _residuals(self, scaled: FloatArray, speed: float) -> FloatArray:
+        broken = violations(self.runner, evaluate(self.runner, scaled * _SCALES, speed))
+        return np.concatenate([broken[name] for name in self._groups], axis=1)
+
+    def _slopes(self, scaled: FloatArray, speed: float) -> FloatArray:
+        """Derivative of the residuals by differences, all parameters in one batch."""
+        batch = np.tile(scaled, (PARAMETERS + 1, 1))
+        batch[1:] += _STEP * np.eye(PARAMETERS)
+        residuals = self._residuals(batch, speed)
+        return (residuals[1:] - residuals[0]).T / _STEP
