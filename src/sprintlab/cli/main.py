@@ -23,6 +23,7 @@ from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
 from sprintlab.cli.replay import Replay
+from sprintlab.cli.report import Report
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
@@ -43,6 +44,7 @@ Command = (
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]
     | Annotated[RobotSim, tyro.conf.subcommand(name="robot-sim")]
+    | Annotated[Report, tyro.conf.subcommand(name="report")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]
     | Annotated[Train, tyro.conf.subcommand(name="train")]
     | Annotated[Export, tyro.conf.subcommand(name="export")]

@@ -1,0 +1,219 @@
+"""Every command in README and docs: run where it is quick, else parsed as the command line parses it.
+
+A shell line is one of: ``sprintlab``, ``make``, ``pip``, ``python FILE``, ``python -m MODULE``, or a plain
+shell word of ``SHELL``. Anything else fails, so that a new kind of line is looked at.
+"""
+
+import ast
+import importlib
+import importlib.util
+import io
+import re
+import shlex
+import shutil
+import subprocess
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sprintlab.cli.main import main, parse
+from sprintlab.control import shipped_policy
+from sprintlab.motors import PmsmParameters, save_motor
+from sprintlab.robots import load_robot
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SHELLS = {"sh", "bash", "shell", "console"}
+SHELL = {"cd", "git", "export", "source", "mkdir", "cp", "ls", "cat", "tar", "scp", "ssh", "."}
+# Run as they stand, in a folder that holds the files of ``workplace``; everything else is only parsed.
+QUICK = {("robot", "show"), ("robot", "list"), ("motor", "show"), ("motor", "envelope"), ("replay",)}
+LEARNING = ("sprintlab.training", "sprintlab.integrations")
+
+
+def shell_lines():
+    """``(page, command words)`` of every command line in the pages."""
+    for page in PAGES:
+        for language, body in FENCE.findall(page.read_text(encoding="utf-8")):
+            if language in SHELLS:
+                for line in re.sub(r"\\\n\s*", " ", body).splitlines():
+                    yield from ((page, words) for words in commands_in(line))
+
+
+def commands_in(line):
+    """The words of each command of a line; comments, assignments and redirections left out."""
+    lexer = shlex.shlex(line.removeprefix("$ "), posix=True, punctuation_chars="|&;<>")
+    lexer.whitespace_split, lexer.commenters = True, "#"
+    command, skip = [], False
+    for word in [*lexer, ";"]:
+        if word in ("<", ">", ">>"):
+            skip = True
+        elif set(word) <= set("|&;"):
+            if command:
+                yield tuple(command)
+            command = []
+        elif skip:
+            skip = False
+        elif command or not re.fullmatch(r"[A-Z_]+=.*", word):
+            command.append(word)
+
+
+LINES = list(dict.fromkeys(shell_lines()))
+
+
+def identity(value):
+    return " ".join(value) if isinstance(value, tuple) else value.name
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory):
+    """A folder with what the pages take for granted: a motor, a policy, the run that they name."""
+    folder = tmp_path_factory.mktemp("docs")
+    motors = load_robot("bp2").motors
+    hip = {item.name: float(np.ravel(getattr(motors, item.name))[1]) for item in fields(motors)}
+    save_motor(PmsmParameters(**hip), folder / "my-motor.toml")
+    shutil.copy(shipped_policy(), folder / "my-policy.onnx")
+    count = 100
+    standing = np.zeros((count, 23))
+    standing[:, 2], standing[:, 3] = 0.5, 1.0
+    joints = {name: np.zeros((count, 12)) for name in ("joint_velocity", "motor_torque")}
+    limits = {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
+    plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
+    arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
+    for name in named_runs():
+        (folder / name).mkdir(parents=True)
+        for file in ("trajectory.npz", "profile.npz"):
+            np.savez(folder / name / file, **arrays)
+    return folder
+
+
+def named_runs():
+    """Folders of races that the pages name."""
+    return {match for _, words in LINES for match in re.findall(r"runs/race-[\d-]+", " ".join(words))}
+
+
+def test_pages_hold_commands():
+    assert len(LINES) > 15
+    assert {words[0] for _, words in LINES} >= {"sprintlab", "make", "pip"}
+
+
+@pytest.mark.parametrize(("page", "words"), LINES, ids=identity)
+def test_command_of_the_pages_works(page, words, workplace, monkeypatch):
+    monkeypatch.chdir(workplace)
+    program, *arguments = words
+    if program == "sprintlab":
+        check_sprintlab(arguments)
+    elif program in ("pip", "uv"):
+        check_install(arguments)
+    elif program == "make":
+        check_make(arguments)
+    elif program.startswith("python"):
+        check_python(arguments)
+    else:
+        assert program in SHELL, f"{page.name}: no test knows what to do with: {' '.join(words)}"
+
+
+def check_sprintlab(arguments):
+    if any(arguments[: len(quick)] == list(quick) for quick in QUICK):
+        with redirect_stdout(io.StringIO()) as output:
+            assert main(arguments) == 0
+        assert output.getvalue().strip()
+    elif arguments[:1] == ["train"] and len(arguments) > 1:
+        check_training(arguments[1:])
+    else:
+        assert parses(lambda: parse(arguments))
+
+
+def check_training(arguments):
+    if importlib.util.find_spec("torch") is None:
+        pytest.skip("needs the extra train")
+    from sprintlab.cli.train import method_as_option
+    from sprintlab.training.run import TrainOptions
+
+    import tyro  # isort: skip
+
+    assert parses(lambda: tyro.cli(TrainOptions, args=method_as_option(arguments)))
+
+
+def parses(action):
+    """Whether a parser takes its arguments; printing help counts."""
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            action()
+    except SystemExit as stop:
+        return stop.code in (0, None)
+    return True
+
+
+def check_install(arguments):
+    """The extras exist."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
+    for wanted in re.findall(r"\[([\w,-]+)\]", " ".join(arguments)):
+        assert set(wanted.split(",")) <= set(extras)
+
+
+def check_make(arguments):
+    """The Makefile knows the targets."""
+    command = ["make", "--dry-run", "--always-make", *arguments]
+    assert subprocess.run(command, cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+def check_python(arguments):
+    """The script or module is there and names each option."""
+    if arguments[:1] == ["-m"]:
+        module = arguments[1]
+        if not module.startswith("sprintlab"):
+            return
+        spec = importlib.util.find_spec(module)
+        assert spec is not None and spec.origin is not None
+        source = Path(spec.origin)
+    else:
+        source = ROOT / arguments[0]
+    text = source.read_text(encoding="utf-8")
+    for option in (word for word in arguments if word.startswith("--")):
+        name = option.split("=")[0].removeprefix("--")
+        assert name in text or name.replace("-", "_") in text, f"{source.name} does not know --{name}"
+
+
+# --- Python blocks ------------------------------------------------------------------------------------------
+
+
+def python_blocks():
+    for page in PAGES:
+        for number, (language, body) in enumerate(FENCE.findall(page.read_text(encoding="utf-8"))):
+            if language == "python":
+                yield pytest.param(body, id=f"{page.name}-{number}")
+
+
+@pytest.mark.parametrize("block", list(python_blocks()))
+def test_python_of_the_pages_imports_what_exists(block):
+    for node in ast.walk(ast.parse(block)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sprintlab"):
+            if (node.module or "").startswith(LEARNING) and importlib.util.find_spec("torch") is None:
+                continue
+            module = importlib.import_module(node.module)
+            for alias in node.names:
+                assert hasattr(module, alias.name) or importlib.util.find_spec(
+                    f"{node.module}.{alias.name}"
+                ), f"{node.module} has no {alias.name}"
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/concepts.md"])
+def test_python_of_the_first_pages_runs(page, workplace, monkeypatch, capsys):
+    monkeypatch.chdir(workplace)
+    blocks = [
+        body for language, body in FENCE.findall((ROOT / page).read_text("utf-8")) if language == "python"
+    ]
+    assert blocks
+    for block in blocks:
+        exec(compile(block, page, "exec"), {"__name__": "example"})

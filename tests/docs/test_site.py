@@ -1,0 +1,51 @@
+"""The documentation site builds without a warning and loads nothing from elsewhere."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("material", reason="needs the extra docs")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder
+
+
+def test_every_page_is_in_the_navigation(site):
+    home = (site / "index.html").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f'href="{page.stem}.html"' in home or page.stem == "index", f"{page.name} is in no menu"
+
+
+def test_formulas_are_mathml(site):
+    text = (site / "concepts.html").read_text(encoding="utf-8")
+    assert text.count("<math") > 10
+    assert "arithmatex" not in text
+
+
+def test_pages_load_nothing_from_elsewhere(site):
+    for page in site.glob("*.html"):
+        loaded = re.findall(
+            r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]+)"', page.read_text(encoding="utf-8")
+        )
+        assert loaded == [], page.name
+
+
+def test_every_command_has_its_section(site):
+    from sprintlab.cli.main import Command
+
+    text = (site / "commands.html").read_text(encoding="utf-8")
+    names = re.findall(r"name='([\w-]+)'", repr(Command))
+    assert len(names) > 8
+    for name in names:
+        assert f'id="sprintlab-{name}' in text
