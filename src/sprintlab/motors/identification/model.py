@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.motors.identification.bench import Bench
+from sprintlab.motors.thermal import COPPER_COEFFICIENT
 
 FloatArray = NDArray[np.float64]
 Parameters = Mapping[str, float]
 
-COPPER_COEFFICIENT = 0.00393
-"""Relative gain of copper's resistance a kelvin, from 20 degC [1/K]."""
 REFERENCE_TEMPERATURE = 20.0
 """Temperature to which the resistance is referred [degC]."""
 

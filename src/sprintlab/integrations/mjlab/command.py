@@ -1,0 +1,132 @@
+"""The command schedules as an mjlab command term: forward speed and yaw rate, ``(environments, 3)``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from mjlab.managers.command_manager import CommandTerm, CommandTermCfg
+
+from sprintlab.commands import (
+    AdaptiveSchedule,
+    FixedAccelerationSchedule,
+    UniformSchedule,
+    fastest_speed,
+    initial_state,
+)
+from sprintlab.core.checks import check_finite, check_positive, check_range
+
+_NEVER = 1e9  # seconds until mjlab redraws by itself: the schedule keeps its own time
+
+
+@dataclass(kw_only=True)
+class AdaptiveVelocityCommandCfg(CommandTermCfg):
+    """Adaptive command scheduling: the commanded speed stays near the robot's, and moves toward a target.
+
+    With ``growth`` above 0 the top of the range rises by it whenever the fastest 0.1 % of the robots come
+    within ``growth_margin`` of it, looked at every ``growth_period``.
+
+    Raises:
+        InvalidValueError: a range is not ordered, or a number is out of range.
+    """
+
+    entity_name: str = "robot"
+    """The entity that is commanded."""
+    schedule: AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule = field(
+        default_factory=AdaptiveSchedule
+    )
+    """How commands evolve."""
+    lower: float = -1.0
+    """Bottom of the speed range [m/s]."""
+    upper: float = 2.0
+    """Top of the speed range at the start [m/s]."""
+    top: float = 2.0
+    """Where the range stops to grow [m/s]."""
+    growth: float = 0.0
+    """Step by which the top rises [m/s]; 0 keeps the range."""
+    growth_margin: float = 0.75
+    """How near the fastest must come to the top [m/s]."""
+    growth_period: float = 0.5
+    """Time between two looks at the fastest [s]."""
+    friction: float = 0.8
+    """Ground friction that a turn may rely on: the yaw rate keeps ``|v w| <= friction g``."""
+    resampling_time_range: tuple[float, float] = (_NEVER, _NEVER)
+    """mjlab's own redraws, which the schedule does without."""
+
+    def __post_init__(self) -> None:
+        """Refuse ranges that cannot be."""
+        check_finite("lower", self.lower)
+        check_range("upper", self.upper, self.lower, math.inf, "m/s")
+        check_range("top", self.top, self.upper, math.inf, "m/s")
+        check_range("growth", self.growth, 0.0, math.inf, "m/s")
+        for name in ("growth_margin", "growth_period", "friction"):
+            check_positive(name, getattr(self, name))
+
+    def build(self, env: Any) -> AdaptiveVelocityCommand:
+        """The term of an environment."""
+        return AdaptiveVelocityCommand(self, env)
+
+
+class AdaptiveVelocityCommand(CommandTerm):
+    """The state of the schedule for all environments, advanced once a policy step."""
+
+    cfg: AdaptiveVelocityCommandCfg
+
+    def __init__(self, cfg: AdaptiveVelocityCommandCfg, env: Any) -> None:
+        super().__init__(cfg, env)
+        self.robot = env.scene[cfg.entity_name]
+        self.upper = cfg.upper
+        """Top of the speed range now [m/s]; part of a curriculum's state, so keep it with checkpoints."""
+        self._state = initial_state(self.num_envs, torch.zeros((), device=self.device))
+        self._fresh = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        self._since_growth = 0.0
+        for name in ("error_vel_x", "error_vel_yaw"):
+            self.metrics[name] = torch.zeros(self.num_envs, device=self.device)
+
+    @property
+    def command(self) -> torch.Tensor:
+        """Forward speed, sideways speed [m/s] and yaw rate [rad/s], ``(environments, 3)``."""
+        return self._state.command
+
+    def _update_metrics(self) -> None:
+        command, data = self.command, self.robot.data
+        share = self._env.step_dt / self._env.max_episode_length_s
+        speed_error = torch.abs(command[:, 0] - data.root_link_lin_vel_b[:, 0])
+        self.metrics["error_vel_x"] += share * speed_error
+        self.metrics["error_vel_yaw"] += share * torch.abs(command[:, 2] - data.root_link_ang_vel_b[:, 2])
+
+    def _resample_command(self, env_ids: torch.Tensor) -> None:
+        self._fresh[env_ids] = True
+
+    def _update_command(self, env_ids: torch.Tensor | None) -> None:
+        """Advance every environment by a policy step, or only draw anew for those just reset."""
+        advanced = self.cfg.schedule.advance(
+            self._state,
+            speed=self.robot.data.root_link_lin_vel_b[:, 0],
+            dt=self._env.step_dt if env_ids is None else 0.0,
+            lower=self.cfg.lower,
+            upper=self.upper,
+            friction=self.cfg.friction,
+            fresh=self._fresh,
+            random=torch.rand(self.num_envs, 8, device=self.device),
+        )
+        if env_ids is None:
+            self._state = advanced
+            self._fresh = torch.zeros_like(self._fresh)
+            self._grow()
+            return
+        for kept, drawn in zip(self._state, advanced, strict=True):
+            kept[env_ids] = drawn[env_ids]
+        self._fresh[env_ids] = False
+
+    def _grow(self) -> None:
+        """Look at the fastest robots from time to time: reading a number makes the host wait."""
+        self._since_growth += self._env.step_dt
+        if self.cfg.growth == 0.0 or self._since_growth < self.cfg.growth_period:
+            return
+        self._since_growth = 0.0
+        fastest = float(fastest_speed(self.robot.data.root_link_lin_vel_b[:, 0]))
+        if fastest > self.upper - self.cfg.growth_margin:
+            self.upper = min(self.cfg.top, self.upper + self.cfg.growth)
