@@ -485,7 +485,7 @@ def _cumulative_cost(trajectory: Trajectory) -> Array:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def _moving_average(values: Array, time: Array, window: float) -> Array:
+def moving_average(values: Array, time: Array, window: float) -> Array:
     """Centred moving average that keeps the length; the ends average over what is there."""
     width = max(1, min(len(values), round(window / float(time[1] - time[0]))))
     kernel = np.ones(width)
@@ -499,7 +499,7 @@ def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: A
         (mechanical, "mechanical", theme.speed),
         (copper, "copper loss", theme.second),
     ):
-        smooth = _moving_average(values, time, POWER_WINDOW)
+        smooth = moving_average(values, time, POWER_WINDOW)
         axis.plot(
             time, smooth / 1e3, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s"
         )

@@ -1,0 +1,232 @@
+"""A log of a run, as the evaluation's figures and metrics read it.
+
+What a robot cannot know about itself (foot contacts, penetration, slip, distances between its legs) is zero
+in the trajectory made here; nothing that is drawn or printed from a log uses it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.commands import heading_angle, wrap_angle
+from sprintlab.control import projected_gravity
+from sprintlab.deployment.log import RunRecord
+from sprintlab.deployment.log.topics import LogError
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.figures import on_envelope
+from sprintlab.evaluation.metrics import trial_metrics
+from sprintlab.evaluation.results import Trajectory, TrialResult
+from sprintlab.motors import desaturate, torque_limits
+from sprintlab.plant import TrialSettings
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+RATE = 500.0
+"""Samples a second of the trajectory [Hz], as the evaluation's."""
+
+_FULL_SHARE = 0.95  # of the highest command: from there on it counts as held
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggedRun:
+    """The part of a log in which the policy drove.
+
+    Attributes:
+        trial: as a simulated trial; time starts with the policy.
+        fix_time: ``(F,)`` times of the position fixes [s].
+        fix_speed: ``(F,)`` speed along the course at these times [m/s].
+        fix_way: ``(F,)`` way along the course since the start [m].
+        command_time: ``(P,)`` times of the policy steps [s].
+        command: ``(P, 3)`` what the policy was given.
+        faults: how often each fault was noticed.
+    """
+
+    trial: TrialResult
+    fix_time: FloatArray
+    fix_speed: FloatArray
+    fix_way: FloatArray
+    command_time: FloatArray
+    command: FloatArray
+    faults: dict[str, int]
+
+    @property
+    def start(self) -> float:
+        """Time of the first non-zero command [s]; nan if there is none."""
+        moving = np.abs(self.command[:, 0]) > 1e-9
+        return float(self.command_time[int(moving.argmax())]) if moving.any() else float("nan")
+
+    def time_over(self, distance: float) -> float:
+        """From the first non-zero command to the distance, between the fixes straight [s]; nan if not run."""
+        passed = self.fix_way >= distance
+        if not passed.any() or not passed.argmax():
+            return float("nan")
+        after = int(passed.argmax())
+        span = slice(after - 1, after + 1)
+        return float(np.interp(distance, self.fix_way[span], self.fix_time[span])) - self.start
+
+
+def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
+    """Cut out what the policy drove, and turn it into a trial.
+
+    Raises:
+        LogError: the policy never drove, or the log holds fewer than two position fixes of that time.
+    """
+    ticks = [tick for tick in record.ticks if tick.mode == "run"]
+    if len(ticks) < RATE:
+        raise LogError("the log holds less than half a second of running: there is nothing to draw")
+    begin, end = ticks[0].time, ticks[-1].time
+    time = np.arange(0.0, end - begin, 1.0 / RATE)
+    course = _Course(record, begin, end)
+    trajectory = _trajectory(record, robot, course, time, begin)
+    steps = [tick for tick in ticks if tick.policy_step]
+    command = np.array([tick.velocity for tick in steps])
+    command_time = np.array([tick.time for tick in steps]) - begin
+    faults: dict[str, int] = {}
+    for tick in record.ticks:
+        for fault in tick.faults:
+            faults[fault] = faults.get(fault, 0) + 1
+    return LoggedRun(
+        trial=_trial(trajectory, robot, _hold(command_time, command), not _fell(faults)),
+        fix_time=course.time - begin,
+        fix_speed=course.velocity[:, 0],
+        fix_way=course.position[:, 0],
+        command_time=command_time,
+        command=command,
+        faults=faults,
+    )
+
+
+class _Course:
+    """Position fixes in the frame of the run: x along the heading at its start."""
+
+    def __init__(self, record: RunRecord, begin: float, end: float) -> None:
+        inside = (record.fix_time >= begin - 0.5) & (record.fix_time <= end)
+        if inside.sum() < 2:
+            raise LogError("the log holds no position fixes of the run: speed and distance are not known")
+        self.time = record.fix_time[inside]
+        first = int(np.searchsorted(record.state_time, begin, side="right")) - 1
+        self.heading = float(heading_angle(record.states[max(first, 0)].quaternion))
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        position = record.column("fixes", "position")[inside]
+        origin = position[max(int(np.searchsorted(self.time, begin, side="right")) - 1, 0)]
+        self.position = (position - origin * [1.0, 1.0, 0.0]) @ turn.T
+        self.velocity = record.column("fixes", "velocity")[inside] @ turn.T
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position and velocity ``(T, 3)`` at controller times, straight between the fixes."""
+        return _between(time, self.time, self.position), _between(time, self.time, self.velocity)
+
+
+def _between(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    return np.stack([np.interp(time, known, column) for column in values.T], axis=-1)
+
+
+def _trajectory(
+    record: RunRecord, robot: RobotDescription, course: _Course, time: FloatArray, begin: float
+) -> Trajectory:
+    index = np.clip(np.searchsorted(record.state_time, time + begin, side="right") - 1, 1, None)
+    states = {
+        name: record.column("states", name)
+        for name in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity")
+    }
+    tick_time = np.array([tick.time for tick in record.ticks])
+    tick = np.clip(np.searchsorted(tick_time, time + begin, side="right") - 1, 0, None)
+    command = np.array([item.velocity for item in record.ticks])[tick]
+    position, velocity = course.at(time + begin)
+    heading = np.unwrap(wrap_angle(heading_angle(states["quaternion"][index]) - course.heading))
+    count, joint_velocity = len(time), states["joint_velocity"][index]
+    qpos = np.concatenate((position, states["quaternion"][index], states["joint_position"][index]), axis=1)
+    return Trajectory(
+        time=time,
+        qpos=qpos,
+        qvel=np.concatenate(
+            (velocity, states["angular_velocity"][index], states["joint_velocity"][index]), 1
+        ),
+        profile_speed=command[:, 0],
+        command=command,
+        velocity=_in_heading_frame(velocity, heading),
+        height=position[:, 2],
+        angular_velocity=states["angular_velocity"][index],
+        tilt=np.arccos(np.clip(-np.asarray(projected_gravity(states["quaternion"][index]))[:, 2], -1.0, 1.0)),
+        heading=heading,
+        joint_position=states["joint_position"][index],
+        joint_velocity=joint_velocity,
+        joint_target=np.array([item.targets for item in record.ticks])[tick],
+        joint_torque=states["joint_torque"][index],
+        **_motor_side(record, robot, states, index),
+        foot_contact=np.zeros((count, 4), dtype=bool),
+        foot_penetration=np.zeros((count, 4)),
+        foot_position=np.zeros((count, 4, 3)),
+        foot_slip_speed=np.zeros((count, 4)),
+        leg_distance=np.zeros(count),
+    )
+
+
+def _in_heading_frame(velocity: FloatArray, heading: FloatArray) -> FloatArray:
+    c, s = np.cos(heading), np.sin(heading)
+    vx, vy = velocity[:, 0], velocity[:, 1]
+    return np.stack((c * vx + s * vy, c * vy - s * vx), axis=-1)
+
+
+def _motor_side(
+    record: RunRecord, robot: RobotDescription, states: dict[str, FloatArray], index: NDArray[Any]
+) -> dict[str, FloatArray]:
+    """Torques of the motors and their limits ``(T, 12)``, from the joint torques that the drives report.
+
+    A drive sets its torque by the speed it sees before: limits are taken at the state before.
+    """
+    ratio = np.asarray(robot.gear.ratio)
+    delivered = states["joint_torque"][index] / (ratio * np.asarray(robot.gear.efficiency))
+    speed = states["joint_velocity"][index - 1] * ratio
+    voltage = record.column("states", "bus_voltage")[index][:, None]
+    lower, upper = torque_limits(robot.motors, speed, voltage)
+    return {
+        "motor_torque": np.asarray(desaturate(robot.motors, delivered)),
+        "torque_lower": np.asarray(lower),
+        "torque_upper": np.asarray(upper),
+    }
+
+
+def _trial(
+    trajectory: Trajectory, robot: RobotDescription, hold: tuple[float, float], completed: bool
+) -> TrialResult:
+    nan = float("nan")
+    metrics = replace(
+        trial_metrics(trajectory, robot, hold),
+        deepest_penetration=nan,
+        smallest_leg_distance=nan,
+        slip_per_step=nan,
+        duty_factor=(nan,) * 4,
+    )
+    active = np.abs(trajectory.command[:, 0]) > 1e-9
+    if active.any():
+        share = on_envelope(trajectory, robot)[active].mean(axis=0)
+        metrics = replace(metrics, envelope_share=tuple(share.tolist()))
+    return TrialResult(
+        settings=TrialSettings(),
+        top_speed=float(trajectory.command[:, 0].max()),
+        self_paced=False,
+        completed=completed,
+        fall_time=None,
+        fall_reason="",
+        hold_interval=hold,
+        metrics=metrics,
+        audit=audit_trials([metrics]),
+        trajectory=trajectory,
+    )
+
+
+def _hold(time: FloatArray, command: FloatArray) -> tuple[float, float]:
+    """From the first to the last command near the highest one [s]."""
+    full = np.flatnonzero(command[:, 0] >= _FULL_SHARE * max(command[:, 0].max(), 1e-9))
+    return (float(time[full[0]]), float(time[full[-1]])) if len(full) else (0.0, float(time[-1]))
+
+
+def _fell(faults: dict[str, int]) -> bool:
+    return any(name in faults for name in ("fall", "tumble", "collapse"))

@@ -1,0 +1,305 @@
+"""A run on a robot beside its simulation: figures, numbers, one self-contained HTML page.
+
+The robot's side knows less than a simulator: its speed comes ten times a second from a receiver, and nothing
+tells what its feet do. What it does not know is not drawn.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sprintlab.control import Policy
+from sprintlab.evaluation import figures
+from sprintlab.evaluation.metrics import trial_metrics
+from sprintlab.evaluation.report import Picture, number
+from sprintlab.evaluation.results import Trajectory, TrialResult
+from sprintlab.evaluation.trial import TrialRequest, run_course
+from sprintlab.plant import BaseState, PlantOptions
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackRun:
+    """A run as a receiver on the robot saw it.
+
+    Attributes:
+        trial: the run; its speed is straight between the fixes.
+        fix_time: ``(F,)`` [s].
+        fix_speed: ``(F,)`` along the course [m/s].
+        fix_way: ``(F,)`` along the course [m].
+        command_time: ``(P,)`` of the policy steps [s].
+        command: ``(P, 3)`` given to the policy.
+        time_over_distance: from the first non-zero command [s]; nan if the distance was not run.
+        distance: [m].
+    """
+
+    trial: TrialResult
+    fix_time: FloatArray
+    fix_speed: FloatArray
+    fix_way: FloatArray
+    command_time: FloatArray
+    command: FloatArray
+    time_over_distance: float
+    distance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LoggedCourse:
+    """Asks for the speeds that a log holds."""
+
+    time: FloatArray
+    forward: FloatArray
+
+    @property
+    def longest(self) -> float:
+        return float(self.time[-1]) + 0.02
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        del base
+        index = int(np.searchsorted(self.time, time + 1e-6, side="right")) - 1
+        return float(self.forward[max(index, 0)]) if time < self.longest - 1e-9 else None
+
+
+def simulate_commands(
+    policy: Policy,
+    robot: RobotDescription,
+    time: FloatArray,
+    forward: FloatArray,
+    hold: tuple[float, float],
+    plant: PlantOptions | None = None,
+) -> TrialResult:
+    """Give the commanded speeds of a log to the same policy in simulation.
+
+    The heading loop is closed anew: a yaw rate from the log would not keep another run on its course.
+
+    Args:
+        policy: that drove the robot.
+        robot: its description.
+        time: ``(P,)`` of the commands, rising from zero [s].
+        forward: ``(P,)`` commanded forward speed [m/s].
+        hold: interval that counts as the hold [s].
+        plant: how to simulate.
+
+    Raises:
+        SimulationError: the simulation left the realm of finite numbers.
+        ContractMismatchError: the policy was not made for this robot.
+    """
+    request = TrialRequest(
+        top_speed=max(float(forward.max()), 0.1), plant=plant or PlantOptions(), keep_trajectory=True
+    )
+    trial = run_course(policy, robot, request, _LoggedCourse(time=time, forward=forward))
+    metrics = trial_metrics(figures.recorded(trial), robot, hold, plant=request.plant)
+    return replace(trial, metrics=metrics, hold_interval=hold)
+
+
+def sampled_speed(trajectory: Trajectory, time: FloatArray) -> FloatArray:
+    """Forward speed of a trajectory at given times, mean of 0.1 s as a receiver sees it [m/s]."""
+    smooth = figures.moving_average(trajectory.velocity[:, 0], trajectory.time, 0.1)
+    return np.interp(time, trajectory.time, smooth)
+
+
+def comparison_figure(
+    run: TrackRun, simulation: TrialResult | None, theme: figures.Theme = figures.LIGHT
+) -> Figure:
+    """Command, measured speed and simulated speed over time; way over time below."""
+    figure, axes = figures.themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
+    speed, way = axes
+    speed.plot(run.command_time, run.command[:, 0], color=theme.command, linewidth=1.2, label="command")
+    if simulation is not None:
+        motion = figures.recorded(simulation)
+        smooth = figures.moving_average(motion.velocity[:, 0], motion.time, 0.1)
+        speed.plot(motion.time, smooth, color=theme.second, linewidth=1.4, label="simulation, 0.1 s mean")
+        way.plot(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], color=theme.second, linewidth=1.4)
+    speed.plot(
+        run.fix_time,
+        run.fix_speed,
+        color=theme.speed,
+        marker="o",
+        markersize=3.0,
+        linewidth=0.9,
+        label="robot, position receiver",
+    )
+    way.plot(run.fix_time, run.fix_way, color=theme.speed, marker="o", markersize=3.0, linewidth=0.9)
+    way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
+    speed.set_ylabel("forward speed [m/s]")
+    way.set_ylabel("way [m]")
+    way.set_xlabel("time since the policy took over [s]")
+    speed.set_xlim(0.0, float(run.command_time[-1]))
+    speed.legend(loc="upper right", frameon=False, fontsize=8, labelcolor=theme.foreground)
+    return figure
+
+
+def make_run_pictures(
+    run: TrackRun,
+    simulation: TrialResult | None,
+    robot: RobotDescription,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Picture, ...]:
+    """Draw every figure in both looks.
+
+    Raises:
+        SimulationError: a trajectory is missing or holds NaN.
+    """
+    pictures = []
+    for name, title, caption, draw in _plan(run, simulation, robot):
+        progress(title)
+        light, dark = (figures.png_bytes(draw(theme)) for theme in figures.THEMES)
+        pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
+    return tuple(pictures)
+
+
+def _plan(
+    run: TrackRun, simulation: TrialResult | None, robot: RobotDescription
+) -> Iterator[tuple[str, str, str, Callable[[figures.Theme], Figure]]]:
+    yield (
+        "comparison",
+        "Robot and simulation" if simulation else "The run",
+        "Dots: what the robot's receiver says. The simulation is given the speeds that the robot's policy "
+        "was given, so a gap between the two is the gap between robot and model.",
+        lambda theme: comparison_figure(run, simulation, theme),
+    )
+    yield (
+        "torque_speed",
+        "Torque and speed of every motor over its envelope",
+        "From the currents and encoders of the robot. Filled: what the motor can give at the nominal bus; "
+        "red samples sit on the limit that the measured bus voltage allows.",
+        lambda theme: figures.torque_speed_figure(run.trial, robot, theme),
+    )
+    yield (
+        "base_rates",
+        "How quiet the trunk stays",
+        "Roll and pitch rates of the trunk, and the cost J that sums their squares.",
+        lambda theme: figures.rates_figure(run.trial, theme),
+    )
+    yield (
+        "power",
+        "Where the power goes",
+        "Mechanical power drives the legs, copper loss only heats the windings.",
+        lambda theme: figures.power_figure(run.trial, robot, theme),
+    )
+    if simulation is not None:
+        yield (
+            "gait",
+            "Gait in simulation",
+            "Feet on the ground during the last second of the simulated run at these commands; the robot's "
+            "own contacts are not measured.",
+            lambda theme: figures.gait_figure(simulation, robot, theme),
+        )
+
+
+def run_numbers(run: TrackRun, simulation: TrialResult | None) -> dict[str, Any]:
+    """The numbers of the report, JSON-ready; what is not known is null."""
+    numbers: dict[str, Any] = {
+        "distance_m": run.distance,
+        "time_over_distance_s": _known(run.time_over_distance),
+        **_metric_numbers(run.trial),
+        "peak_speed_m_s": _known(float(run.fix_speed.max())),
+        "simulation": None,
+    }
+    if simulation is not None:
+        numbers["simulation"] = {
+            "time_over_distance_s": _known(_simulated_time(run, figures.recorded(simulation))),
+            **_metric_numbers(simulation),
+            **_difference(run, figures.recorded(simulation)),
+        }
+    return numbers
+
+
+def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
+    metrics = trial.metrics
+    return {
+        "held_speed_m_s": _known(metrics.held_speed),
+        "peak_speed_m_s": _known(metrics.peak_speed),
+        "J_rad2_s": _known(metrics.angular_cost),
+        "mechanical_power_W": _known(metrics.mechanical_power),
+        "copper_power_W": _known(metrics.copper_power),
+        "stride_frequency_Hz": _known(metrics.stride_frequency),
+        "envelope_share": list(metrics.envelope_share),
+        "lateral_deviation_m": _known(metrics.lateral_deviation),
+        "fell": not trial.completed,
+    }
+
+
+def _difference(run: TrackRun, motion: Trajectory) -> dict[str, Any]:
+    """Robot minus simulation at the receiver's moments."""
+    inside = (run.fix_time >= motion.time[0]) & (run.fix_time <= motion.time[-1])
+    gap = run.fix_speed[inside] - sampled_speed(motion, run.fix_time[inside])
+    return {
+        "speed_difference_rms_m_s": _known(float(np.sqrt(np.mean(gap**2)))),
+        "speed_difference_mean_m_s": _known(float(gap.mean())),
+    }
+
+
+def _simulated_time(run: TrackRun, motion: Trajectory) -> float:
+    """From the first non-zero command to the distance [s]; nan if it was not run."""
+    way = motion.qpos[:, 0] - motion.qpos[0, 0]
+    moving = motion.command[:, 0] > 0.0
+    if way[-1] < run.distance or not moving.any():
+        return float("nan")
+    return float(motion.time[int((way >= run.distance).argmax())] - motion.time[int(moving.argmax())])
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def render_run_report(
+    run: TrackRun,
+    simulation: TrialResult | None,
+    pictures: Sequence[Picture],
+    facts: Sequence[tuple[str, str]],
+) -> str:
+    """The HTML text: everything inside, nothing loaded from elsewhere."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    return environment.from_string(_template("run_report.html.j2")).render(
+        style=re.search(r"<style>(.*?)</style>", _template("report.html.j2"), re.DOTALL)[1],  # type: ignore[index]
+        rows=list(number_rows(run_numbers(run, simulation))),
+        compared=simulation is not None,
+        figures=[
+            {
+                "title": picture.title,
+                "caption": picture.caption,
+                "light": base64.b64encode(picture.light).decode("ascii"),
+                "dark": base64.b64encode(picture.dark).decode("ascii"),
+            }
+            for picture in pictures
+        ],
+        facts=facts,
+    )
+
+
+def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
+    """One row a number: robot beside simulation."""
+    simulated = numbers["simulation"] or {}
+    for name, key, digits, unit in (
+        (f"time over {numbers['distance_m']:g} m", "time_over_distance_s", 2, "s"),
+        ("held speed (last 2 s of the hold)", "held_speed_m_s", 2, "m/s"),
+        ("peak speed", "peak_speed_m_s", 2, "m/s"),
+        ("J (roll and pitch rates)", "J_rad2_s", 1, "rad²/s"),
+        ("mechanical power", "mechanical_power_W", 0, "W"),
+        ("copper loss", "copper_power_W", 0, "W"),
+        ("stride frequency", "stride_frequency_Hz", 2, "Hz"),
+        ("largest sideways deviation", "lateral_deviation_m", 2, "m"),
+        ("robot minus simulation, root mean square", "speed_difference_rms_m_s", 2, "m/s"),
+        ("robot minus simulation, mean", "speed_difference_mean_m_s", 2, "m/s"),
+    ):
+        values = [side.get(key) for side in (numbers, simulated)]
+        if values != [None, None]:
+            robot, simulation = (number(float("nan") if v is None else v, digits) for v in values)
+            yield {"name": name, "robot": robot, "simulation": simulation, "unit": unit}
+
+
+def _template(name: str) -> str:
+    return (resources.files("sprintlab.evaluation") / "templates" / name).read_text(encoding="utf-8")
