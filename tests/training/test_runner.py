@@ -83,7 +83,7 @@ def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) -> None:
-    policy = load_policy(export_checkpoint(checkpoint, tmp_path / "policy.onnx"))
+    policy = load_policy(export_checkpoint(checkpoint, tmp_path / "policy.onnx").path)
     check_contract(policy.contract, load_robot("bp2"))
     assert policy.contract.training.iterations == 2
     assert policy.contract.training.config_hash == SETTINGS.digest()

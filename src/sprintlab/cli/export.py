@@ -7,29 +7,46 @@ from pathlib import Path
 
 import tyro
 
+from sprintlab.cli.output import print_json, progress_bar
 from sprintlab.cli.train import require_training
 from sprintlab.core.errors import SprintlabError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write a training checkpoint as one ONNX file that carries its own contract.
+    """Write a training checkpoint as one ONNX file that carries its own contract, checked against PyTorch.
 
     Attributes:
         checkpoint: checkpoint of a training run.
         output: the ONNX file to write.
+        recording: trajectory.npz or profile.npz of a race, to be replayed through both runtimes; when left
+            out, the policy runs in the plant for four seconds.
+        json: print JSON only.
     """
 
     checkpoint: tyro.conf.Positional[Path]
     output: tyro.conf.Positional[Path]
+    recording: Path | None = None
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
-        """Export; raises ``SprintlabError`` when the checkpoint is missing or the extra is not installed."""
+        """Export.
+
+        Raises:
+            SprintlabError: the checkpoint or the recording is missing or refused, or the extra is not
+                installed.
+        """
         if not self.checkpoint.is_file():
             raise SprintlabError(f"checkpoint {self.checkpoint} does not exist")
         require_training()
         from sprintlab.training.export import export_checkpoint
 
-        export_checkpoint(self.checkpoint, self.output)
-        print(f"policy: {self.output}")
+        with progress_bar(quiet=self.json) as report:
+            report("exporting", None)
+            exported = export_checkpoint(self.checkpoint, self.output, self.recording)
+        if self.json:
+            print_json({**exported._asdict(), "path": str(exported.path)})
+            return 0
+        print(f"policy: {exported.path}")
+        print(f"replayed steps: {exported.replayed}, greatest difference {exported.difference:.1e}")
         return 0

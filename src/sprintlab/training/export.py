@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
@@ -15,6 +15,7 @@ from sprintlab.control import (
     CONTRACT_KEY,
     ESTIMATE_SIZE,
     LowPass,
+    Policy,
     TrainingRecord,
     encode_contract,
     load_policy,
@@ -23,9 +24,10 @@ from sprintlab.control import (
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.robots import load_robot
+from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.algorithm import build_actor
 from sprintlab.training.networks import Actor
+from sprintlab.training.replay import RecordedRun, Replay, read_recording, replay, run_in_plant
 from sprintlab.training.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -41,20 +43,44 @@ def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
     return actor.eval()
 
 
-def export_checkpoint(checkpoint: Path, output: Path) -> Path:
+class ExportedPolicy(NamedTuple):
+    """A policy file, and how it was checked.
+
+    Attributes:
+        path: of the file.
+        replayed: recorded policy steps that went through both runtimes.
+        difference: greatest difference between their actions or estimates, recorded and random inputs.
+    """
+
+    path: Path
+    replayed: int
+    difference: float
+
+
+def export_checkpoint(checkpoint: Path, output: Path, recording: Path | None = None) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
+
+    It is read back, and a recorded run goes through both runtimes: ONNX Runtime with the observation, filters
+    and history that drive robots, and PyTorch on what the network was given at each step.
+
+    Args:
+        checkpoint: of a training run.
+        output: the file to write.
+        recording: npz that a race has written; None lets the policy run in the plant for four seconds.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
-        PolicyFileError: ONNX Runtime's actions differ from PyTorch's by more than ``EXPORT_TOLERANCE``.
+        InvalidValueError: the recording is none.
+        PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
     state = read_checkpoint(checkpoint)
+    recorded = None if recording is None else read_recording(recording)
     actor = actor_from_checkpoint(state)
-    input_size = state["settings"].observation.input_size
-    data = _with_contract(_onnx_bytes(actor, input_size), state)
-    _verify(data, actor, input_size)
+    settings: TrainingSettings = state["settings"]
+    data = _with_contract(_onnx_bytes(actor, settings.observation.input_size), state)
+    replayed, difference = _verify(data, actor, load_robot(settings.robot), recorded)
     atomic_write_bytes(output, data)
-    return output
+    return ExportedPolicy(output, replayed, difference)
 
 
 def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
@@ -100,20 +126,39 @@ def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
     return model.SerializeToString()
 
 
-def _verify(data: bytes, network: Actor, input_size: int) -> None:
-    """Read the file back through the runtime that will run it, and compare on random observations."""
-    generator = np.random.default_rng(0)
-    observations = generator.normal(size=(256, input_size)).astype(np.float32)
-    estimates = generator.normal(size=(256, ESTIMATE_SIZE)).astype(np.float32)
+def _verify(
+    data: bytes, network: Actor, robot: RobotDescription, recorded: RecordedRun | None
+) -> tuple[int, float]:
+    """Read the file back through the runtime that will run it, and compare on recorded and random inputs."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.onnx"
         path.write_bytes(data)
-        written = load_policy(path).decide(observations, estimates)
+        policy = load_policy(path, robot)
+    run = run_in_plant(policy, robot) if recorded is None else recorded
+    seen, random = replay(policy, robot, run), _random_inputs(policy)
+    differences = [_compare(network, inputs) for inputs in (seen, random)]
+    return len(seen.action), max(differences)
+
+
+def _random_inputs(policy: Policy) -> Replay:
+    generator = np.random.default_rng(0)
+    observations = generator.normal(size=(256, policy.layout.input_size)).astype(np.float32)
+    estimates = generator.normal(size=(256, ESTIMATE_SIZE)).astype(np.float32)
+    return Replay(observations, estimates, *policy.decide(observations, estimates))
+
+
+def _compare(network: Actor, written: Replay) -> float:
+    """Greatest difference between what the file's network said and what PyTorch says to the same inputs."""
     with torch.no_grad():
-        meant = network(torch.from_numpy(observations), torch.from_numpy(estimates))
-    for name, value, wanted in zip(("action", "estimate"), written, meant, strict=True):
-        difference = float(np.abs(value - wanted.numpy()).max())
+        meant = network(torch.from_numpy(written.observation), torch.from_numpy(written.previous_estimate))
+    differences = [0.0]
+    for name, value, wanted in zip(
+        ("action", "estimate"), (written.action, written.estimate), meant, strict=True
+    ):
+        difference = float("inf") if value is None else float(np.abs(value - wanted.numpy()).max())
         if not difference <= EXPORT_TOLERANCE:
             raise PolicyFileError(
                 f"the exported policy's {name} differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}"
             )
+        differences.append(difference)
+    return max(differences)
