@@ -1,6 +1,8 @@
 # make race   run the shipped policy over 100 m and through the protocol; needs Python and nothing else
 # make test   every check and test, on the CPU
 # make lint   style and types only
+# make docs   the documentation site in build/site
+# make package-test   wheel and sdist, installed into an empty environment and used
 # make venv   the environment of `make test`, without running it
 # Settings: PYTHON (interpreter that makes the environment), RACE_ARGS (passed on), WORKERS (pytest processes).
 
@@ -14,7 +16,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 REQUIREMENTS := pyproject.toml constraints.txt
 
-.PHONY: race test lint venv clean
+.PHONY: race test lint docs package-test venv clean
 .DEFAULT_GOAL := test
 
 race: $(VENV)/.race-installed
@@ -28,6 +30,13 @@ lint: $(VENV)/.dev-installed
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports
 	@$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: $(VENV)/.dev-installed
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "documentation: build/site/index.html"
+
+package-test: $(VENV)/.dev-installed
+	@$(BIN)/python tools/package_test.py
 
 venv: $(VENV)/.dev-installed
 
