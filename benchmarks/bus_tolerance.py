@@ -1,0 +1,174 @@
+"""What delay, jitter and loss on the robot's bus cost: speed over 100 m and falls.
+
+    python benchmarks/bus_tolerance.py --out results/deployment/bus_tolerance.json
+
+Controller and simulated robot run in one process, step by step, so that the result depends on nothing but the
+link. Every condition holds for both directions; "delay" is the round trip, half of it each way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import track
+
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.core.files import atomic_write_json, atomic_write_text
+from sprintlab.deployment.controller import Controller
+from sprintlab.deployment.interface import PositionFix, RobotState
+from sprintlab.deployment.simulator import LinkOptions, SimulatedWorld, SimulatorOptions
+from sprintlab.deployment.simulator.options import TYPICAL_NOISE
+from sprintlab.deployment.sources import SprintSource
+from sprintlab.plant import TrialSettings
+from sprintlab.robots import load_robot
+
+LONGEST = 60.0  # [s] of simulated time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """A link: round-trip delay [ms], greatest additional delay each way [ms], loss each way [%]."""
+
+    delay_ms: float = 0.0
+    jitter_ms: float = 0.0
+    loss_percent: float = 0.0
+
+    def link(self) -> LinkOptions:
+        return LinkOptions(
+            delay=0.5e-3 * self.delay_ms, jitter=1e-3 * self.jitter_ms, loss=0.01 * self.loss_percent
+        )
+
+
+CONDITIONS = (
+    *(Condition(delay_ms=delay) for delay in (0, 1, 2, 4, 6, 8, 10, 15, 20)),
+    *(Condition(jitter_ms=jitter) for jitter in (1, 2, 4, 8)),
+    *(Condition(loss_percent=loss) for loss in (1, 5, 10, 20, 50)),
+    Condition(delay_ms=2, jitter_ms=1, loss_percent=5),
+)
+
+
+def run_sprint(condition: Condition, seed: int, top_speed: float) -> dict[str, Any]:
+    """One self-paced 100 m; friction and payload of the trial come from the seed."""
+    random = np.random.default_rng(seed)
+    trial = TrialSettings(
+        seed=seed, friction=float(random.uniform(0.7, 1.0)), payload=float(random.uniform(-1.0, 1.0))
+    )
+    options = SimulatorOptions(
+        trial=trial, to_controller=condition.link(), to_robot=condition.link(), noise=TYPICAL_NOISE, seed=seed
+    )
+    robot = load_robot("bp2")
+    world = SimulatedWorld(robot, options)
+    source = SprintSource(top_speed)
+    controller = Controller(load_policy(shipped_policy()), robot, source)
+    return _drive(world, controller, source)
+
+
+def _drive(world: SimulatedWorld, controller: Controller, source: SprintSource) -> dict[str, Any]:
+    way: list[float] = []
+    while world.time < LONGEST and controller.mode.value != "stop" and not source.finished:
+        states, fix = _received(world)
+        world.hand_over(controller.step(round(1e9 * world.time), states, fix).command)
+        world.step()
+        if source.finish_time is None and controller.mode.value == "run":
+            way.append(float(world.robot.plant.data.qpos[0]))
+        if world.robot.fall_reason:
+            break
+    fell = bool(world.robot.fall_reason) or controller.mode.value == "stop"
+    finished = source.finish_time is not None
+    return {
+        "fell": fell,
+        "cause": controller.stop_reason or world.robot.fall_reason,
+        "time_s": source.finish_time - 1.0 if finished else None,
+        "held_speed_m_s": (way[-1] - way[-2001]) / 2.0 if finished else None,
+        "distance_m": round(way[-1], 2) if way else 0.0,
+        "watchdog_trips": world.robot.watchdog_trips,
+    }
+
+
+def _received(world: SimulatedWorld) -> tuple[list[RobotState], PositionFix | None]:
+    states: list[RobotState] = []
+    fix = None
+    for message in world.messages(round(1e9 * world.time)):
+        if isinstance(message, RobotState):
+            states.append(message)
+        else:
+            fix = message
+    return states, fix
+
+
+def summary(condition: Condition, runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """One row of the table."""
+    times = [run["time_s"] for run in runs if run["time_s"] is not None and not run["fell"]]
+    speeds = [run["held_speed_m_s"] for run in runs if run["held_speed_m_s"] is not None and not run["fell"]]
+    return {
+        **asdict(condition),
+        "runs": len(runs),
+        "falls": sum(run["fell"] for run in runs),
+        "unfinished": sum(run["time_s"] is None and not run["fell"] for run in runs),
+        "time_100m_s": statistics.mean(times) if times else None,
+        "held_speed_m_s": statistics.mean(speeds) if speeds else None,
+        "watchdog_trips": sum(run["watchdog_trips"] for run in runs),
+        "causes": sorted({run["cause"] for run in runs if run["fell"]}),
+    }
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """The table that ``docs/robot-bus.md`` shows."""
+
+    def cell(value: float | None, digits: int) -> str:
+        return "-" if value is None else f"{value:.{digits}f}"
+
+    def lines() -> Iterator[str]:
+        names = ("round trip [ms]", "jitter [ms]", "loss [%]", "falls", "100 m [s]", "held speed [m/s]")
+        yield f"| {' | '.join(names)} |"
+        yield "|---|---|---|---|---|---|"
+        for row in rows:
+            link = f"{row['delay_ms']:g} | {row['jitter_ms']:g} | {row['loss_percent']:g}"
+            falls = f"{row['falls']} of {row['runs']}"
+            yield f"| {link} | {falls} | {cell(row['time_100m_s'], 2)} | {cell(row['held_speed_m_s'], 2)} |"
+
+    return "\n".join(lines()) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("results/deployment/bus_tolerance.json"))
+    parser.add_argument("--trials", type=int, default=5, help="seeded runs a condition")
+    parser.add_argument("--top-speed", type=float, default=12.0, help="highest command [m/s]")
+    parser.add_argument("--workers", type=int, default=None, help="processes; one a core when left out")
+    arguments = parser.parse_args()
+    began = time.perf_counter()
+    jobs = [(condition, seed) for condition in CONDITIONS for seed in range(arguments.trials)]
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        futures = [pool.submit(run_sprint, *job, arguments.top_speed) for job in jobs]
+        runs = [future.result() for future in track(futures, description="running", transient=True)]
+    rows = [
+        summary(condition, [run for (other, _), run in zip(jobs, runs, strict=True) if other is condition])
+        for condition in CONDITIONS
+    ]
+    result = {
+        "policy": "sprint",
+        "top_speed_m_s": arguments.top_speed,
+        "noise": asdict(TYPICAL_NOISE),
+        "machine": platform.processor() or platform.machine(),
+        "wall_time_s": round(time.perf_counter() - began, 1),
+        "rows": rows,
+    }
+    atomic_write_json(arguments.out, result)
+    atomic_write_text(arguments.out.with_suffix(".md"), markdown(rows))
+    print(markdown(rows))
+
+
+if __name__ == "__main__":
+    main()
