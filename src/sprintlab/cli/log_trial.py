@@ -140,7 +140,8 @@ def _trajectory(
     command = np.array([item.velocity for item in record.ticks])[tick]
     position, velocity = course.at(time + begin)
     heading = np.unwrap(wrap_angle(heading_angle(states["quaternion"][index]) - course.heading))
-    count, joint_velocity = len(time), states["joint_velocity"][index]
+    # A drive sets its torque by the speed of the state before; speed and torque belong together.
+    count, joint_velocity = len(time), states["joint_velocity"][index - 1]
     qpos = np.concatenate((position, states["quaternion"][index], states["joint_position"][index]), axis=1)
     return Trajectory(
         time=time,
@@ -177,10 +178,7 @@ def _in_heading_frame(velocity: FloatArray, heading: FloatArray) -> FloatArray:
 def _motor_side(
     record: RunRecord, robot: RobotDescription, states: dict[str, FloatArray], index: NDArray[Any]
 ) -> dict[str, FloatArray]:
-    """Torques of the motors and their limits ``(T, 12)``, from the joint torques that the drives report.
-
-    A drive sets its torque by the speed it sees before: limits are taken at the state before.
-    """
+    """Torques of the motors and their limits ``(T, 12)``, from the joint torques that the drives report."""
     ratio = np.asarray(robot.gear.ratio)
     delivered = states["joint_torque"][index] / (ratio * np.asarray(robot.gear.efficiency))
     speed = states["joint_velocity"][index - 1] * ratio
