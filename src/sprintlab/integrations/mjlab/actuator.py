@@ -26,7 +26,6 @@ from sprintlab.motors import (
     MotorModel,
     PmsmParameters,
     drive_torque,
-    joint_torque,
     reflected_inertia,
 )
 
@@ -38,9 +37,9 @@ _OWN_PARAMETERS = (*_MOTOR_FIELDS, "gear_ratio", "gear_efficiency", "bus_voltage
 class PmsmActuatorCfg(IdealPdActuatorCfg):
     """A geared permanent-magnet motor behind a PD loop.
 
-    ``armature`` left at ``None`` becomes the rotor's reflected inertia, ``effort_limit`` left at infinity the
-    joint torque at the motor's peak. Passive friction stays where mjlab has it: ``frictionloss`` and
-    ``viscous_damping``.
+    ``armature`` left at ``None`` becomes the rotor's reflected inertia, ``effort_limit`` (on the torque that
+    the PD loop wants) left at infinity the motor's peak torque times the gear ratio. Passive friction stays
+    where mjlab has it: ``frictionloss`` and ``viscous_damping``.
 
     Raises:
         InvalidValueError: several motors in one group, an unknown model, a bad voltage, or a transmission
@@ -68,7 +67,8 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
         if self.armature is None:
             self.armature = float(reflected_inertia(self.gear, self.motor.rotor_inertia))
         if math.isinf(self.effort_limit):
-            self.effort_limit = float(joint_torque(self.gear, self.motor.peak_torque))
+            # The wanted torque, before the gear's losses: with them the motor could never reach its peak.
+            self.effort_limit = float(self.motor.peak_torque * self.gear.ratio)
         super().__post_init__()
 
     def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> PmsmActuator:

@@ -1,0 +1,287 @@
+"""The motor and the schedule as mjlab terms; skipped where mjlab is not installed."""
+
+import importlib.util
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="the mjlab terms need PyTorch: pip install 'sprintlab[mjlab]'")
+pytest.importorskip("mjlab", reason="needs mjlab: pip install 'sprintlab[mjlab]'")
+
+from mjlab.actuator import ActuatorCmd  # noqa: E402
+from mjlab.actuator.actuator import TransmissionType  # noqa: E402
+from mjlab.actuator.fused_group import FusedActuatorGroup  # noqa: E402
+
+from sprintlab.commands import AdaptiveSchedule, TargetSampling  # noqa: E402
+from sprintlab.core.errors import InvalidValueError  # noqa: E402
+from sprintlab.integrations.mjlab import (  # noqa: E402
+    AdaptiveVelocityCommandCfg,
+    PmsmActuatorCfg,
+    actuator_type,
+    randomize_bus_voltage,
+)
+from sprintlab.motors import MOTOR_MODELS, Gear, PmsmParameters, drive_torque, stack_motors  # noqa: E402
+
+ENVIRONMENTS = 3
+EXAMPLE = Path(__file__).parents[2] / "examples" / "mjlab_go1_refined_motor.py"
+
+
+def motor(**changes):
+    values = {
+        "pole_pairs": 21,
+        "stator_resistance": 0.13,
+        "q_axis_inductance": 80e-6,
+        "flux_linkage": 2.87e-3,
+        "peak_torque": 3.95,
+        "saturation": 0.12,
+        "rotor_inertia": 1e-4,
+    }
+    return PmsmParameters(**{**values, **changes})
+
+
+def configuration(**changes):
+    values = {
+        "target_names_expr": (".*",),
+        "stiffness": 20.0,
+        "damping": 1.0,
+        "motor": motor(),
+        "gear": Gear(ratio=6.0, efficiency=0.9),
+        "bus_voltage": 20.0,
+    }
+    return PmsmActuatorCfg(**{**values, **changes})
+
+
+@pytest.fixture
+def build():
+    """An initialized actuator of two joints; mjlab's entity is reduced to what an actuator asks of it."""
+
+    def make(first_joint=0, **changes):
+        entity = SimpleNamespace(indexing=SimpleNamespace(ctrl_ids=torch.arange(8)))
+        actuator = configuration(**changes).build(entity, [first_joint, first_joint + 1], ["a", "b"])
+        actuator._mjs_actuators = [SimpleNamespace(id=first_joint), SimpleNamespace(id=first_joint + 1)]
+        actuator.initialize(None, None, SimpleNamespace(nworld=ENVIRONMENTS), "cpu")
+        return actuator
+
+    return make
+
+
+def random_command(joints, seed=0):
+    random = np.random.default_rng(seed)
+
+    def tensor(scale):
+        return torch.tensor(random.normal(0.0, scale, (ENVIRONMENTS, joints)), dtype=torch.float)
+
+    return ActuatorCmd(
+        position_target=tensor(1.0),
+        velocity_target=torch.zeros(ENVIRONMENTS, joints),
+        effort_target=torch.zeros(ENVIRONMENTS, joints),
+        pos=tensor(1.0),
+        vel=tensor(20.0),
+    )
+
+
+def expected_torque(command, motors, ratio, bus_voltage, model):
+    """The same by NumPy in double precision."""
+    position, target, speed = (
+        value.numpy().astype(float) for value in (command.pos, command.position_target, command.vel)
+    )
+    gear = Gear(ratio=np.asarray(ratio), efficiency=np.full(len(ratio), 0.9))
+    limit = gear.ratio * motors.peak_torque
+    desired = np.clip(20.0 * (target - position) - speed, -limit, limit)
+    return drive_torque(motors, gear, desired, speed, bus_voltage, model=model).torque
+
+
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+def test_the_law_is_that_of_the_motor_package(build, model):
+    command = random_command(2)
+    torque = build(model=model).compute(command)
+    expected = expected_torque(command, stack_motors([motor(), motor()]), [6.0, 6.0], 20.0, model)
+    assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
+
+
+def test_models_differ(build):
+    command = random_command(2, seed=1)
+    command.vel[:], command.position_target[:] = 22.0, command.pos + 5.0
+    torques = {model: build(model=model).compute(command) for model in MOTOR_MODELS}
+    assert torch.all(torques["simplified-dc"] < torques["square"])
+    assert torch.all(torques["refined"] < torques["simplified-dc"])
+
+
+def test_groups_with_different_motors_fuse_into_one(build):
+    strong = motor(peak_torque=8.0, flux_linkage=5e-3)
+    groups = [build(), build(first_joint=2, motor=strong, gear=Gear(ratio=9.0, efficiency=0.9))]
+    fused, remaining = FusedActuatorGroup.process(groups)
+    assert remaining == () and len(fused._groups) == 1
+    fused.initialize(ENVIRONMENTS, "cpu")
+    group = fused._groups[0]
+    command = random_command(4)
+    torque = group.actuator_type.control_law(group.params, command)
+    motors = stack_motors([motor(), motor(), strong, strong])
+    expected = expected_torque(command, motors, [6.0, 6.0, 9.0, 9.0], 20.0, "refined")
+    assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
+
+
+def test_a_change_of_voltage_reaches_the_fused_law(build):
+    groups = [build(), build(first_joint=2)]
+    fused, _ = FusedActuatorGroup.process(groups)
+    fused.initialize(ENVIRONMENTS, "cpu")
+    groups[1].set_bus_voltage(torch.tensor([1]), torch.tensor([33.0]))
+    voltage = fused._groups[0].params["bus_voltage"]
+    assert voltage[1].tolist() == [20.0, 20.0, 33.0, 33.0]
+    assert voltage[0].tolist() == [20.0] * 4
+
+
+def test_each_model_is_a_type_of_its_own(build):
+    assert actuator_type("refined") is actuator_type("refined")
+    fused, _ = FusedActuatorGroup.process([build(), build(first_joint=2, model="square")])
+    assert len(fused._groups) == 2
+    with pytest.raises(InvalidValueError, match="model"):
+        actuator_type("brushed")
+
+
+def test_armature_and_effort_limit_follow_from_motor_and_gear():
+    filled = configuration()
+    assert filled.armature == pytest.approx(36.0 * 1e-4)
+    assert filled.effort_limit == pytest.approx(3.95 * 6.0)
+    chosen = configuration(armature=0.5, effort_limit=3.0)
+    assert (chosen.armature, chosen.effort_limit) == (0.5, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"model": "brushed"}, "model"),
+        ({"bus_voltage": 0.0}, "bus_voltage"),
+        ({"motor": stack_motors([motor(), motor()])}, "must be one motor"),
+        ({"transmission_type": TransmissionType.TENDON}, "must be joint"),
+    ],
+)
+def test_configurations_that_are_not_allowed(changes, words):
+    with pytest.raises(InvalidValueError, match=words):
+        configuration(**changes)
+
+
+def test_bus_voltages_are_drawn_one_an_environment(build):
+    groups = [build(), build(first_joint=2)]
+    robot = SimpleNamespace(actuators=groups)
+    environment = SimpleNamespace(num_envs=ENVIRONMENTS, device="cpu", scene={"robot": robot})
+    randomize_bus_voltage(environment, None, (18.0, 25.0))
+    drawn = groups[0].bus_voltage
+    assert torch.equal(drawn, groups[1].bus_voltage) and torch.equal(drawn[:, 0], drawn[:, 1])
+    assert len(set(drawn[:, 0].tolist())) == ENVIRONMENTS
+    assert float(drawn.min()) >= 18.0 and float(drawn.max()) <= 25.0
+    before = drawn.clone()
+    randomize_bus_voltage(environment, torch.tensor([2]), (30.0, 31.0))
+    assert torch.equal(groups[0].bus_voltage[:2], before[:2]) and float(groups[0].bus_voltage[2, 0]) >= 30.0
+    with pytest.raises(InvalidValueError, match="voltage_range"):
+        randomize_bus_voltage(environment, None, (25.0, 18.0))
+    robot.actuators = []
+    with pytest.raises(InvalidValueError, match="PMSM"):
+        randomize_bus_voltage(environment, None, (18.0, 25.0))
+
+
+@pytest.fixture
+def robot_data():
+    return SimpleNamespace(root_link_lin_vel_b=torch.zeros(64, 3), root_link_ang_vel_b=torch.zeros(64, 3))
+
+
+@pytest.fixture
+def command_term(robot_data):
+    """A command term of 64 robots whose velocity a test sets."""
+
+    def make(**changes):
+        torch.manual_seed(0)
+        environment = SimpleNamespace(
+            num_envs=64,
+            device="cpu",
+            step_dt=0.02,
+            max_episode_length_s=20.0,
+            scene={"robot": SimpleNamespace(data=robot_data)},
+        )
+        return AdaptiveVelocityCommandCfg(**changes).build(environment)
+
+    return make
+
+
+def test_commands_stay_in_the_window_of_the_robots_speed_and_move_to_the_target(command_term, robot_data):
+    term = command_term(lower=0.0, upper=6.0, top=6.0)
+    robot_data.root_link_lin_vel_b[:, 0] = 3.0
+    seen = []
+    for _ in range(300):
+        term.compute(dt=0.02)
+        seen.append(term.command[:, 0].clone())
+    assert all(float(value.min()) >= 2.0 and float(value.max()) <= 4.0 for value in seen)
+    assert max(float(value.max()) for value in seen) == pytest.approx(4.0)
+
+
+def test_a_reset_draws_only_for_the_environments_reset(command_term):
+    term = command_term()
+    term.compute(dt=0.02)
+    before = term.command.clone()
+    chosen = torch.tensor([3, 5])
+    metrics = term.reset(chosen)
+    term.compute(dt=0.0, env_ids=chosen)
+    untouched = torch.ones(64, dtype=torch.bool)
+    untouched[chosen] = False
+    assert torch.equal(term.command[untouched], before[untouched])
+    assert not torch.equal(term.command[chosen], before[chosen])
+    assert set(metrics) == {"error_vel_x", "error_vel_yaw"}
+    assert not term._fresh.any()
+
+
+def test_turns_keep_to_what_friction_holds(command_term, robot_data):
+    targets = TargetSampling(yaw_share=1.0, zero_share=0.0, yaw_limit=5.0)
+    term = command_term(
+        schedule=AdaptiveSchedule(targets=targets), lower=0.0, upper=8.0, top=8.0, friction=0.5
+    )
+    robot_data.root_link_lin_vel_b[:, 0] = 6.0
+    for _ in range(50):
+        term.compute(dt=0.02)
+        sideways = (term.command[:, 0] * term.command[:, 2]).abs()
+        assert float(sideways.max()) <= 0.5 * 9.81 + 1e-4
+    assert float(sideways.max()) > 0.4 * 9.81
+
+
+def test_the_range_grows_while_the_fastest_are_near_its_top(command_term, robot_data):
+    term = command_term(upper=1.0, top=2.0, growth=0.25)
+    for _ in range(200):
+        term.compute(dt=0.02)
+    assert term.upper == 1.0  # standing robots
+    robot_data.root_link_lin_vel_b[:, 0] = 1.5
+    for _ in range(26):
+        term.compute(dt=0.02)
+    assert term.upper == 1.25
+    for _ in range(1000):
+        term.compute(dt=0.02)
+    assert term.upper == 2.0
+    assert command_term(upper=1.0, top=2.0).cfg.growth == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"lower": 3.0, "upper": 2.0}, "upper"),
+        ({"upper": 3.0, "top": 2.0}, "top"),
+        ({"growth": -1.0}, "growth"),
+        ({"friction": 0.0}, "friction"),
+        ({"lower": math.nan}, "lower"),
+    ],
+)
+def test_command_ranges_that_are_not_allowed(changes, words):
+    with pytest.raises(InvalidValueError, match=words):
+        AdaptiveVelocityCommandCfg(**changes)
+
+
+@pytest.mark.slow
+def test_the_example_trains_mjlabs_go1(tmp_path):
+    spec = importlib.util.spec_from_file_location("mjlab_go1_refined_motor", EXAMPLE)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    example.train(4, 1, "refined", "cpu", tmp_path)
+    checkpoint = torch.load(sorted(tmp_path.glob("model_*.pt"))[-1], weights_only=False)
+    weights = checkpoint["actor_state_dict"]
+    assert all(torch.isfinite(value).all() for value in weights.values() if value.is_floating_point())
+    assert list(tmp_path.glob("events.out.tfevents*"))
