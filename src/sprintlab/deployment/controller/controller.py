@@ -61,6 +61,7 @@ _LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
+_WARM_UP_STEPS = 20
 _LATE_WINDOW = 50  # policy steps
 
 
@@ -150,6 +151,7 @@ class Controller:
         self.stop_reason = ""
         self.policy_time = 0.0
         self.moving_since: float | None = None
+        self._warm_up()
 
     @property
     def state(self) -> RobotState | None:
@@ -214,6 +216,21 @@ class Controller:
             faults=tuple(fault.value for fault in self._faults),
             compute_time=(clock.perf_counter_ns() - begin) * 1e-9,
         )
+
+    def _warm_up(self) -> None:
+        """Go every way now that is slow the first time: later a robot waits."""
+        still = _standing_state(self._robot)
+        for _ in range(_WARM_UP_STEPS):
+            self._runtime.step(_measurement(still), self._velocity)
+            self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still)
+            self._guard.damping(self._robot.damping, still)
+            self._body.check(still, 0.0, carried=True)
+            self._states.accept(still, 0.0)
+            self._limiter.advance(self._velocity, 0.0)
+            self._view(still, 0.0)
+            heading_command(0.0, 0.0, 0.0)
+        self._runtime.reset()
+        self._forget_robot()
 
     # ---- what comes in -------------------------------------------------------------------------------
 
@@ -508,6 +525,21 @@ class Controller:
             state_sequence=self._states.last.sequence if self._states.last else 0,
         )
         return self._last_command
+
+
+def _standing_state(robot: RobotDescription) -> RobotState:
+    """What a robot says that stands still."""
+    zeros = np.zeros(len(robot.joint_names))
+    return RobotState(
+        sequence=0,
+        timestamp=0,
+        joint_position=np.array(robot.default_pose),
+        joint_velocity=zeros,
+        joint_torque=zeros,
+        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        angular_velocity=np.zeros(3),
+        bus_voltage=robot.bus_voltage,
+    )
 
 
 def _measurement(state: RobotState) -> Measurement:

@@ -1,0 +1,179 @@
+"""Latency of the controller: policy step, loop, jitter, with a simulated robot in a process of its own.
+
+    python benchmarks/controller_latency.py --minutes 10 --output latency.json
+
+The robot runs at ``--speed`` in real time behind shared memory; the controller is the one of ``sprintlab
+run`` with its default thresholds, and its run is the measurement. Both processes ask for real-time priority,
+as on a robot, unless ``--no-real-time``. Ends with 1 if the controller did not bring the robot down in good
+order.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import sys
+import time
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.core.files import atomic_write_json
+from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
+from sprintlab.deployment.controller import Controller, LoopOptions, LoopReport, run_loop
+from sprintlab.deployment.controller.realtime import real_time
+from sprintlab.deployment.simulator import PaceOptions, SimulatedWorld, SimulatorOptions, run_simulator
+from sprintlab.deployment.sources import SprintSource
+from sprintlab.robots import load_robot
+
+ROBOT_PRIORITY = 40
+CONTROLLER_PRIORITY = 50
+PACKAGES = ("sprintlab", "numpy", "onnxruntime", "mujoco", "msgspec")
+
+
+def be_a_robot(address: str, urgent: bool, results: Any) -> None:
+    """The robot's process: until the controller has left."""
+    world = SimulatedWorld(load_robot("bp2"), SimulatorOptions())
+    endpoint = open_endpoint(address)
+    try:
+        with real_time(ROBOT_PRIORITY if urgent else None):
+            report = run_simulator(world, endpoint, PaceOptions(end_with_controller=True))
+    finally:
+        endpoint.close()
+    results.put(report.to_dict())
+
+
+def measure(minutes: float, speed: float, urgent: bool) -> dict[str, Any]:
+    """Run the robot for some minutes; everything that was measured."""
+    address = f"shm://latency-{os.getpid()}"
+    context = multiprocessing.get_context("spawn")
+    results = context.Queue()
+    robot = context.Process(target=be_a_robot, args=(address, urgent, results))
+    robot.start()
+    started, load = datetime.now(timezone.utc), os.getloadavg()
+    report, controller = drive(address, minutes, speed, urgent)
+    simulated = results.get(timeout=60.0)
+    robot.join(timeout=10.0)
+    return {
+        "date": started.isoformat(timespec="seconds"),
+        "processor": processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "python": platform.python_version(),
+        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "load_average": {"start": load, "end": os.getloadavg()},
+        "real_time_asked_for": urgent,
+        "speed": speed,
+        "faults": {fault.value: count for fault, count in controller.fault_counts.items()},
+        "controller": report.to_dict(),
+        "robot": {
+            name: simulated[name]
+            for name in (
+                "simulated_time",
+                "distance",
+                "fall_reason",
+                "watchdog_trips",
+                "late_steps",
+                "given_up",
+            )
+        },
+    }
+
+
+def drive(address: str, minutes: float, speed: float, urgent: bool) -> tuple[LoopReport, Controller]:
+    """The controller's side of ``measure``."""
+    robot = load_robot("bp2")
+    source = SprintSource(speed, distance=1e9, pace=False)
+    controller = Controller(load_policy(shipped_policy(), robot), robot, source)
+    options = LoopOptions(priority=CONTROLLER_PRIORITY if urgent else None, duration=60.0 * minutes)
+    bus = wait_for_robot(address)
+    try:
+        with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
+            task = progress.add_task("running", total=60.0 * minutes)
+            last = [0.0]
+
+            def status(controller: Controller, report: LoopReport) -> None:
+                if report.duration - last[0] >= 10.0:  # seldom: drawing takes milliseconds of this very loop
+                    last[0] = report.duration
+                    progress.update(task, completed=report.duration)
+
+            report = run_loop(controller, bus, options, status=status if sys.stderr.isatty() else quiet)
+    finally:
+        bus.close()
+    return report, controller
+
+
+def quiet(controller: Controller, report: LoopReport) -> None:
+    """Show nothing."""
+
+
+def wait_for_robot(address: str) -> Any:
+    """The bus, once the robot is on it."""
+    deadline = time.monotonic() + 60.0
+    while True:
+        try:
+            return open_bus(address)
+        except BusError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
+
+
+def processor() -> str:
+    """The processor's name, as Linux tells it."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text().splitlines() if path.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the table."""
+    columns = ("p50", "p90", "p99", "p99.9", "max")
+    table = Table("latency [µs]", *columns, box=None)
+    for name, values in result["controller"]["microseconds"].items():
+        numbers = ["-" if values[column] is None else f"{values[column]:.0f}" for column in columns]
+        table.add_row(name.replace("_", " "), *numbers)
+    console, controller = Console(width=110), result["controller"]
+    console.print(table)
+    console.print(
+        f"{controller['duration']:.0f} s, {controller['steps']} steps, "
+        f"{controller['deadline_misses']} deadline misses, priority {controller['priority']}"
+    )
+    console.print(f"memory locked: {controller['memory_locked']}, ended: {controller['end']}")
+    console.print(f"faults: {result['faults'] or 'none'}")
+
+
+def main() -> int:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--minutes", type=float, default=10.0, help="duration of the run")
+    parser.add_argument("--speed", type=float, default=6.0, help="commanded speed [m/s]")
+    parser.add_argument("--no-real-time", action="store_true", help="keep the normal scheduler")
+    parser.add_argument("--output", type=Path, help="also write the JSON here")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    given = parser.parse_args()
+    if given.minutes <= 0.0 or not 0.0 < given.speed <= 12.0:
+        parser.error("--minutes must be above 0, --speed above 0 and at most 12")
+    result = measure(given.minutes, given.speed, not given.no_real_time)
+    if given.output is not None:
+        atomic_write_json(given.output, result)
+    if given.json:
+        print(json.dumps(result, indent=2))
+    else:
+        show(result)
+    return 0 if result["controller"]["end"] == "passive" else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
