@@ -1,0 +1,120 @@
+"""The sequence-locked ring: order, overruns, torn copies, two processes at once."""
+
+import mmap
+import subprocess
+import sys
+import zlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.deployment.bus.ring import RingReader, RingWriter, ring_size
+
+SLOTS, SIZE = 8, 21  # a size that is no whole number of words
+
+
+@pytest.fixture
+def ring():
+    memory = memoryview(bytearray(ring_size(SLOTS, SIZE)))
+    return RingWriter(memory, SLOTS, SIZE), RingReader(memory, SLOTS, SIZE), memory
+
+
+def message(number):
+    return number.to_bytes(SIZE, "little")
+
+
+@given(st.lists(st.integers(0, 12), max_size=20))
+def test_messages_come_in_order_and_every_lost_one_is_counted(bursts):
+    memory = memoryview(bytearray(ring_size(SLOTS, SIZE)))
+    writer, reader = RingWriter(memory, SLOTS, SIZE), RingReader(memory, SLOTS, SIZE)
+    written, got = 0, []
+    for burst in bursts:
+        for _ in range(burst):
+            writer.write(message(written))
+            written += 1
+        while (content := reader.read()) is not None:
+            got.append(int.from_bytes(content, "little"))
+    assert got == sorted(set(got))
+    assert len(got) + reader.lost == written
+    # At least the newest of every burst arrive, as many as fit.
+    assert len(got) >= sum(min(burst, SLOTS - 1) for burst in bursts)
+
+
+def test_an_empty_ring_has_nothing(ring):
+    _, reader, _ = ring
+    assert reader.read() is None
+
+
+def test_a_late_reader_starts_with_the_oldest_message_that_is_left(ring):
+    writer, _, memory = ring
+    for number in range(20):
+        writer.write(message(number))
+    reader = RingReader(memory, SLOTS, SIZE)
+    assert reader.read() == message(20 - SLOTS + 1)
+    assert reader.lost == 0
+
+
+def test_skip_passes_over_what_is_there(ring):
+    writer, reader, _ = ring
+    writer.write(message(1))
+    reader.skip()
+    assert reader.read() is None
+    writer.write(message(2))
+    assert reader.read() == message(2)
+
+
+def test_a_message_that_changes_while_it_is_copied_is_dropped(ring, monkeypatch):
+    writer, reader, _ = ring
+    writer.write(message(7))
+    writer.write(message(8))
+
+    class Racing:
+        """Memory in which the writer overtakes during the copy of the first message."""
+
+        def __init__(self, memory):
+            self.memory, self.done = memory, False
+
+        def __getitem__(self, part):
+            if not self.done:
+                self.done = True
+                for number in range(100, 100 + SLOTS):
+                    writer.write(message(number))
+            return self.memory[part]
+
+    monkeypatch.setattr(reader, "_memory", Racing(reader._memory))
+    assert reader.read() == message(101)
+    assert reader.torn == 1
+    assert reader.lost == 3  # 7 was torn, 8 and 100 were overwritten or about to be
+
+
+WRITE_MANY = """
+import mmap, sys, zlib
+from sprintlab.deployment.bus.ring import RingWriter
+path, slots, size, count = sys.argv[1], *map(int, sys.argv[2:])
+with open(path, "rb+") as file:
+    writer = RingWriter(memoryview(mmap.mmap(file.fileno(), 0)), slots, size)
+    for number in range(count):
+        body = number.to_bytes(8, "little") * ((size - 4) // 8)
+        writer.write(body + zlib.crc32(body).to_bytes(4, "little"))
+"""
+
+
+def test_two_processes_at_full_speed_exchange_only_whole_messages(tmp_path):
+    size, count, path = 404, 50_000, tmp_path / "ring"
+    path.write_bytes(bytes(ring_size(SLOTS, size)))
+    with path.open("rb+") as file:
+        reader = RingReader(memoryview(mmap.mmap(file.fileno(), 0)), SLOTS, size)
+    arguments = [str(path), *map(str, (SLOTS, size, count))]
+    with subprocess.Popen([sys.executable, "-c", WRITE_MANY, *arguments]) as process:
+        last, got = -1, 0
+        while last < count - 1:
+            content = reader.read()
+            if content is None:
+                assert process.poll() in (None, 0)
+                continue
+            assert zlib.crc32(content[:-4]) == int.from_bytes(content[-4:], "little")
+            number = int.from_bytes(content[:8], "little")
+            assert number > last
+            last, got = number, got + 1
+    assert got + reader.lost == count
