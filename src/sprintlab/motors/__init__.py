@@ -1,5 +1,6 @@
 """Permanent-magnet motors: what torque they can give at which speed, from their parameters alone."""
 
+from sprintlab.motors.actuator_library import LibraryMotor, LibraryValue, library_motors, load_library_motor
 from sprintlab.motors.arrays import Array
 from sprintlab.motors.battery import (
     Battery,
@@ -44,6 +45,8 @@ __all__ = [
     "DqCurrents",
     "DriveOutput",
     "Gear",
+    "LibraryMotor",
+    "LibraryValue",
     "MotorModel",
     "PmsmParameters",
     "SupplyFile",
@@ -59,6 +62,8 @@ __all__ = [
     "flux_factor",
     "heated_motor",
     "joint_torque",
+    "library_motors",
+    "load_library_motor",
     "load_motor",
     "load_supply",
     "loaded_voltage",

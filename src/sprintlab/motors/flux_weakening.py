@@ -148,8 +148,8 @@ def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_volt
     reached on a chord of the voltage disk), which golden sections find.
 
     Returns:
-        Mechanical speed [rad/s], not negative; very large where the current limit reaches the centre of the
-        voltage disk (``I >= psi / L``) and the torque is near zero.
+        Mechanical speed [rad/s], not negative. Infinity for no torque where the current limit reaches the
+        point to which the voltage disk shrinks (``I >= psi / L``) and the voltage holds it there.
     """
     xp, (torque, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
         torque,
@@ -180,7 +180,9 @@ def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_volt
         left, right = high - step, low + step
         upward = highest(right) >= highest(left)
         low, high = xp.where(upward, left, low), xp.where(upward, high, right)
-    return xp.maximum(highest(high), highest(xp.zeros_like(high))) / pole_pairs
+    speed = xp.maximum(highest(high), highest(xp.zeros_like(high))) / pole_pairs
+    endless = (limit * inductance >= flux) & (voltage * inductance > resistance * flux) & (torque == 0)
+    return xp.where(endless, xp.zeros_like(speed) + float("inf"), speed)
 
 
 def _current_plane(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> _CurrentPlane:
