@@ -10,6 +10,7 @@ import tyro
 from sprintlab.cli.motor_datasheet import PARAMETER_UNITS, MotorFromDatasheet
 from sprintlab.cli.motor_envelope import MotorEnvelope
 from sprintlab.cli.motor_identify import MotorIdentify
+from sprintlab.cli.motor_library import MotorLibrary
 from sprintlab.cli.motor_source import chosen_motor
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 
@@ -56,6 +57,7 @@ class Motor:
         Annotated[MotorEnvelope, tyro.conf.subcommand(name="envelope")]
         | Annotated[MotorFromDatasheet, tyro.conf.subcommand(name="from-datasheet")]
         | Annotated[MotorIdentify, tyro.conf.subcommand(name="identify")]
+        | Annotated[MotorLibrary, tyro.conf.subcommand(name="library")]
         | Annotated[MotorShow, tyro.conf.subcommand(name="show")]
     )
 
