@@ -1,0 +1,115 @@
+"""The snippets of docs/integrations.md, each run where what it needs is installed."""
+
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sprintlab.motors import Gear, PmsmParameters, drive_torque, no_load_speed, save_motor
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "integrations.md"
+MOTOR = PmsmParameters(
+    pole_pairs=21,
+    stator_resistance=0.13,
+    q_axis_inductance=80e-6,
+    flux_linkage=2.87e-3,
+    peak_torque=3.0,
+    saturation=0.1,
+    rotor_inertia=6.3e-5,
+)
+
+
+def snippet(heading):
+    found = re.search(
+        rf"^## {heading}\n.*?```python\n(.*?)```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    assert found is not None
+    return found[1]
+
+
+def run(heading):
+    names = {"__name__": "example"}
+    exec(compile(snippet(heading), f"{PAGE.name}: {heading}", "exec"), names)
+    return names
+
+
+def test_every_framework_has_a_snippet():
+    assert PAGE.read_text("utf-8").count("```python") == 3
+    assert all(snippet(heading) for heading in ("Plain MuJoCo", "mjlab", "Isaac Lab"))
+
+
+def test_plain_mujoco_reaches_its_target_within_the_motors_speed():
+    names = run("Plain MuJoCo")
+    limit = no_load_speed(names["motor"], 24.0) / names["gear"].ratio
+    assert 0.3 * limit < names["fastest"] < limit
+    gravity = 0.8 * 9.81 * 0.15  # what the PD loop leaves to a pendulum's weight
+    assert names["data"].qpos[0] == pytest.approx(2.5, abs=1.1 * gravity / 80.0)
+
+
+@pytest.mark.slow  # importing mjlab and its task
+def test_mjlab_configuration_builds():
+    pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[mjlab]'")
+    pytest.importorskip("mjlab", reason="needs mjlab: pip install 'sprintlab[mjlab]'")
+    task = run("mjlab")["task"]
+    hips, calves = task.scene.entities["robot"].articulation.actuators
+    assert calves.armature == pytest.approx(81.0 * 1.1e-4)
+    assert hips.effort_limit == pytest.approx(6.0 * 3.95)
+    assert type(task.commands["twist"]).__name__ == "AdaptiveVelocityCommandCfg"
+    assert "bus_voltage" in task.events and "command_vel" not in task.curriculum
+
+
+@pytest.fixture
+def isaac_lab(monkeypatch):
+    """What the snippet uses of Isaac Lab 2: a PD actuator that clips, its configuration, ``configclass``."""
+    torch = pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[train]'")
+
+    class IdealPDActuator:
+        def __init__(self, cfg, environments, joints):
+            self.cfg = cfg
+            self.computed_effort = torch.zeros(environments, joints)
+            self.stiffness, self.damping = cfg.stiffness, cfg.damping
+
+        def compute(self, control_action, joint_pos, joint_vel):
+            self.computed_effort = (
+                self.stiffness * (control_action.joint_positions - joint_pos)
+                + self.damping * (control_action.joint_velocities - joint_vel)
+                + control_action.joint_efforts
+            )
+            control_action.joint_efforts = self._clip_effort(self.computed_effort)
+            return control_action
+
+    @dataclass
+    class IdealPDActuatorCfg:
+        stiffness: float = 40.0
+        damping: float = 1.0
+
+    actuators, utilities = ModuleType("isaaclab.actuators"), ModuleType("isaaclab.utils")
+    actuators.IdealPDActuator, actuators.IdealPDActuatorCfg = IdealPDActuator, IdealPDActuatorCfg
+    utilities.configclass = dataclass
+    for module in (ModuleType("isaaclab"), actuators, utilities):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    return torch
+
+
+def test_isaac_lab_actuator_gives_the_law(isaac_lab, tmp_path):
+    torch = isaac_lab
+    save_motor(MOTOR, tmp_path / "motor.toml")
+    names = run("Isaac Lab")
+    configuration = names["PmsmMotorCfg"](motor_file=str(tmp_path / "motor.toml"), bus_voltage=24.0)
+    actuator = configuration.class_type(configuration, 5, 3)
+    random = np.random.default_rng(0)
+    position, target, speed = (random.normal(0.0, scale, (5, 3)) for scale in (1.0, 1.0, 20.0))
+    action = SimpleNamespace(
+        joint_positions=torch.tensor(target),
+        joint_velocities=torch.zeros(5, 3),
+        joint_efforts=torch.zeros(5, 3),
+    )
+    given = actuator.compute(action, torch.tensor(position), torch.tensor(speed)).joint_efforts
+    wanted = 40.0 * (target - position) - speed
+    expected = drive_torque(MOTOR, Gear(ratio=6.0, efficiency=0.95), wanted, speed, 24.0).torque
+    assert given.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
+    assert not np.allclose(expected, wanted)
