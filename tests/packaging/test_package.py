@@ -72,7 +72,9 @@ def test_sdist_holds_sources_and_tests(built):
         names = {name.split("/", 1)[1] for name in sdist.getnames() if "/" in name}
     assert {f"src/{name}" for name in DATA} <= names
     assert {"LICENSE", "README.md", "constraints.txt", "tests/test_architecture.py", "docs/index.md"} <= names
-    assert not [name for name in names if name.startswith((".venv", "runs/", "build/"))]
+    hidden = {name for name in names if name.startswith(".")} - {".gitignore"}
+    assert not hidden and not [name for name in names if name.startswith(("runs/", "build/"))]
+    assert next(built.glob("*.tar.gz")).stat().st_size < 30e6
 
 
 def test_every_source_file_is_in_the_wheel(built):
