@@ -136,6 +136,7 @@ def _comparison(actuators: list[LibraryMotor]) -> Table:
 
 def _sources(actuator: LibraryMotor) -> Table:
     table = plain_table(actuator.title, "quantity", "value", "unit", "", "source", numbers=("value",))
+    table.columns[-1].overflow = "fold"
     for name, item in actuator.values.items():
         mark = "[yellow]estimated[/]" if item.estimated else ""
         table.add_row(name, f"{item.value:.5g}", _UNITS[name], mark, item.source)

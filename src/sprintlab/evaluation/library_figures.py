@@ -21,8 +21,8 @@ _STYLES = ("-", "--", ":")  # six colours in each
 def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> Figure:
     """Driving torque over speed behind the gear, refined with saturation: absolute, and normalised.
 
-    On the right speed is a share of the no-load speed and torque one of the torque at standstill: what is left
-    of the diagonal's upper side tells how early the voltage takes the torque away.
+    On the right speed is a share of the no-load speed and torque one of the torque at standstill: the longer a
+    curve stays at 1, the later the voltage takes its torque away.
     """
     figure, (absolute, normalised) = themed_figure(theme, (12.5, 5.6), 1, 2)
     for index, actuator in enumerate(actuators):
@@ -39,7 +39,7 @@ def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> F
     absolute.set_xscale("log")
     absolute.set_yscale("log")
     absolute.set_xlim(left=2.0)
-    absolute.set_ylim(bottom=0.5)
+    absolute.set_ylim(bottom=0.5, top=2.0 * absolute.dataLim.y1)
     normalised.set_xlim(0.0, 1.0)
     normalised.set_ylim(0.0, 1.05)
     figure.legend(

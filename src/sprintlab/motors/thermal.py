@@ -26,9 +26,9 @@ _LEAST_FLUX = 0.05
 class WindingHeat:
     """The thermal side of a motor; each field a number, or an array with one motor an element.
 
-    Heat capacity and thermal resistance are hardly ever published. The defaults are an assumption: the 1.25 K/W
-    and 32 J/K of the MIT Mini Cheetah's firmware (R_TH, INV_M_TH; an 8110 motor), scaled to a motor of four
-    times the mass: heat capacity by 4, thermal resistance by the surface, 4^(2/3).
+    Heat capacity and thermal resistance are hardly ever published. The defaults are an assumption: the
+    1.25 K/W and 32 J/K of the MIT Mini Cheetah's firmware (R_TH, INV_M_TH; an 8110 motor), scaled to a motor
+    of four times the mass: heat capacity by 4, thermal resistance by the surface, 4^(2/3).
 
     Raises:
         InvalidValueError: a value is impossible.

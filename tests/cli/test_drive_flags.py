@@ -1,0 +1,73 @@
+"""The flags that choose the drive a policy is measured on."""
+
+import pytest
+
+from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.motors import Battery, WindingHeat
+from sprintlab.plant import PlantOptions
+
+
+def test_without_flags_it_is_the_published_plant():
+    assert DriveFlags().plant() == PlantOptions()
+    assert DriveFlags().notes() == []
+
+
+def test_flags_turn_on_what_they_name():
+    flags = DriveFlags(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4)
+    plant = flags.plant()
+    assert plant.motor_model == "flux-weakening"
+    assert (plant.battery, plant.heat) == (Battery(), WindingHeat())
+    assert plant.state_of_charge == 0.4
+    assert [note.split()[0] for note in flags.notes()] == ["motor", "a", "windings"]
+
+
+def test_a_supply_file_turns_on_what_it_holds(tmp_path):
+    path = tmp_path / "pack.toml"
+    path.write_text("[battery]\nseries_cells = 12\ninternal_resistance = 0.05\n")
+    plant = DriveFlags(supply=path).plant()
+    assert plant.battery == Battery(series_cells=12, internal_resistance=0.05)
+    assert plant.heat is None
+    path.write_text(f"[heat]\nheat_capacity = {[60.0] * 12}\n")
+    plant = DriveFlags(supply=path).plant()
+    assert plant.battery is None
+    assert plant.heat is not None and plant.heat.heat_capacity.shape == (12,)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must hold the tables"),
+        ("[cell]\nvolts = 3\n", "must hold the tables"),
+        ("battery = 3\n", "battery = 3"),
+        ("[battery]\nresistance = 1\n", "battery.resistance"),
+        ("[battery]\nseries_cells = 'x'\n", "battery.series_cells"),
+        ("[battery]\nvoltage_table = [3.0, 4.2]\n", "one voltage for each charge"),
+        ("[battery]\nvoltage_table = [3.0, 'x']\n", "battery.voltage_table"),
+        ("[heat]\nmagnet_share = 3\n", "heat.magnet_share"),
+        ("[heat]\nheat_capacity = ['a']\n", "heat"),
+        ("[battery\n", "not a TOML file"),
+    ],
+)
+def test_a_bad_supply_file_is_refused_in_one_sentence(call, tmp_path, text, message):
+    path = tmp_path / "pack.toml"
+    path.write_text(text)
+    outcome = call("race", "--supply", path)
+    assert outcome.status == 2
+    assert message in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--motor-model", "cubic"), "plant.motor_model"),
+        (("--battery", "--state-of-charge", 50), "plant.state_of_charge"),
+        (("--heat", "--winding-temperature", 400), "plant.winding_temperature"),
+        (("--supply", "missing.toml"), "cannot read missing.toml"),
+    ],
+)
+@pytest.mark.parametrize("command", ["race", "evaluate"])
+def test_a_bad_flag_is_refused_in_one_sentence(call, command, arguments, message):
+    outcome = call(command, "sprint", *arguments)
+    assert outcome.status == 2
+    assert message in outcome.err

@@ -1,0 +1,96 @@
+"""The library: every number has a source, and the sets hang together."""
+
+import math
+from importlib import resources
+
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    critical_speed,
+    joint_torque,
+    library_motors,
+    load_library_motor,
+    no_load_speed,
+    saturate,
+)
+from sprintlab.motors.actuator_library import actuator_from_toml
+
+NAMES = library_motors()
+
+
+def file_text(name):
+    return (resources.files("sprintlab.motors") / "library" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def test_there_are_at_least_eight_different_actuators():
+    assert len(NAMES) >= 8
+    motors = [load_library_motor(name) for name in NAMES]
+    assert len({item.title for item in motors}) == len({item.motor for item in motors}) == len(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_number_has_a_source_and_an_estimate_says_so(name):
+    actuator = load_library_motor(name)
+    assert len(actuator.values) == 10
+    for value in actuator.values.values():
+        assert len(value.source) > 10 or not value.estimated
+        assert not value.source.startswith("not published") or value.estimated
+    electrical = ("stator_resistance", "q_axis_inductance", "flux_linkage", "peak_torque")
+    assert not {f"motor.{field}" for field in electrical} & set(actuator.estimated)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_motor_runs_on_its_bus(name):
+    actuator = load_library_motor(name)
+    top = float(no_load_speed(actuator.motor, actuator.bus_voltage))
+    corner = float(critical_speed(actuator.motor, actuator.motor.peak_torque, actuator.bus_voltage))
+    assert 0.1 * top < corner < top
+
+
+@pytest.mark.parametrize(
+    ("name", "peak", "no_load"),
+    [  # published: peak torque [N m] and no-load speed [rad/s] behind the gear
+        ("mit-humanoid-u12", 72.0, 40.0),  # speed limit of the robot
+        ("t-motor-ak80-6", 12.0, 38.2),  # at 24 V
+        ("steadywin-gim8108-8", 22.0, 320 * math.pi / 30),
+        ("xiaomi-cybergear", 12.0, 296 * math.pi / 30),
+        ("cubemars-ake80-8", 30.0, 195 * math.pi / 30),
+    ],
+)
+def test_agrees_with_published_numbers_that_it_was_not_made_from(name, peak, no_load):
+    actuator = load_library_motor(name)
+    torque = joint_torque(actuator.gear, saturate(actuator.motor, actuator.motor.peak_torque))
+    assert torque == pytest.approx(peak, rel=0.15)
+    speed = no_load_speed(actuator.motor, actuator.bus_voltage) / actuator.gear.ratio
+    assert speed == pytest.approx(no_load, rel=0.15)  # data sheets use the whole bus, we 95 % of it
+
+
+def test_unknown_actuator_is_refused():
+    with pytest.raises(InvalidValueError, match="choose one of cubemars-ake80-8"):
+        load_library_motor("u13")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("source = ", "origin = ", "bus_voltage"),
+        ("[motor.flux_linkage]", "[motor.flux]", "motor = 'flux'"),
+        ("value = 24.0", "value = -24.0", "bus_voltage"),
+        ("value = 0.085", "value = 85.0", "stator_resistance"),
+    ],
+)
+def test_a_broken_file_is_refused(old, new, message):
+    whole = file_text("t-motor-ak80-6")
+    assert actuator_from_toml("x", whole).motor.pole_pairs == 21
+    text = whole.replace(old, new, 1)
+    assert text != whole
+    with pytest.raises(InvalidValueError, match=message):
+        actuator_from_toml("x", text)
+
+
+def test_an_empty_source_is_refused():
+    text = file_text("t-motor-ak80-6").split("\n")
+    text[4] = 'source = " "'
+    with pytest.raises(InvalidValueError, match="must name a source"):
+        actuator_from_toml("x", "\n".join(text))
