@@ -1,0 +1,194 @@
+"""Log files: what comes back, what survives a crash, what is refused."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from sprintlab.deployment.interface import ControlTick, JointCommand, JointMode, PositionFix, RobotState
+from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
+from sprintlab.deployment.log.topics import LogError
+
+mcap = pytest.importorskip("mcap")
+FACTS = LogFacts(robot="bp2", contract='{"format_version": 1}', facts={"policy": "sprint"})
+
+
+def tick(number, fix=False, state=True):
+    values = np.full(12, 0.1 * number)
+    return ControlTick(
+        time=0.001 * number,
+        mode="run",
+        state=RobotState(
+            sequence=number if state else 1,
+            timestamp=number,
+            joint_position=values,
+            joint_velocity=-values,
+            joint_torque=values,
+            quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+            angular_velocity=np.zeros(3),
+            bus_voltage=58.5,
+        ),
+        command=JointCommand(
+            sequence=number,
+            timestamp=number,
+            mode=JointMode.SERVO,
+            target_position=values,
+            stiffness=values,
+            damping=values,
+            feedforward_torque=values,
+        ),
+        velocity=np.array([3.0, 0.0, 0.1]),
+        targets=values,
+        policy_step=number % 20 == 0,
+        fix=PositionFix(sequence=number, timestamp=number, position=np.ones(3), velocity=np.ones(3))
+        if fix
+        else None,
+        faults=("state-lost",) if number == 7 else (),
+        compute_time=1e-4,
+    )
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.mcap"
+
+
+def write(path, count=300):
+    log = McapRunLog(path, FACTS)
+    for number in range(1, count + 1):
+        log.write(tick(number, fix=number % 100 == 0))
+    log.close()
+    log.close()
+    assert log.dropped == 0
+
+
+def test_everything_comes_back(path):
+    write(path)
+    record = read_log(path)
+    assert record.facts == {"robot": "bp2", "policy": "sprint"}
+    assert record.contract == '{"format_version": 1}'
+    assert len(record.states) == len(record.commands) == len(record.ticks) == 300
+    np.testing.assert_allclose(record.state_time, 0.001 * np.arange(1, 301), atol=1e-9)
+    np.testing.assert_allclose(record.column("states", "joint_position")[:, 3], 0.1 * np.arange(1, 301))
+    np.testing.assert_allclose(record.column("states", "bus_voltage"), 58.5)
+    np.testing.assert_allclose(record.fix_time, [0.1, 0.2, 0.3])
+    assert record.ticks[6].faults == ("state-lost",)
+    assert sum(item.policy_step for item in record.ticks) == 15
+    assert not list(path.parent.glob(".*"))
+
+
+def test_other_programs_can_read_the_ticks(path):
+    import json
+
+    from mcap.reader import make_reader
+
+    write(path, 40)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        messages = [json.loads(message.data) for _, _, message in reader.iter_messages("/controller/tick")]
+        channels = reader.get_summary().channels.values()
+    assert messages[-1]["velocity"] == [3.0, 0.0, 0.1]
+    assert {channel.topic for channel in channels} == {
+        "/robot/state",
+        "/robot/command",
+        "/robot/fix",
+        "/controller/tick",
+    }
+
+
+def test_a_state_is_logged_once(path):
+    log = McapRunLog(path, FACTS)
+    for number in range(1, 11):
+        log.write(tick(number, state=False))
+    log.close()
+    record = read_log(path)
+    assert (len(record.states), len(record.ticks)) == (1, 10)
+
+
+CRASH = """
+import sys, time
+sys.path.insert(0, {folder!r})
+from pathlib import Path
+from test_log import FACTS, McapRunLog, tick
+log = McapRunLog(Path({path!r}), FACTS)
+for number in range(1, 501):
+    log.write(tick(number))
+print("written", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_log_survives_the_death_of_its_controller(path):
+    code = CRASH.format(folder=os.path.dirname(__file__), path=str(path))
+    controller = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    assert controller.stdout is not None
+    assert controller.stdout.readline() == b"written\n"
+    controller.send_signal(signal.SIGKILL)
+    controller.wait()
+    for _ in range(200):
+        if path.exists():
+            break
+        import time
+
+        time.sleep(0.05)
+    assert len(read_log(path).ticks) == 500
+
+
+def test_a_log_that_is_cut_off_is_read_up_to_the_cut(path):
+    write(path, 3000)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) * 2 // 3])
+    assert 100 < len(read_log(path).ticks) < 3000
+
+
+def test_an_existing_file_is_not_overwritten(path):
+    path.write_text("precious")
+    with pytest.raises(LogError, match="exists"):
+        McapRunLog(path, FACTS)
+    assert path.read_text() == "precious"
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
+    (tmp_path / "file").write_text("")
+    from sprintlab.core.errors import SprintlabError
+
+    with pytest.raises(SprintlabError, match="cannot write"):
+        McapRunLog(tmp_path / "file" / "run.mcap", FACTS)
+
+
+@pytest.mark.parametrize("content", [b"", b"no log at all, but long enough to be one", b"\x89MCAP0\r\n"])
+def test_what_is_no_log_is_refused(path, content):
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="run.mcap"):
+        read_log(path)
+
+
+def test_a_log_without_a_run_is_refused(path):
+    McapRunLog(path, FACTS).close()
+    with pytest.raises(LogError, match="holds no run"):
+        read_log(path)
+
+
+def test_a_missing_log_is_refused(path):
+    with pytest.raises(LogError, match="cannot read"):
+        read_log(path)
+
+
+def test_without_the_package_the_extra_is_named(path, monkeypatch):
+    monkeypatch.setattr("sprintlab.deployment.log.run_log.find_spec", lambda name: None)
+    with pytest.raises(LogError, match=r"sprintlab\[log\]"):
+        McapRunLog(path, FACTS)
+
+
+def test_what_the_writer_cannot_take_is_dropped_and_counted(path):
+    log = McapRunLog(path, FACTS)
+    os.kill(log._writer.pid, signal.SIGSTOP)
+    for number in range(1, 3001):
+        log.write(tick(number))
+    assert log.dropped > 0
+    os.kill(log._writer.pid, signal.SIGCONT)
+    log.close()
+    assert len(read_log(path).ticks) == 3000 - log.dropped

@@ -1,0 +1,204 @@
+"""The simulated robot's duties: modes, watchdog, refused commands, sensors."""
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
+from sprintlab.deployment.simulator import SensorNoise, SimulatedRobot, SimulatorOptions
+from sprintlab.deployment.simulator.options import TYPICAL_NOISE
+from sprintlab.motors import Battery
+from sprintlab.plant import PlantOptions
+from sprintlab.robots import load_robot
+
+ROBOT = load_robot("bp2")
+
+
+def command(sequence, mode=JointMode.SERVO, target=None, **changes):
+    fields = {
+        "sequence": sequence,
+        "timestamp": 0,
+        "mode": mode,
+        "target_position": ROBOT.default_pose if target is None else target,
+        "stiffness": ROBOT.stiffness,
+        "damping": ROBOT.damping,
+        "feedforward_torque": np.zeros(12),
+    }
+    return JointCommand(**{**fields, **changes})
+
+
+@pytest.fixture
+def standing():
+    return SimulatedRobot(ROBOT, SimulatorOptions(start="standing"))
+
+
+def awake(robot):
+    """A robot that has been told to damp: its watchdog lets servo commands pass."""
+    assert robot.accept(command(1, JointMode.DAMPING))
+    return robot
+
+
+def test_from_power_up_on_the_watchdog_holds_the_joints(standing):
+    state = standing.state(0)
+    assert state.status & RobotStatus.WATCHDOG_EXPIRED
+    assert state.command_sequence == 0
+    assert not standing.accept(command(1))
+    assert standing.dropped == 1
+
+
+def test_a_safe_command_wakes_it_and_silence_of_fifty_milliseconds_ends_that(standing):
+    awake(standing)
+    assert standing.accept(command(2))
+    for _ in range(50):
+        standing.step()
+        assert standing.state(0).status == RobotStatus.READY
+    standing.step()
+    standing.step()
+    assert standing.state(0).status & RobotStatus.WATCHDOG_EXPIRED
+    assert standing.watchdog_trips == 1
+    assert not standing.accept(command(3))  # latched
+    assert standing.accept(command(4, JointMode.OFF))
+    assert standing.accept(command(5))
+
+
+def test_an_expired_watchdog_damps(standing):
+    standing.plant.data.qpos[2] += 1.0
+    standing.plant.data.qvel[standing.plant._joint_velocity] = 2.0
+    standing.step()
+    expected = -ROBOT.damping * 2.0
+    np.testing.assert_allclose(standing.state(0).joint_torque, expected, rtol=0.35)
+    assert (standing.state(0).joint_torque < 0.0).all()
+
+
+def test_servo_damping_and_off_do_what_they_say(standing):
+    standing.plant.data.qpos[2] += 1.0
+    awake(standing)
+    target = ROBOT.default_pose + 0.05
+    for mode, expected in (
+        (JointMode.SERVO, ROBOT.stiffness * 0.05),
+        (JointMode.OFF, np.zeros(12)),
+        (JointMode.DAMPING, np.zeros(12)),
+    ):
+        robot = SimulatedRobot(ROBOT, SimulatorOptions(start="standing"))
+        robot.plant.data.qpos[2] += 1.0
+        awake(robot)
+        assert robot.accept(command(2, mode, target))
+        robot.step()
+        gain = np.asarray(ROBOT.gear.efficiency)
+        np.testing.assert_allclose(robot.state(0).joint_torque, expected * gain, rtol=0.12, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"target_position": np.full(12, np.nan)},
+        {"stiffness": -ROBOT.stiffness},
+        {"feedforward_torque": np.full(12, np.inf)},
+    ],
+)
+def test_impossible_commands_are_dropped_and_do_not_feed_the_watchdog(standing, bad):
+    awake(standing)
+    for sequence in range(2, 70):
+        assert not standing.accept(command(sequence, **bad))
+        standing.step()
+    assert standing.state(0).status & RobotStatus.WATCHDOG_EXPIRED
+
+
+def test_old_and_duplicated_commands_are_dropped(standing):
+    awake(standing)
+    assert standing.accept(command(5))
+    assert not standing.accept(command(5))
+    assert not standing.accept(command(4))
+    assert standing.state(0).command_sequence == 5
+
+
+def test_a_robot_that_starts_lying_lies_and_has_not_fallen():
+    robot = SimulatedRobot(ROBOT, SimulatorOptions())
+    assert robot.plant.data.qpos[2] < 0.5 * ROBOT.standing_height
+    assert np.abs(robot.state(0).joint_velocity).max() < 0.5
+    for _ in range(200):
+        robot.step()
+    assert robot.fall_reason == ""
+
+
+def test_a_robot_that_collapses_under_servo_commands_has_fallen(standing):
+    awake(standing)
+    folded = np.tile([0.0, 1.2, -2.5], 4)
+    for sequence in range(2, 1500):
+        standing.accept(command(sequence, target=folded))
+        standing.step()
+        if standing.fall_reason:
+            break
+    assert standing.fall_reason in ("knee contact", "trunk contact")
+
+
+def test_sequences_rise_by_one(standing):
+    sequences = []
+    for _ in range(5):
+        standing.step()
+        sequences.append(standing.state(0).sequence)
+    assert sequences == [1, 2, 3, 4, 5]
+
+
+def test_noise_has_the_deviation_asked_for_and_zero_noise_is_none():
+    noisy = SimulatedRobot(ROBOT, SimulatorOptions(start="standing", noise=TYPICAL_NOISE, seed=3))
+    exact = SimulatedRobot(ROBOT, SimulatorOptions(start="standing"))
+    states = [noisy.state(0) for _ in range(400)]
+    true = exact.state(0)
+    np.testing.assert_array_equal(true.joint_position, exact.plant.joint_state()[0])
+    for field in ("joint_position", "joint_velocity", "joint_torque", "angular_velocity"):
+        samples = np.array([getattr(state, field) for state in states])
+        deviation = (samples - getattr(true, field)).std()
+        assert deviation == pytest.approx(getattr(TYPICAL_NOISE, field), rel=0.1)
+    quaternions = np.array([state.quaternion for state in states])
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0)
+    tilt = 2.0 * quaternions[:, 1:].std()
+    assert tilt == pytest.approx(TYPICAL_NOISE.orientation, rel=0.1)
+
+
+def test_fixes_come_at_their_rate(standing):
+    moments = []
+    for step in range(1001):
+        if standing.fix(step) is not None:
+            moments.append(step)
+        standing.step()
+    assert moments == list(range(0, 1001, 100))
+
+
+def test_without_a_receiver_there_are_no_fixes():
+    robot = SimulatedRobot(ROBOT, SimulatorOptions(start="standing", fix_rate=0.0))
+    assert robot.fix(0) is None
+
+
+def test_the_bus_sags_under_load_where_there_is_a_battery():
+    robot = SimulatedRobot(
+        ROBOT,
+        SimulatorOptions(start="standing", plant=PlantOptions(battery=Battery(internal_resistance=0.2))),
+    )
+    awake(robot)
+    robot.accept(command(2, target=ROBOT.default_pose + 0.6))
+    idle = robot.state(0).bus_voltage
+    voltages = []
+    for _ in range(20):
+        robot.step()
+        voltages.append(robot.state(0).bus_voltage)
+    assert min(voltages) < idle - 1.0
+
+
+def test_a_state_that_is_not_finite_is_an_error(standing):
+    standing.plant.data.qvel[7] = np.nan
+    with pytest.raises(SimulationError, match="finite"):
+        standing.state(0)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"start": "flying"}, {"fix_rate": -1.0}, {"watchdog_timeout": 0.0}, {"seed": -1}]
+)
+def test_impossible_options_are_refused(wrong):
+    with pytest.raises(InvalidValueError, match=f"simulator.{next(iter(wrong))}"):
+        SimulatorOptions(**wrong)
+
+
+def test_negative_noise_is_refused():
+    with pytest.raises(InvalidValueError, match=r"noise\.joint_torque"):
+        SensorNoise(joint_torque=-1.0)
