@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.robot_new import RobotNew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +16,7 @@ class RobotShow:
     """Print every number of a robot with unit, uncertainty and basis.
 
     Attributes:
-        name: the robot, e.g. bp2.
+        name: the robot, e.g. bp2, or the path of its folder or table.
         json: print JSON only.
     """
 
@@ -41,7 +42,7 @@ class RobotShow:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotList:
-    """List the robots that come with the package.
+    """List the robots that come with the package, and those in ./robots.
 
     Attributes:
         json: print JSON only.
@@ -66,6 +67,7 @@ class Robot:
 
     command: (
         Annotated[RobotShow, tyro.conf.subcommand(name="show")]
+        | Annotated[RobotNew, tyro.conf.subcommand(name="new")]
         | Annotated[RobotList, tyro.conf.subcommand(name="list")]
     )
 

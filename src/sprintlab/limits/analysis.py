@@ -23,6 +23,8 @@ _FULL = 0.98  # a drive works at its limit when it gives more than this share of
 _SEARCH_STEPS = 18  # speeds that a search tries, about; for the progress bar
 
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
+    "hip torque": ("hip in stance", "hip in swing"),
+    "knee torque": ("knee in stance", "knee in swing"),
     "hip torque in stance": ("hip in stance",),
     "hip torque in swing": ("hip in swing",),
     "knee torque in stance": ("knee in stance",),
@@ -164,16 +166,21 @@ def speed_limit(
     for factor in factors:
         check_range("factors", factor, 0.3, 3.0)
     settings, runner = settings or SearchSettings(), runner_from_robot(robot)
+    beside = replace(
+        settings, starts=max(2, settings.starts // 2)
+    )  # a similar robot's stride is a good start
     variants = [(name, factor) for name in scalings(runner) for factor in factors]
     meter = _Meter(progress, 1 + len(LIMITS_TO_LIFT) + len(variants))
     best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
-    lifted = tuple(_lift(runner, settings, best, cause, meter.search(f"without {cause}")) for cause in LIMITS_TO_LIFT)
+    lifted = tuple(
+        _lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in LIMITS_TO_LIFT
+    )
     sensitivities = tuple(
         Sensitivity(
             quantity=name,
             factor=factor,
             speed=fastest_stride(
-                scalings(runner)[name](factor), settings, near=best, tick=meter.search(f"{name} x {factor:g}")
+                scalings(runner)[name](factor), beside, near=best, tick=meter.search(f"{name} x {factor:g}")
             ).speed,
         )
         for name, factor in variants
@@ -322,7 +329,10 @@ def _speeds(runner: Runner) -> FloatArray:
 
 
 def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
-    """Held speeds of this robot's policies in the result files (``result.json``) below a folder, fastest first."""
+    """Held speeds of a robot's policies in the result files (``result.json``) below a folder, fastest first.
+
+    Of several results of one policy the fastest counts; runs with a fall do not.
+    """
     found = []
     for path in sorted(folder.rglob("result.json")):
         try:
@@ -334,4 +344,5 @@ def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
         speed = result.get("held_speed_m_s")
         if isinstance(speed, float) and result.get("falls") == 0:
             found.append(TrainedSpeed(policy=str(result.get("policy")), speed=speed, source=str(path)))
-    return tuple(sorted(found, key=lambda item: -item.speed))
+    best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
+    return tuple(sorted(best.values(), key=lambda item: -item.speed))

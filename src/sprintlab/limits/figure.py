@@ -47,7 +47,9 @@ def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
     axes.plot(*foot[:STANCE_POINTS].T, color=_STANCE, label="stance")
     axes.plot(*foot[STANCE_POINTS:].T, color=_SWING, label="swing")
     axes.axhline(-float(limit.stride.height[0]), color=_QUIET, linewidth=1.0)
-    axes.set(title="the fastest stride, seen from the hip", xlabel="forward [m]", ylabel="up [m]", aspect="equal")
+    axes.set(
+        title="the fastest stride, seen from the hip", xlabel="forward [m]", ylabel="up [m]", aspect="equal"
+    )
     axes.legend(frameon=False, loc="upper right", fontsize="small")
 
 

@@ -167,9 +167,7 @@ def inverse_dynamics(
     ``G^2 J q_j''``.
     """
     angles = (position[..., 0], position.sum(-1))
-    rates, accelerations = (
-        (rate[..., :1], rate.sum(-1, keepdims=True)) for rate in (velocity, acceleration)
-    )
+    rates, accelerations = ((rate[..., :1], rate.sum(-1, keepdims=True)) for rate in (velocity, acceleration))
     knee_arm = rotate(angles[0], -leg.thigh.length, 0.0)
     knee = knee_arm * accelerations[0] - rotate(angles[0], 0.0, -leg.thigh.length) * rates[0] ** 2
     torque = leg.armature * acceleration

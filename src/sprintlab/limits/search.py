@@ -28,7 +28,7 @@ _KEPT = 3e-3  # a stride is possible when nothing is broken by more; ``_MARGIN``
 _STEP = 1e-5  # of the scaled parameters, for differences
 _EVALUATIONS = 120  # at most, in a local search
 _SHAKE = 0.7  # of a known stride, in units of ``_SCALES``
-_GROWTH = 1.25
+_GROWTH, _PROBE = 1.25, 1.06
 _SCALES = np.r_[0.05, 0.03, 0.05, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, np.full(2 * SWING_WAVES, 0.15)]
 
 
@@ -45,7 +45,7 @@ class SearchSettings:
         InvalidValueError: a field is out of range.
     """
 
-    starts: int = 12
+    starts: int = 6
     resolution: float = 0.004
     seed: int = 0
 
@@ -95,26 +95,44 @@ def fastest_stride(
     settings = settings or SearchSettings()
     search = _Search(runner, settings, tuple(groups), tick)
     slow, known = _first_possible(search, near)
-    if slow >= ceiling:
-        return Fastest(speed=slow, parameters=known, bounded=False)
-    fast = None
-    while fast is None:
-        higher = min(slow * (_GROWTH if near is None else 1.08), ceiling)
+    growth = _GROWTH if near is None else _PROBE
+    while True:
+        slow, known, fast = _ascend(search, slow, known, growth, ceiling)
+        if fast is None:
+            return Fastest(speed=slow, parameters=known, bounded=False)
+        slow, known = _bisect(search, slow, known, fast, settings.resolution)
+        # A search can miss a possible stride: what lies a little beyond is looked at once more.
+        beyond = search.possible(_PROBE * slow, known)
+        if beyond is None:
+            return Fastest(speed=slow, parameters=known)
+        slow, known = _PROBE * slow, beyond
+
+
+def _ascend(
+    search: _Search, slow: float, known: FloatArray, growth: float, ceiling: float
+) -> tuple[float, FloatArray, float | None]:
+    """Raise the speed to the ceiling, or to the first one that is too fast: last possible one, its stride, that."""
+    while slow < ceiling:
+        higher = min(growth * slow, ceiling)
         found = search.possible(higher, known)
         if found is None:
-            fast = higher
-        elif higher >= ceiling:
-            return Fastest(speed=higher, parameters=found, bounded=False)
-        else:
-            slow, known = higher, found
-    while fast / slow > 1.0 + settings.resolution:
+            return slow, known, higher
+        slow, known = higher, found
+    return slow, known, None
+
+
+def _bisect(
+    search: _Search, slow: float, known: FloatArray, fast: float, resolution: float
+) -> tuple[float, FloatArray]:
+    """Halve the interval between a possible speed and one that is too fast."""
+    while fast / slow > 1.0 + resolution:
         middle = 0.5 * (slow + fast)
         found = search.possible(middle, known)
         if found is None:
             fast = middle
         else:
             slow, known = middle, found
-    return Fastest(speed=slow, parameters=known)
+    return slow, known
 
 
 def _first_possible(search: _Search, near: Fastest | None) -> tuple[float, FloatArray]:
@@ -140,24 +158,34 @@ class _Search:
         self._settings, self._groups, self._tick = settings, groups, tick
         lower, upper = stride_bounds(runner)
         self._lower, self._upper = lower / _SCALES, upper / _SCALES
+        self._closest: tuple[float, FloatArray] | None = None
 
     def possible(self, speed: float, known: FloatArray | None) -> FloatArray | None:
-        """Parameters of a possible stride, or None; ``known`` is tried first."""
+        """Parameters of a possible stride, or None.
+
+        Local searches begin at ``known``, at the stride that came closest at the last speed that was too fast,
+        and at shaken and random strides.
+        """
         random = np.random.default_rng(self._settings.seed)
         if self._tick is not None:
             self._tick()
+        closest: tuple[float, FloatArray] | None = None
         for start in self._starts(random, speed, known):
-            found = self._descend(start, speed)
-            if found is not None:
+            worst, found = self._descend(start, speed)
+            if worst < _KEPT:
                 return found
+            if closest is None or worst < closest[0]:
+                closest = worst, found
+        self._closest = closest
         return None
 
     def _starts(
         self, random: np.random.Generator, speed: float, known: FloatArray | None
     ) -> Iterator[FloatArray]:
-        """The known stride, then in turns a shaken copy of it and a random one."""
         if known is not None:
             yield known
+        if self._closest is not None:
+            yield self._closest[1]
         for index in range(self._settings.starts):
             if known is not None and index % 2 == 0:
                 yield known + _SHAKE * _SCALES * random.standard_normal(PARAMETERS)
@@ -181,8 +209,8 @@ class _Search:
         waves[1, 0] -= random.uniform(0.2, 1.2)  # bend the knee
         return np.r_[[shapes.get(name, 0.0) for name in SHAPES], waves.ravel()]
 
-    def _descend(self, start: FloatArray, speed: float) -> FloatArray | None:
-        """Least squares on the violations; the stride if none is left."""
+    def _descend(self, start: FloatArray, speed: float) -> tuple[float, FloatArray]:
+        """Least squares on the violations: the greatest one that is left, and the stride."""
         inside = np.clip(start / _SCALES, self._lower + 1e-9, self._upper - 1e-9)
         result = least_squares(
             lambda scaled: self._residuals(scaled[None], speed)[0],
@@ -194,7 +222,7 @@ class _Search:
             ftol=5e-4,
             gtol=1e-12,
         )
-        return result.x * _SCALES if np.abs(result.fun).max() < _KEPT else None
+        return float(np.abs(result.fun).max()), result.x * _SCALES
 
     def _residuals(self, scaled: FloatArray, speed: float) -> FloatArray:
         broken = violations(self.runner, evaluate(self.runner, scaled * _SCALES, speed))

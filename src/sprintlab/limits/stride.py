@@ -57,7 +57,9 @@ GROUPS = (
 """What can stop a stride from getting faster."""
 CLEARANCE = 0.03
 """Height of the foot over the ground in the middle of the swing [m]."""
-_MARGIN = 0.002  # every limit is kept with this much to spare, so that a solver's last digit does not break it
+_MARGIN = (
+    0.002  # every limit is kept with this much to spare, so that a solver's last digit does not break it
+)
 _ROLLING_STEPS = 6
 _HALF_TURN = 2.0  # joint speed over which dry friction turns round [rad/s]
 
@@ -140,7 +142,9 @@ class Runner:
         ratio = np.asarray(self.gear.ratio)
         lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage)
         scale = ratio * np.asarray(self.gear.efficiency)
-        return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(saturate(self.motors, upper))
+        return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(
+            saturate(self.motors, upper)
+        )
 
     def friction(self, velocity: FloatArray) -> FloatArray:
         """Torque that the joints' friction takes ``(..., 2)`` [N m]."""
@@ -150,12 +154,16 @@ class Runner:
 def runner_from_robot(robot: RobotDescription) -> Runner:
     """The sagittal plane of a robot: hip and knee of its first leg stand for all four."""
     pick = slice(1, 3)
-    motors = {item.name: np.asarray(getattr(robot.motors, item.name))[pick] for item in fields(PmsmParameters)}
+    motors = {
+        item.name: np.asarray(getattr(robot.motors, item.name))[pick] for item in fields(PmsmParameters)
+    }
     zone = robot.soft_stop.zone
     return Runner(
         leg=planar_leg(robot),
         motors=PmsmParameters(**motors),
-        gear=Gear(ratio=np.asarray(robot.gear.ratio)[pick], efficiency=np.asarray(robot.gear.efficiency)[pick]),
+        gear=Gear(
+            ratio=np.asarray(robot.gear.ratio)[pick], efficiency=np.asarray(robot.gear.efficiency)[pick]
+        ),
         bus_voltage=float(robot.bus_voltage),
         viscous_friction=robot.viscous_friction[pick],
         dry_friction=robot.dry_friction[pick],
@@ -209,13 +217,17 @@ def evaluate(runner: Runner, parameters: FloatArray, speed: float) -> Stride:
     arrival = velocity[:, 0] - change
     swing = _swing(position, drive_velocity[:, -1], arrival, waves, swing_time)
     stance = (position, velocity, acceleration)
-    position, velocity, acceleration = (np.concatenate(pair, axis=1) for pair in zip(stance, swing, strict=True))
+    position, velocity, acceleration = (
+        np.concatenate(pair, axis=1) for pair in zip(stance, swing, strict=True)
+    )
     torque = inverse_dynamics(runner.leg, position, velocity, acceleration)
     torque[:, :STANCE_POINTS] += runner.leg.armature * spring.acceleration - pushed
     drive_velocity = np.concatenate((drive_velocity, velocity[:, STANCE_POINTS:]), axis=1)
     lower, upper = runner.joint_limits(drive_velocity)
     return Stride(
-        time=np.hstack((stance_time[:, None] * _SHARE, stance_time[:, None] + swing_time[:, None] * _SWING_SHARE)),
+        time=np.hstack(
+            (stance_time[:, None] * _SHARE, stance_time[:, None] + swing_time[:, None] * _SWING_SHARE)
+        ),
         position=position,
         velocity=drive_velocity,
         torque=torque + runner.friction(drive_velocity),
@@ -268,7 +280,13 @@ def _stance_load(runner: Runner, shape: dict[str, FloatArray], speed: float) -> 
     flight = interval - stance_time
     begin = (0.5 * GRAVITY * flight**2 - climb[:, -1:] - gain[:, -1:] * flight) / interval
     rise = climb + begin * stance_time * _SHARE
-    place = np.stack((speed * stance_time * (_SHARE - 0.5), shape["height"][:, None] + rise - rise.mean(axis=1, keepdims=True)), axis=-1)
+    place = np.stack(
+        (
+            speed * stance_time * (_SHARE - 0.5),
+            shape["height"][:, None] + rise - rise.mean(axis=1, keepdims=True),
+        ),
+        axis=-1,
+    )
     velocity = np.stack((np.full_like(rise, speed), begin + gain), axis=-1)
     lift = force[..., 1] / carried - GRAVITY
     return force, _Hip(place, velocity, np.stack((np.zeros_like(lift), lift), axis=-1))

@@ -1,0 +1,118 @@
+"""``sprintlab robot new``: a robot's folder from an MJCF or URDF."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
+from sprintlab.core.errors import InvalidValueError, RobotModelError
+
+JOINTS = ("abad", "hip", "knee")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotNew:
+    """Make a robot from an MJCF or URDF: its parameter table and a training configuration.
+
+    What neither options nor the file of choices say is asked, if somebody sits at the terminal.
+
+    Attributes:
+        source: MJCF or URDF of a quadruped with three hinges a leg.
+        name: of the robot; by default the file's name.
+        choices: TOML file with motors, gears, gains and the rest; options override it.
+        abad_motor: motor file, or ROBOT:JOINT such as bp2:abad.
+        hip_motor: the same for the hips.
+        knee_motor: the same for the knees.
+        abad_gear: gear ratio, motor speed over joint speed.
+        hip_gear: the same for the hips.
+        knee_gear: the same for the knees.
+        bus_voltage: [V].
+        foot_radius: [m], where the source has no foot sphere.
+        output: folder in which the robot's folder is put; robots are found there by name.
+        json: print JSON only.
+    """
+
+    source: tyro.conf.Positional[Path]
+    name: str | None = None
+    choices: Path | None = None
+    abad_motor: str | None = None
+    hip_motor: str | None = None
+    knee_motor: str | None = None
+    abad_gear: float | None = None
+    hip_gear: float | None = None
+    knee_gear: float | None = None
+    bus_voltage: float | None = None
+    foot_radius: float | None = None
+    output: Path = Path("robots")
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Write the folder; raises ``SprintlabError`` for a source or a choice that cannot be used."""
+        from sprintlab.robots.importing import import_robot, read_source
+
+        read_source(self.source, self.foot_radius or 0.02)  # refuse a bad file before anything is asked
+        made = import_robot(self.source, self._all_choices(), self.output)
+        if self.json:
+            checks = [asdict(check) for check in made.checks]
+            print_json({"folder": str(made.folder), "robot": made.robot.name, "checks": checks})
+        else:
+            self._print(made)
+        return 0
+
+    def _all_choices(self) -> Any:
+        """Options over the file of choices over answers at the terminal."""
+        from sprintlab.robots.importing import JointChoice, RobotChoices, read_choices
+
+        given = read_choices(self.choices) if self.choices is not None else {}
+        tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
+        for joint, table in tables.items():
+            for field, option in (("motor", "motor"), ("gear_ratio", "gear")):
+                value = getattr(self, f"{joint}_{option}")
+                if value is not None:
+                    table[field] = value
+                elif field not in table:
+                    table[field] = ask(
+                        f"{joint} {field.replace('_', ' ')}", f"--{joint}-{option}", field != "motor"
+                    )
+        chosen = {key: value for key, value in given.items() if key != "joints"}
+        options = {"name": self.name, "bus_voltage": self.bus_voltage, "foot_radius": self.foot_radius}
+        chosen |= {key: value for key, value in options.items() if value is not None}
+        chosen.setdefault("name", self.source.stem)
+        if "bus_voltage" not in chosen:
+            chosen["bus_voltage"] = ask("bus voltage [V]", "--bus-voltage", True)
+        try:
+            return RobotChoices(
+                **chosen, joints={joint: JointChoice(**table) for joint, table in tables.items()}
+            )
+        except TypeError as error:
+            raise InvalidValueError(
+                "choices", str(self.choices), f"its values must be numbers: {error}"
+            ) from error
+
+    def _print(self, made: Any) -> None:
+        console = stdout_console()
+        table = plain_table(f"Robot {made.robot.name} from {self.source}", "check", "outcome", "")
+        for check in made.checks:
+            table.add_row(check.what, check.outcome, "" if check.good else "look at this")
+        console.print(table)
+        console.print(f"written: {made.folder}/ (parameters.toml, joints.json, train.py)")
+        console.print(f"next: sprintlab robot show {made.robot.name}; python {made.folder}/train.py --help")
+
+
+def ask(what: str, option: str, number: bool) -> Any:
+    """An answer from the terminal.
+
+    Raises:
+        RobotModelError: nobody is there to answer; names the option to give.
+    """
+    if not sys.stdin.isatty():
+        raise RobotModelError(f"{what} is not given: use {option} or --choices")
+    from rich.prompt import FloatPrompt, Prompt
+
+    prompt: Any = FloatPrompt if number else Prompt
+    return prompt.ask(what, console=stderr_console())

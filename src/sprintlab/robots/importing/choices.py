@@ -1,0 +1,148 @@
+"""What a model file does not say: motors, gears, bus, gains. Read from options, a TOML file, or asked."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.motors import PmsmParameters, load_motor
+from sprintlab.robots.description import JOINTS_PER_LEG
+from sprintlab.robots.loader import load_robot
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointChoice:
+    """Drive and controller of one joint type; what is None is derived.
+
+    Attributes:
+        motor: a motor file (TOML), or ``ROBOT:JOINT`` for the motor of a known robot, e.g. ``bp2:hip``.
+        gear_ratio: motor speed over joint speed.
+        gear_efficiency: joint torque over ratio times motor torque.
+        stiffness: proportional gain [N m/rad]; by default the peak torque at 0.45 rad of error.
+        damping: derivative gain [N m s/rad]; by default 0.03 s times the stiffness.
+        default_angle: at zero action [rad].
+        action_scale: joint target per unit of action [rad].
+        viscous_friction: [N m s/rad]; by default the source's.
+        dry_friction: [N m]; by default the source's.
+
+    Raises:
+        InvalidValueError: a number out of its physical range.
+    """
+
+    motor: str
+    gear_ratio: float
+    gear_efficiency: float = 0.95
+    stiffness: float | None = None
+    damping: float | None = None
+    default_angle: float | None = None
+    action_scale: float | None = None
+    viscous_friction: float | None = None
+    dry_friction: float | None = None
+
+    def __post_init__(self) -> None:
+        check_range("gear_ratio", self.gear_ratio, 1.0, 500.0)
+        check_range("gear_efficiency", self.gear_efficiency, 0.01, 1.0)
+        for name in ("stiffness", "damping", "action_scale"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name))
+        for name in ("viscous_friction", "dry_friction"):
+            if getattr(self, name) is not None:
+                check_range(name, getattr(self, name), 0.0, 1e4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotChoices:
+    """Everything about a robot that its model file does not say.
+
+    Attributes:
+        name: of the robot; letters, digits, ``-`` and ``_``.
+        bus_voltage: [V].
+        joints: one ``JointChoice`` for each of abad, hip and knee.
+        foot_radius: [m], where the source has no foot sphere.
+        foot_friction: sliding friction coefficient of a foot.
+        base_height_target: trunk height to run at [m]; by default 0.92 of the standing height.
+
+    Raises:
+        InvalidValueError: a bad name, a missing joint, or a number out of its physical range.
+    """
+
+    name: str
+    bus_voltage: float
+    joints: Mapping[str, JointChoice] = field(default_factory=dict)
+    foot_radius: float | None = None
+    foot_friction: float = 0.8
+    base_height_target: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name or not self.name.replace("-", "").replace("_", "").isalnum():
+            raise InvalidValueError("name", self.name, "letters, digits, - and _")
+        check_range("bus_voltage", self.bus_voltage, 1.0, 2000.0, "V")
+        check_positive("foot_friction", self.foot_friction)
+        for name in ("foot_radius", "base_height_target"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name), "m")
+        if set(self.joints) != set(JOINTS_PER_LEG):
+            raise InvalidValueError("joints", sorted(self.joints), "must be " + ", ".join(JOINTS_PER_LEG))
+
+
+def read_choices(path: Path) -> dict[str, Any]:
+    """A TOML file with the fields of ``RobotChoices``, and a table ``[joint.abad]``, ... for each joint type.
+
+    Raises:
+        RobotModelError: the file cannot be read, is no TOML, or has an unknown field.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RobotModelError(f"cannot read {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RobotModelError(f"{path} is not a TOML file: {error}") from error
+    joints = document.pop("joint", {})
+    _check_names(path, document, {item.name for item in fields(RobotChoices)} - {"joints"})
+    _check_names(path, joints, set(JOINTS_PER_LEG), "joint.")
+    for joint, table in joints.items():
+        _check_names(path, table, {item.name for item in fields(JointChoice)}, f"joint.{joint}.")
+    return {**document, "joints": joints}
+
+
+def _check_names(path: Path, table: Any, known: set[str], prefix: str = "") -> None:
+    if not isinstance(table, dict):
+        raise RobotModelError(f"{path}: {prefix.rstrip('.')} must be a table")
+    for name in table:
+        if name not in known:
+            choices = ", ".join(sorted(known))
+            raise RobotModelError(f"{path}: unknown field {prefix}{name}; choose among {choices}")
+
+
+def find_motor(reference: str) -> PmsmParameters:
+    """The motor of a file, or of a robot's joint written as ``ROBOT:JOINT``; one number a field.
+
+    Raises:
+        SprintlabError: no such file, robot or joint, or the file holds several motors.
+    """
+    robot_name, colon, joint = reference.rpartition(":")
+    if not reference.endswith(".toml") and colon:
+        if joint not in JOINTS_PER_LEG:
+            raise InvalidValueError(
+                "motor", reference, "ROBOT:JOINT with a joint of " + ", ".join(JOINTS_PER_LEG)
+            )
+        motors, index = load_robot(robot_name).motors, JOINTS_PER_LEG.index(joint)
+    else:
+        motors, index = load_motor(reference), 0
+    columns = {item.name: np.atleast_1d(getattr(motors, item.name)) for item in fields(PmsmParameters)}
+    if not colon and any(len(column) > 1 for column in columns.values()):
+        raise InvalidValueError("motor", reference, "must hold one motor, one number a field")
+    picked = {name: float(column[min(index, len(column) - 1)]) for name, column in columns.items()}
+    return PmsmParameters(**{**picked, "pole_pairs": int(picked["pole_pairs"])})

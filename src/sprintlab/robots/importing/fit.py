@@ -1,0 +1,292 @@
+"""From a source's legs to the one leg that a robot's table describes.
+
+The table knows one left leg; its mirror image and its copies make four. A source's four legs are brought into
+that leg's frames (thigh and shank straight down at zero, axes +x, +y, +y) and averaged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sprintlab.core.errors import RobotModelError
+from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray
+from sprintlab.robots.importing.source import SourceLeg, SourceRobot
+from sprintlab.robots.loader import LEG_NAMES
+
+_AXES = {"abad": (1.0, 0.0, 0.0), "hip": (0.0, 1.0, 0.0), "knee": (0.0, 1.0, 0.0)}
+_STRAIGHT = 0.999  # cosine between an axis and the one it must follow
+_LARGEST_DROP = 0.015  # of the hip axis against the abduction axis [m]; the table has none
+_LARGEST_SPREAD = 0.05  # relative difference of a length or mass between legs
+_FOOT_SHARE = 0.05  # of the shank's mass that is called foot where the source has none of its own
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedLink:
+    """Mass properties in a left leg's link frame: mass [kg], centre ``(3,)`` [m], inertia ``(3, 3)`` [kg m^2]."""
+
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointMap:
+    """How the source's joint becomes the table's: ``angle = sign * source angle + offset`` [rad]."""
+
+    source: str
+    sign: float
+    offset: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedRobot:
+    """The quantities of a table that a source decides; lengths [m], masses [kg], angles [rad].
+
+    Attributes:
+        origin: middle between the abduction axes, in the source's base frame ``(3,)``.
+        hip_x, hip_y: distances of an abduction axis from the middle.
+        abad_offset: from the abduction axis to the leg's plane.
+        thigh_length, shank_length: joint to joint, joint to foot.
+        foot_radius, foot_mass: of the foot.
+        trunk, abad, thigh, shank: mass properties; the shank without the foot.
+        trunk_half_size: of its collision box.
+        radii: of the collision shapes of thigh and shank.
+        ranges: lower and upper limit by joint type.
+        viscous_friction, dry_friction, armature: mean by joint type.
+        efforts: torque limits that the source states, by joint type.
+        maps: for each of the table's 12 joints.
+        spread: greatest relative difference between legs in lengths and masses.
+    """
+
+    origin: FloatArray
+    hip_x: float
+    hip_y: float
+    abad_offset: float
+    thigh_length: float
+    shank_length: float
+    foot_radius: float
+    foot_mass: float
+    trunk: FittedLink
+    abad: FittedLink
+    thigh: FittedLink
+    shank: FittedLink
+    trunk_half_size: FloatArray
+    radii: tuple[float, float]
+    ranges: dict[str, tuple[float, float]]
+    viscous_friction: dict[str, float]
+    dry_friction: dict[str, float]
+    armature: dict[str, float]
+    efforts: dict[str, float | None]
+    maps: dict[str, JointMap]
+    spread: float
+
+
+def fit_robot(source: SourceRobot) -> FittedRobot:
+    """Bring a source into the table's form.
+
+    Raises:
+        RobotModelError: the legs are no left-right pairs in front and behind, differ by more than 5 %, turn
+            about other axes than x, y, y, have no limits, or bend their knees forward only.
+    """
+    legs = _named_legs(source)
+    plans = {name: _LegPlan(source, name, leg) for name, leg in legs.items()}
+    lengths = np.array([plan.lengths for plan in plans.values()])
+    masses = np.array([[part.mass for part in leg.parts] for leg in legs.values()])
+    spread = float(
+        np.max(np.ptp(np.hstack((lengths, masses)), axis=0) / np.hstack((lengths, masses)).mean(0))
+    )
+    if spread > _LARGEST_SPREAD:
+        raise _refuse(source, f"its legs differ by {spread:.0%} in a length or mass; the table has one leg")
+    front, rear = (np.mean([plans[name].hip[0] for name in pair]) for pair in (LEG_NAMES[:2], LEG_NAMES[2:]))
+    abads = np.array([plan.leg.joints[0].anchor for plan in plans.values()])
+    origin = np.array((0.5 * (front + rear), abads[:, 1].mean(), abads[:, 2].mean()))
+    hip_y = float(np.mean(np.abs(abads[:, 1] - origin[1])))
+    mean = dict(
+        zip(("abad_offset", "thigh_length", "shank_length", "foot_radius"), lengths.mean(axis=0), strict=True)
+    )
+    links = [_mean_link([plan.link(index) for plan in plans.values()]) for index in range(3)]
+    foot_mass, shank = _without_foot(links[2], [leg.foot_mass for leg in legs.values()], mean)
+    hip_x = 0.5 * float(front - rear)
+    half_size = source.trunk_half_size
+    return FittedRobot(
+        origin=origin,
+        hip_x=hip_x,
+        hip_y=hip_y,
+        **{name: float(value) for name, value in mean.items()},
+        foot_mass=foot_mass,
+        trunk=FittedLink(
+            mass=source.trunk.mass, center=source.trunk.center - origin, inertia=source.trunk.inertia
+        ),
+        abad=links[0],
+        thigh=links[1],
+        shank=shank,
+        trunk_half_size=np.array((0.9 * hip_x, hip_y, 0.5 * hip_y)) if half_size is None else half_size,
+        radii=_radii(legs, mean),
+        ranges={joint: _range(source, plans, index) for index, joint in enumerate(JOINTS_PER_LEG)},
+        viscous_friction=_means(legs, "damping"),
+        dry_friction=_means(legs, "dry_friction"),
+        armature=_means(legs, "armature"),
+        efforts={joint: _effort(legs, index) for index, joint in enumerate(JOINTS_PER_LEG)},
+        maps={
+            f"{name}_{joint}": plan.maps[joint] for name, plan in plans.items() for joint in JOINTS_PER_LEG
+        },
+        spread=spread,
+    )
+
+
+def _refuse(source: SourceRobot, reason: str) -> RobotModelError:
+    return RobotModelError(f"robot model {source.path}: {reason}")
+
+
+def _named_legs(source: SourceRobot) -> dict[str, SourceLeg]:
+    """Legs by name, in the order FL, FR, RL, RR, from where their hips are."""
+    anchors = np.array([leg.joints[1].anchor for leg in source.legs])
+    middle = anchors.mean(axis=0)
+    named = {}
+    for leg, anchor in zip(source.legs, anchors, strict=True):
+        name = ("F" if anchor[0] > middle[0] else "R") + ("L" if anchor[1] > middle[1] else "R")
+        named[name] = leg
+    if set(named) != set(LEG_NAMES):
+        raise _refuse(
+            source, "its legs are not two on the left and two on the right, in front and behind (x, y)"
+        )
+    return {name: named[name] for name in LEG_NAMES}
+
+
+class _LegPlan:
+    """One leg in the frames of the table."""
+
+    def __init__(self, source: SourceRobot, name: str, leg: SourceLeg) -> None:
+        self.leg, self._source = leg, source
+        self._side = 1.0 if name[1] == "L" else -1.0
+        self.hip = leg.joints[1].anchor
+        signs = [self._sign(index) for index in range(3)]
+        abad, knee = leg.joints[0].anchor, leg.joints[2].anchor
+        if abs(self.hip[2] - abad[2]) > _LARGEST_DROP:
+            drop = 100.0 * (self.hip[2] - abad[2])
+            raise _refuse(
+                source, f"the hip axis of {name} lies {drop:.1f} cm above the abduction axis, not beside it"
+            )
+        thigh, shank = knee - self.hip, leg.foot - knee
+        self._turns = (0.0, _angle(thigh), _angle(shank))
+        self.lengths = np.array(
+            (
+                self._side * (leg.foot[1] - abad[1]),
+                np.hypot(*thigh[[0, 2]]),
+                np.hypot(*shank[[0, 2]]),
+                leg.foot_radius,
+            )
+        )
+        if self.lengths.min() <= 0.0:
+            raise _refuse(source, f"the leg {name} has no length, or stands inside its abduction axis")
+        self._origins = (np.array((self.hip[0], *abad[1:])), self._in_plane(self.hip), self._in_plane(knee))
+        offsets = (0.0, self._turns[1], self._turns[2] - self._turns[1])
+        self.maps = {
+            joint: JointMap(source=leg.joints[index].name, sign=signs[index], offset=offsets[index])
+            for index, joint in enumerate(JOINTS_PER_LEG)
+        }
+
+    def _in_plane(self, point: FloatArray) -> FloatArray:
+        return np.array((point[0], self.leg.foot[1], point[2]))
+
+    def _sign(self, index: int) -> float:
+        joint, wanted = self.leg.joints[index], _AXES[JOINTS_PER_LEG[index]]
+        cosine = float(joint.axis @ np.array(wanted))
+        if abs(cosine) < _STRAIGHT:
+            axis = ", ".join(f"{value:.2f}" for value in joint.axis)
+            kind = JOINTS_PER_LEG[index]
+            raise _refuse(
+                self._source,
+                f"joint {joint.name} turns about ({axis}); joint {index + 1} of a leg ({kind}) turns about "
+                f"{'x' if index == 0 else 'y'}",
+            )
+        return 1.0 if cosine > 0 else -1.0
+
+    def link(self, index: int) -> FittedLink:
+        """A link of this leg as one of a left leg."""
+        part, turn = self.leg.parts[index], self._turns[index]
+        cosine, sine = np.cos(turn), np.sin(turn)
+        to_link = np.array(((cosine, 0.0, -sine), (0.0, 1.0, 0.0), (sine, 0.0, cosine)))
+        mirror = np.diag((1.0, self._side, 1.0)) @ to_link
+        return FittedLink(
+            mass=part.mass,
+            center=mirror @ (part.center - self._origins[index]),
+            inertia=mirror @ part.inertia @ mirror.T,
+        )
+
+
+def _angle(link: FloatArray) -> float:
+    """Angle about +y from straight down of a vector in the sagittal plane [rad]."""
+    return float(np.arctan2(-link[0], -link[2]))
+
+
+def _mean_link(links: list[FittedLink]) -> FittedLink:
+    return FittedLink(
+        mass=float(np.mean([link.mass for link in links])),
+        center=np.mean([link.center for link in links], axis=0),
+        inertia=np.mean([link.inertia for link in links], axis=0),
+    )
+
+
+def _without_foot(
+    shank: FittedLink, own: list[float | None], lengths: dict[str, float]
+) -> tuple[float, FittedLink]:
+    """Foot mass, and the shank without it: together they weigh and turn as the source's shank."""
+    known = [mass for mass in own if mass]
+    foot_mass = float(np.mean(known)) if len(known) == len(own) else _FOOT_SHARE * shank.mass
+    place = np.array((0.0, 0.0, -lengths["shank_length"]))
+    mass = shank.mass - foot_mass
+    center = (shank.mass * shank.center - foot_mass * place) / mass
+    inertia = shank.inertia - mass * _point(center - shank.center) - foot_mass * _point(place - shank.center)
+    inertia = inertia - 0.4 * foot_mass * lengths["foot_radius"] ** 2 * np.eye(3)
+    if np.linalg.eigvalsh(inertia).min() <= 0.0:  # the source's shank holds no such foot: a lighter one
+        return _without_foot(shank, [0.1 * foot_mass] * len(own), lengths)
+    return foot_mass, FittedLink(mass=mass, center=center, inertia=inertia)
+
+
+def _point(offset: FloatArray) -> FloatArray:
+    return offset @ offset * np.eye(3) - np.outer(offset, offset)
+
+
+def _radii(legs: dict[str, SourceLeg], lengths: dict[str, float]) -> tuple[float, float]:
+    """Collision radii of thigh and shank; a twelfth and a twentieth of their lengths where there are none."""
+    defaults = (lengths["thigh_length"] / 12.0, lengths["shank_length"] / 20.0)
+    stated = [leg.radii for leg in legs.values()]
+    first, second = (
+        max((radii[index] or 0.0) for radii in stated) or default for index, default in enumerate(defaults)
+    )
+    return first, second
+
+
+def _range(source: SourceRobot, plans: dict[str, _LegPlan], index: int) -> tuple[float, float]:
+    """Range that all four legs have; abduction outward counts positive on both sides and is made symmetric."""
+    joint = JOINTS_PER_LEG[index]
+    low, high = -np.inf, np.inf
+    for plan in plans.values():
+        limits, mapped = plan.leg.joints[index].limits, plan.maps[joint]
+        if limits is None:
+            raise _refuse(source, f"joint {mapped.source} has no limits")
+        ends = sorted(mapped.sign * limits + mapped.offset)
+        low, high = max(low, ends[0]), min(high, ends[1])
+        if joint == "abad":
+            low, high = max(low, -ends[1]), min(high, -ends[0])
+    if joint == "knee":
+        high = min(high, -0.05)  # a straight knee has no inverse
+    if low >= high:
+        bend = "; its knees must bend backward" if joint == "knee" else ""
+        raise _refuse(source, f"no {joint} angle is possible on all four legs{bend}")
+    return float(low), float(high)
+
+
+def _means(legs: dict[str, SourceLeg], field: str) -> dict[str, float]:
+    return {
+        joint: float(np.mean([getattr(leg.joints[index], field) for leg in legs.values()]))
+        for index, joint in enumerate(JOINTS_PER_LEG)
+    }
+
+
+def _effort(legs: dict[str, SourceLeg], index: int) -> float | None:
+    stated = [leg.joints[index].effort for leg in legs.values()]
+    return float(np.mean([value for value in stated if value is not None])) if None not in stated else None

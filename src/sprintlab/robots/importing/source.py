@@ -1,0 +1,360 @@
+"""A quadruped read from an MJCF or URDF file: its legs found, every rigid part weighed.
+
+MuJoCo reads both formats. Meshes are left out: masses and inertias must stand in the file.
+"""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sprintlab.core.errors import RobotModelError
+from sprintlab.robots.description import FloatArray
+
+JOINTS_OF_A_LEG = 3
+_WORLD = "sprintlab_world"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidPart:
+    """Bodies that move as one, in the base's frame with all joints at zero.
+
+    Attributes:
+        bodies: names.
+        mass: [kg].
+        center: centre of mass ``(3,)`` [m].
+        inertia: about the centre of mass ``(3, 3)`` [kg m^2].
+    """
+
+    bodies: tuple[str, ...]
+    mass: float
+    center: FloatArray
+    inertia: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceJoint:
+    """A hinge of the source, in the base's frame with all joints at zero.
+
+    Attributes:
+        name: in the source.
+        anchor: a point of its axis ``(3,)`` [m].
+        axis: unit vector ``(3,)``.
+        limits: lower and upper limit ``(2,)`` [rad]; None without.
+        armature: [kg m^2].
+        damping: [N m s/rad].
+        dry_friction: [N m].
+        effort: greatest torque that the source states [N m]; None without.
+    """
+
+    name: str
+    anchor: FloatArray
+    axis: FloatArray
+    limits: FloatArray | None
+    armature: float
+    damping: float
+    dry_friction: float
+    effort: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceLeg:
+    """Three hinges and the parts that they move, from the trunk outward.
+
+    Attributes:
+        joints: 3.
+        parts: 3; the last one carries the foot.
+        foot: middle of the foot ``(3,)`` [m].
+        foot_radius: [m].
+        foot_mass: mass of a body that is only the foot [kg]; None where shank and foot are one.
+        radii: radius of the collision shapes of thigh and shank [m]; None where there are none.
+    """
+
+    joints: tuple[SourceJoint, ...]
+    parts: tuple[RigidPart, ...]
+    foot: FloatArray
+    foot_radius: float
+    foot_mass: float | None
+    radii: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceRobot:
+    """What a file says of a quadruped.
+
+    Attributes:
+        path: the file.
+        model: the compiled source.
+        base: index of the body that carries the trunk.
+        trunk: what moves with the base.
+        trunk_half_size: of its largest collision box ``(3,)`` [m]; None without.
+        legs: 4, in no particular order.
+    """
+
+    path: Path
+    model: mujoco.MjModel
+    base: int
+    trunk: RigidPart
+    trunk_half_size: FloatArray | None
+    legs: tuple[SourceLeg, ...]
+
+
+def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
+    """Read a quadruped with three hinges a leg.
+
+    Args:
+        path: MJCF or URDF.
+        foot_radius: for a robot whose feet have no sphere: the foot is the end of the shank's last body [m].
+
+    Raises:
+        RobotModelError: the file cannot be read, or is no quadruped with three hinges a leg; says which joint
+            or body is in the way.
+    """
+    model = _compile(path)
+    base = _base(model, path)
+    data = posed(model, base, {})
+    reader = _Reader(path, model, data, base, foot_radius)
+    return SourceRobot(
+        path=path,
+        model=model,
+        base=base,
+        trunk=reader.part(reader.welded(base)),
+        trunk_half_size=reader.box(reader.welded(base)),
+        legs=reader.legs(),
+    )
+
+
+def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.MjData:
+    """The model with its base at the origin, the named hinges at their angles [rad] and all others at zero."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    if model.body_jntnum[base]:
+        data.qpos[model.jnt_qposadr[model.body_jntadr[base]] + 3] = 1.0
+    for name, angle in angles.items():
+        data.qpos[model.joint(name).qposadr[0]] = angle
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def _compile(path: Path) -> mujoco.MjModel:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotModelError(f"cannot read robot model {path}: {error}") from error
+    try:
+        root = ElementTree.fromstring(text)
+        if root.tag == "robot":
+            spec = mujoco.MjSpec.from_string(_floating_urdf(root))
+        else:
+            spec = mujoco.MjSpec.from_file(str(path))
+        _drop_meshes(spec)
+        return spec.compile()
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RobotModelError(f"robot model {path} cannot be used: {' '.join(str(error).split())}") from error
+
+
+def _floating_urdf(root: ElementTree.Element) -> str:
+    """A URDF without meshes whose base floats; MuJoCo would else weld it to the world and lose its mass."""
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
+                link.remove(shape)
+    children = {child.get("link") for child in root.findall("joint/child")}
+    bases = [link.get("name") for link in root.findall("link") if link.get("name") not in children]
+    if not any(joint.get("type") == "floating" for joint in root.findall("joint")) and len(bases) == 1:
+        ElementTree.SubElement(root, "link", name=_WORLD)
+        joint = ElementTree.SubElement(root, "joint", name=f"{_WORLD}_joint", type="floating")
+        ElementTree.SubElement(joint, "parent", link=_WORLD)
+        ElementTree.SubElement(joint, "child", link=str(bases[0]))
+    for extension in root.findall("mujoco"):
+        root.remove(extension)
+    extension = ElementTree.SubElement(root, "mujoco")
+    ElementTree.SubElement(extension, "compiler", fusestatic="false", balanceinertia="false")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _drop_meshes(spec: mujoco.MjSpec) -> None:
+    """Take out mesh shapes where the body's inertia does not depend on them, then meshes nobody uses."""
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            if geom.type == mujoco.mjtGeom.mjGEOM_MESH and body.explicitinertial:
+                spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH}
+    for mesh in list(spec.meshes):
+        if mesh.name not in used:
+            spec.delete(mesh)
+
+
+def _base(model: mujoco.MjModel, path: Path) -> int:
+    """The body that floats, or else the outermost one that carries all hinges."""
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            return int(model.jnt_bodyid[joint])
+    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+    for body in roots:
+        if not model.body_jntnum[body] and model.body_subtreemass[body] > 0.5 * model.body_subtreemass[0]:
+            return body
+    raise RobotModelError(f"robot model {path}: no body floats, so the trunk cannot be found")
+
+
+class _Reader:
+    """Takes a compiled model apart."""
+
+    def __init__(
+        self, path: Path, model: mujoco.MjModel, data: mujoco.MjData, base: int, foot_radius: float | None
+    ) -> None:
+        self._path, self._model, self._data, self._base = path, model, data, base
+        self._foot_radius = foot_radius
+        self._origin, self._frame = data.xpos[base].copy(), data.xmat[base].reshape(3, 3).copy()
+
+    def refuse(self, reason: str) -> RobotModelError:
+        """An error that names the file."""
+        return RobotModelError(f"robot model {self._path}: {reason}")
+
+    def _name(self, body: int) -> str:
+        return self._model.body(body).name or f"body {body}"
+
+    def _children(self, body: int) -> list[int]:
+        parents = self._model.body_parentid
+        return [child for child in range(1, self._model.nbody) if parents[child] == body and child != body]
+
+    def welded(self, body: int) -> list[int]:
+        """The body and all that hangs on it without a joint."""
+        group = [body]
+        for child in self._children(body):
+            if self._model.body_jntnum[child] == 0:
+                group += self.welded(child)
+        return group
+
+    def _jointed(self, group: list[int]) -> list[int]:
+        """Bodies that hang on a group by joints."""
+        return [child for body in group for child in self._children(body) if self._model.body_jntnum[child]]
+
+    def _local(self, point: FloatArray) -> FloatArray:
+        return self._frame.T @ (np.asarray(point) - self._origin)
+
+    def part(self, group: list[int]) -> RigidPart:
+        """Mass, centre of mass and inertia of a group."""
+        model, data = self._model, self._data
+        masses = model.body_mass[group]
+        if masses.sum() <= 0.0:
+            raise self.refuse(f"body {self._name(group[0])} has no mass")
+        centers = np.array([self._local(data.xipos[body]) for body in group])
+        center = masses @ centers / masses.sum()
+        inertia = np.zeros((3, 3))
+        for body, mass, place in zip(group, masses, centers, strict=True):
+            turn = self._frame.T @ data.ximat[body].reshape(3, 3)
+            offset = place - center
+            inertia += turn @ np.diag(model.body_inertia[body]) @ turn.T
+            inertia += mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+        names = tuple(self._name(body) for body in group)
+        return RigidPart(bodies=names, mass=float(masses.sum()), center=center, inertia=inertia)
+
+    def box(self, group: list[int]) -> FloatArray | None:
+        """Half size of the largest collision box of a group."""
+        sizes = [self._model.geom_size[geom] for geom in self._shapes(group, mujoco.mjtGeom.mjGEOM_BOX)]
+        return max(sizes, key=lambda size: float(np.prod(size))).copy() if sizes else None
+
+    def _shapes(self, group: list[int], kind: int) -> list[int]:
+        model = self._model
+        return [
+            geom
+            for geom in range(model.ngeom)
+            if model.geom_bodyid[geom] in group and model.geom_type[geom] == kind
+        ]
+
+    def legs(self) -> tuple[SourceLeg, ...]:
+        """The chains of three hinges on the base; refuses anything else."""
+        starts = self._jointed(self.welded(self._base))
+        if len(starts) != 4:
+            names = ", ".join(self._name(body) for body in starts) or "none"
+            raise self.refuse(f"{len(starts)} limbs hang on the trunk ({names}); a quadruped has 4")
+        return tuple(self._leg(start) for start in starts)
+
+    def _leg(self, start: int) -> SourceLeg:
+        groups, joints, bodies = [], [], [start]
+        while bodies:
+            if len(bodies) > 1 or len(joints) == JOINTS_OF_A_LEG:
+                raise self.refuse(
+                    f"the limb at {self._name(start)} has more than three joints in a row "
+                    f"(at {self._name(bodies[0])}); take out what is no hip or knee"
+                )
+            joints.append(self._joint(bodies[0]))
+            groups.append(self.welded(bodies[0]))
+            bodies = self._jointed(groups[-1])
+        if len(joints) != JOINTS_OF_A_LEG:
+            raise self.refuse(f"the limb at {self._name(start)} has {len(joints)} joints; a leg has 3")
+        foot, radius, mass = self._foot(groups[-1])
+        return SourceLeg(
+            joints=tuple(joints),
+            parts=tuple(self.part(group) for group in groups),
+            foot=foot,
+            foot_radius=radius,
+            foot_mass=mass,
+            radii=tuple(self._radius(group) for group in groups[1:]),
+        )
+
+    def _joint(self, body: int) -> SourceJoint:
+        model, index = self._model, int(self._model.body_jntadr[body])
+        name = model.joint(index).name or f"joint {index}"
+        if model.body_jntnum[body] != 1 or model.jnt_type[index] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise self.refuse(f"body {self._name(body)} must hang on exactly one hinge")
+        dof = model.jnt_dofadr[index]
+        return SourceJoint(
+            name=name,
+            anchor=self._local(self._data.xanchor[index]),
+            axis=self._frame.T @ self._data.xaxis[index],
+            limits=model.jnt_range[index].copy() if model.jnt_limited[index] else None,
+            armature=float(model.dof_armature[dof]),
+            damping=float(model.dof_damping[dof]),
+            dry_friction=float(model.dof_frictionloss[dof]),
+            effort=self._effort(index),
+        )
+
+    def _effort(self, joint: int) -> float | None:
+        """The joint's stated torque limit: its actuators', else its own."""
+        model = self._model
+        if model.jnt_actfrclimited[joint]:
+            return float(model.jnt_actfrcrange[joint, 1])
+        for actuator in range(model.nu):
+            on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+            if (
+                on_joint
+                and model.actuator_trnid[actuator, 0] == joint
+                and model.actuator_forcelimited[actuator]
+            ):
+                return float(model.actuator_forcerange[actuator, 1])
+        return None
+
+    def _foot(self, group: list[int]) -> tuple[FloatArray, float, float | None]:
+        """Middle, radius and own mass of the foot: the sphere farthest from the knee."""
+        knee = self._data.xpos[group[0]]
+        spheres = self._shapes(group, mujoco.mjtGeom.mjGEOM_SPHERE)
+        if spheres:
+            geom = max(spheres, key=lambda item: float(np.linalg.norm(self._data.geom_xpos[item] - knee)))
+            body, radius = int(self._model.geom_bodyid[geom]), float(self._model.geom_size[geom, 0])
+            place = self._data.geom_xpos[geom]
+        elif self._foot_radius is not None and len(group) > 1:
+            body, radius = group[-1], self._foot_radius
+            place = self._data.xpos[body]
+        else:
+            raise self.refuse(
+                f"body {self._name(group[0])} has no sphere for a foot; add one, or give the foot radius "
+                "where the foot is a body of its own"
+            )
+        own = float(self._model.body_mass[body]) if body != group[0] else None
+        return self._local(place), radius, own
+
+    def _radius(self, group: list[int]) -> float | None:
+        kinds = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+        sizes = [
+            float(self._model.geom_size[geom, 0]) for kind in kinds for geom in self._shapes(group, kind)
+        ]
+        return max(sizes) if sizes else None
