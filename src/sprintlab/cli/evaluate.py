@@ -60,6 +60,8 @@ class Evaluate:
             report("loading", None)
             results = self._search(report)
         numbers = {("self_paced" if item.self_paced else "raw"): protocol_numbers(item) for item in results}
+        for found in numbers.values():
+            found["notes"] = list(self.drive.plant().remarks)
         if self.out is not None:
             from sprintlab.core.files import atomic_write_json
 
@@ -68,6 +70,8 @@ class Evaluate:
             print_json(numbers)
         else:
             _print_numbers(Path(self.policy).stem, numbers)
+            for remark in self.drive.plant().remarks:
+                stdout_console().print(remark)
         return 0
 
     def _search(self, report: Callable[[str, float | None], None]) -> list[Any]:

@@ -18,8 +18,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import SimulationError
+from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.motors import copper_loss, no_load_speed, torque_limits, voltage_infeasible
+from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 
 Array = NDArray[Any]
@@ -272,7 +273,7 @@ def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
 def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array, Array]:
     """Power delivered to each joint and copper loss of each motor, ``(T, 12)`` each [W]."""
     mechanical = trajectory.joint_torque * trajectory.joint_velocity
-    return mechanical, np.asarray(copper_loss(robot.motors, trajectory.motor_torque))
+    return mechanical, copper_losses(trajectory, robot)
 
 
 # --- drawing ---------------------------------------------------------------------------------------------

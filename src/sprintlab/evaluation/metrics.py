@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
-from sprintlab.motors import copper_loss, electrical_power, no_load_speed
+from sprintlab.motors import copper_loss, no_load_speed
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription
 
@@ -62,6 +62,7 @@ def trial_metrics(
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
         duty_factor=_duty_factor(trajectory, window),
         estimate=estimate_bands(trajectory),
+        **_supply_extremes(trajectory),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
     )
 
@@ -205,6 +206,14 @@ def _parabola_peak(correlation: FloatArray, lag: int) -> float:
     return lag + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0)
 
 
+def _supply_extremes(trajectory: Trajectory) -> dict[str, float | None]:
+    bus, winding = trajectory.bus_voltage, trajectory.winding_temperature
+    return {
+        "lowest_bus_voltage": None if bus is None else float(bus.min()),
+        "hottest_winding": None if winding is None else float(winding.max()),
+    }
+
+
 def _duty_factor(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
     """Share of time on the ground ``(4,)`` in the steady window; ``nan`` without one."""
     contact = trajectory.foot_contact[window]
@@ -222,17 +231,25 @@ def _powers(
         return dict.fromkeys(names, math.nan)
     torque, speed = trajectory.motor_torque[window], trajectory.joint_velocity[window]
     mechanical = trajectory.joint_torque[window] * speed
-    drawn = electrical_power(robot.motors, torque, speed * robot.gear.ratio).sum(axis=1)
+    loss = copper_losses(trajectory, robot)[window]
+    drawn = (torque * (speed * robot.gear.ratio) + loss).sum(axis=1)
     # The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
     electrical = float(np.maximum(drawn, 0.0).mean())
     forward = float(trajectory.velocity[window, 0].mean())
     return {
         "mechanical_power": float(mechanical.sum(axis=1).mean()),
         "positive_power": float(np.maximum(mechanical, 0.0).sum(axis=1).mean()),
-        "copper_power": float(copper_loss(robot.motors, torque).sum(axis=1).mean()),
+        "copper_power": float(loss.sum(axis=1).mean()),
         "electrical_power": electrical,
         "cost_of_transport": electrical / (mass * GRAVITY * forward) if forward > 0.1 else math.nan,
     }
+
+
+def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
+    """Heat in each motor's windings ``(T, 12)`` [W]: as recorded, or that of i_d = 0 in cold windings."""
+    if trajectory.copper_loss is not None:
+        return trajectory.copper_loss
+    return np.asarray(copper_loss(robot.motors, trajectory.motor_torque))
 
 
 def _joint_speed_ratio(

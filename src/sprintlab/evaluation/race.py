@@ -55,10 +55,10 @@ def evaluate_race(
     settings = settings or ProtocolSettings()
     check_positive("distance", distance, "m")
     with TrialPool(policy, robot, workers) as pool:
-        notes = ()
+        notes = settings.plant.remarks
         if top_speed is None:
             top_speed = find_top_speed(pool, settings)
-            notes = (f"top speed {top_speed:g} m/s found by a search with single trials",)
+            notes += (f"top speed {top_speed:g} m/s found by a search with single trials",)
         outcome = _run_all(pool, top_speed, distance, settings, step_check)
     return RaceResult(
         robot=robot.name,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.results import Trajectory
 from sprintlab.motors import DriveOutput
+from sprintlab.plant import SupplyState
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
@@ -26,12 +29,19 @@ class Recorder:
         robot: its description.
         capacity: greatest number of samples.
         estimates: whether ``estimate`` is set at every policy step and shall be kept.
+        supply: what to ask for battery and windings at every sample; ``None`` where they do not change.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, robot: RobotDescription, capacity: int, estimates: bool = False
+        self,
+        model: mujoco.MjModel,
+        robot: RobotDescription,
+        capacity: int,
+        estimates: bool = False,
+        supply: Callable[[], SupplyState | None] | None = None,
     ) -> None:
         self._robot = robot
+        self._supply = supply
         self._count = 0
         self.command = np.zeros(3)
         self.profile_speed = 0.0
@@ -64,6 +74,8 @@ class Recorder:
         }
         if estimates:
             shapes["estimate"] = (ESTIMATE_SIZE,)
+        if supply is not None:
+            shapes |= {"bus_voltage": (), "copper_loss": (joints,), "winding_temperature": (joints,)}
         self._lowest_foot = np.full(len(legs), np.inf)
         self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
 
@@ -86,6 +98,7 @@ class Recorder:
         raw["torque_lower"][index] = drive.lower
         raw["torque_upper"][index] = drive.upper
         raw["joint_torque"][index] = drive.torque
+        self._sample_supply(index)
         positions = data.geom_xpos
         self.watch_feet(data)
         raw["foot_position"][index] = positions[self._feet]
@@ -96,6 +109,13 @@ class Recorder:
         raw["capsule_position"][index] = positions[self._capsules]
         raw["capsule_frame"][index] = data.geom_xmat[self._capsules]
         self._count += 1
+
+    def _sample_supply(self, index: int) -> None:
+        state = None if self._supply is None else self._supply()
+        if state is not None:
+            self._raw["bus_voltage"][index] = state.bus_voltage
+            self._raw["copper_loss"][index] = state.copper_loss
+            self._raw["winding_temperature"][index] = state.winding_temperature
 
     def trajectory(self) -> Trajectory:
         """Everything recorded so far.

@@ -48,6 +48,9 @@ class Trajectory:
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
         estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
             height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
+        bus_voltage: (T,) [V]. This and the next two are ``None`` on a stiff bus with cold windings.
+        copper_loss: (T, 12) heat in the windings, i_d of flux weakening included [W].
+        winding_temperature: (T, 12) [degC].
     """
 
     time: Array
@@ -73,6 +76,9 @@ class Trajectory:
     foot_slip_speed: Array
     leg_distance: Array
     estimate: Array | None = None
+    bus_voltage: Array | None = None
+    copper_loss: Array | None = None
+    winding_temperature: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Every array that there is by its name, for ``numpy.savez_compressed``."""
@@ -129,6 +135,8 @@ class TrialMetrics:
         smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
         slip_per_step: mean way that a foot slides in one stance [m].
         estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
+        lowest_bus_voltage: [V]; ``None`` on a stiff bus with cold windings, as is the next.
+        hottest_winding: [degC].
     """
 
     held_speed: float
@@ -149,6 +157,8 @@ class TrialMetrics:
     smallest_leg_distance: float
     slip_per_step: float
     estimate: tuple[EstimateBand, ...] = ()
+    lowest_bus_voltage: float | None = None
+    hottest_winding: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

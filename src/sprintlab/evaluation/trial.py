@@ -163,7 +163,13 @@ def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, 
     runtime.reset()
     policy_steps = math.ceil(course.longest * POLICY_RATE) + 1
     samples = math.ceil(policy_steps * request.plant.record_rate / POLICY_RATE)
-    recorder = Recorder(plant.model, robot, samples, estimates=policy.estimates)
+    recorder = Recorder(
+        plant.model,
+        robot,
+        samples,
+        estimates=policy.estimates,
+        supply=None if plant.supply is None else lambda: plant.supply,
+    )
     motor_steps = round(request.plant.motor_rate / POLICY_RATE)
     upright = True
     while upright:
