@@ -9,7 +9,7 @@ from sprintlab.plant import PlantOptions
 
 def test_without_flags_it_is_the_published_plant():
     assert DriveFlags().plant() == PlantOptions()
-    assert DriveFlags().notes() == []
+    assert DriveFlags().plant().remarks == ()
 
 
 def test_flags_turn_on_what_they_name():
@@ -18,7 +18,7 @@ def test_flags_turn_on_what_they_name():
     assert plant.motor_model == "flux-weakening"
     assert (plant.battery, plant.heat) == (Battery(), WindingHeat())
     assert plant.state_of_charge == 0.4
-    assert [note.split()[0] for note in flags.notes()] == ["motor", "a", "windings"]
+    assert [remark.split()[0] for remark in plant.remarks] == ["motor", "a", "windings"]
 
 
 def test_a_supply_file_turns_on_what_it_holds(tmp_path):

@@ -49,17 +49,3 @@ class DriveFlags:
             state_of_charge=self.state_of_charge,
             winding_temperature=self.winding_temperature,
         )
-
-    def notes(self) -> list[str]:
-        """One sentence a choice that makes the numbers differ from the published ones."""
-        plant = self.plant()
-        notes: list[str] = []
-        if plant.motor_model != "refined":
-            notes.append(f"motor model: {plant.motor_model}")
-        if plant.battery is not None:
-            notes.append(
-                f"a battery behind the bus, {100 * plant.state_of_charge:.0f} % charged at the start"
-            )
-        if plant.heat is not None:
-            notes.append(f"windings that warm up from {plant.winding_temperature:g} degC")
-        return notes

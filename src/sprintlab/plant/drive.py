@@ -121,12 +121,14 @@ class SupplyState:
         lowest_bus_voltage: so far [V].
         state_of_charge: [-]; 1 for a bus without a battery.
         winding_temperature: ``(12,)`` [degC].
+        copper_loss: ``(12,)``, in the last motor step [W].
     """
 
     bus_voltage: float
     lowest_bus_voltage: float
     state_of_charge: float
     winding_temperature: FloatArray
+    copper_loss: FloatArray
 
 
 class SuppliedDrive:
@@ -170,6 +172,7 @@ class SuppliedDrive:
         self._bus_voltage, self._lowest = bus_voltage, np.inf
         self._charge = state_of_charge
         self._temperature = np.full(self._ratio.shape, float(winding_temperature))
+        self._loss = np.zeros(self._ratio.shape)
 
     @property
     def state(self) -> SupplyState:
@@ -179,6 +182,7 @@ class SuppliedDrive:
             lowest_bus_voltage=min(self._lowest, self._bus_voltage),
             state_of_charge=self._charge,
             winding_temperature=self._temperature.copy(),
+            copper_loss=self._loss,
         )
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
@@ -196,7 +200,7 @@ class SuppliedDrive:
         if self._battery is not None:
             self._load_bus(self._battery, desired, joint_velocity)
         output = self._drive(desired, joint_velocity)
-        loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
+        self._loss = loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
         if self._heat is not None:
             self._temperature = warmed(self._heat, self._temperature, loss, self._step)
         if self._battery is not None:

@@ -77,6 +77,18 @@ class PlantOptions:
         _check_whole("plant.record_rate", self.record_rate, self.motor_rate / self.record_rate)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """One remark for each choice of drive that makes numbers differ from the published ones."""
+        remarks: list[str] = []
+        if self.motor_model != "refined":
+            remarks.append(f"motor model: {self.motor_model}")
+        if self.battery is not None:
+            remarks.append(f"a battery behind the bus, {100 * self.state_of_charge:.0f} % charged at the start")
+        if self.heat is not None:
+            remarks.append(f"windings that warm up, {self.winding_temperature:g} degC at the start")
+        return tuple(remarks)
+
+    @property
     def substeps(self) -> int:
         """Physics steps in one motor step."""
         return round(1.0 / (self.motor_rate * self.timestep))
@@ -169,7 +181,7 @@ class Plant:
 
     @property
     def supply(self) -> SupplyState | None:
-        """Battery and windings now; ``None`` where both are off."""
+        """Battery and windings now; ``None`` on a stiff bus with cold windings and no flux weakening."""
         return self._drive.state if isinstance(self._drive, SuppliedDrive) else None
 
     def use_drive(self, drive: JointDrive) -> None:
@@ -319,9 +331,9 @@ class Plant:
 
 
 def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | SuppliedDrive:
-    """The drives that the options ask for; the plain ones where battery and heat are off."""
+    """The drives that the options ask for; the plain ones where nothing has to be kept track of."""
     voltage = options.bus_voltage or robot.bus_voltage
-    if options.battery is None and options.heat is None:
+    if options.battery is None and options.heat is None and options.motor_model != "flux-weakening":
         return PreparedDrive(robot, voltage, options.motor_model)
     return SuppliedDrive(
         robot,
