@@ -8,6 +8,7 @@ import ast
 import importlib
 import importlib.util
 import io
+import itertools
 import re
 import shlex
 import shutil
@@ -84,7 +85,7 @@ def workplace(tmp_path_factory):
     count = 100
     standing = np.zeros((count, 23))
     standing[:, 2], standing[:, 3] = 0.5, 1.0
-    joints = {name: np.zeros((count, 12)) for name in ("joint_velocity", "motor_torque")}
+    joints = {name: np.zeros((count, 12)) for name in ("joint_velocity", "motor_torque", "joint_torque")}
     limits = {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
     plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
     arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
@@ -183,6 +184,36 @@ def check_python(arguments):
     for option in (word for word in arguments if word.startswith("--")):
         name = option.split("=")[0].removeprefix("--")
         assert name in text or name.replace("-", "_") in text, f"{source.name} does not know --{name}"
+
+
+def inline_commands():
+    """``sprintlab ...`` in the running text and in tables, where placeholders stand for arguments."""
+    for page in PAGES:
+        text = FENCE.sub("", page.read_text(encoding="utf-8"))
+        for code in re.findall(r"`(sprintlab [^`]+)`", text):
+            yield pytest.param(code.split()[1:], id=f"{page.name}: {code}")
+
+
+@pytest.mark.parametrize("words", list(inline_commands()))
+def test_command_in_the_text_exists(words):
+    names = list(itertools.takewhile(lambda word: re.fullmatch(r"[a-z][a-z-]*", word), words))
+    options = {word.split("=")[0] for word in words if word.startswith("--")}
+    if names[:1] == ["train"]:
+        names, options = names[:1], set()  # its options are those of the training extra
+    text = help_text(names[:2]) or help_text(names[:1])
+    assert text, f"there is no sprintlab {' '.join(names)}"
+    for option in options - {"--tyro-print-completion"}:
+        assert option in text, f"no {option} in: {' '.join(words)}"
+
+
+def help_text(names):
+    """What ``--help`` prints; empty where the parser knows no such command."""
+    with redirect_stdout(io.StringIO()) as output, redirect_stderr(io.StringIO()):
+        try:
+            parse([*names, "--help"])
+        except SystemExit as stop:
+            return output.getvalue() if stop.code in (0, None) else ""
+    return ""
 
 
 # --- Python blocks ------------------------------------------------------------------------------------------

@@ -303,12 +303,12 @@ class _RobotView:
             path = f"/world/robot/{surface.body}"
             if body not in self._frames:
                 self._frames[body] = scene.add_frame(path, show_axes=False)
-            color = tuple(round(255 * part) for part in surface.color)
+            red, green, blue = (round(255 * part) for part in surface.color)
             scene.add_mesh_simple(
                 f"{path}/{number}",
                 surface.vertices.astype(np.float32),
                 surface.faces.astype(np.uint32),
-                color=color,
+                color=(red, green, blue),
             )
         server.initial_camera.position = (-1.6, -2.4, 0.9)
         server.initial_camera.look_at = (0.1, 0.0, 0.35)
