@@ -170,8 +170,15 @@ def d_axis_cost(drive: JointDrive, share: float) -> AxisCost:
 
 
 def peak_power(drive: JointDrive, name: str) -> PeakPower:
-    """The driving point of most mechanical power under one envelope, up to the no-load speed."""
-    speed = np.linspace(0.0, drive.no_load_speed, _SEARCH_POINTS)
+    """The driving point of most mechanical power under one envelope.
+
+    Looked for as far as the model drives, with flux weakening beyond the no-load speed; ``square``, which
+    always drives, is looked at up to the no-load speed.
+    """
+    model: Any = "refined" if name == SATURATED else name
+    end = drive.no_load_speed if name == "square" else end_of_drive(drive, model)
+    farthest = _FARTHEST * drive.no_load_speed if end is None else end
+    speed = np.linspace(0.0, farthest, _SEARCH_POINTS)
     _, upper = joint_limits(drive, speed, name)
     best = int(np.argmax(upper * speed))
     return PeakPower(
