@@ -233,6 +233,7 @@ def _print_tables(grouped: dict[str, list[EvaluationRecord]]) -> None:
     console = stdout_console()
     for table in result_tables(grouped):
         printed = plain_table(table.title, *table.columns, numbers=table.columns[1:])
+        printed.columns[0].no_wrap = True
         for row in table.rows:
             printed.add_row(*row)
         console.print(printed)

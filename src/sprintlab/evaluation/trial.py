@@ -64,7 +64,7 @@ class TrialRequest:
         return f"{pacing} trial at {self.top_speed:g} m/s with seed {self.settings.seed}"
 
 
-class _Course(Protocol):
+class Course(Protocol):
     """What asks for a speed, and says when the run is over."""
 
     @property
@@ -128,6 +128,15 @@ def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) ->
     return _trial_result(run, robot, request, profile.hold_interval)
 
 
+def run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> TrialResult:
+    """Run commands of one's own to their end or to a fall; errors as in ``run_trial``.
+
+    The whole run counts as the hold.
+    """
+    run = _simulate(policy, robot, request, course)
+    return _trial_result(run, robot, request, (0.0, float(run.trajectory.time[-1])))
+
+
 def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -> SprintResult:
     """Run ``request.distance`` once; errors as in ``run_trial``.
 
@@ -150,14 +159,14 @@ class _Run:
     fall_time: float | None
 
 
-def _simulate(policy: Policy, robot: RobotDescription, request: TrialRequest, course: _Course) -> _Run:
+def _simulate(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
     try:
-        return _run_course(policy, robot, request, course)
+        return _drive(policy, robot, request, course)
     except SimulationError as error:
         raise SimulationError(f"{request}: {error}") from error
 
 
-def _run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, course: _Course) -> _Run:
+def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
     plant = Plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()

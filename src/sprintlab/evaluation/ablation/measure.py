@@ -203,7 +203,7 @@ class _Evaluation:
         return record
 
     def _sprint(self, way: str, search: SearchRecord) -> SprintRecord | None:
-        if search.best is None:
+        if search.best is None or search.collapsed:
             return None
         top_speed = search.best.top_speed
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.evaluation.ablation.record import COLLAPSE_SPEED
 from sprintlab.evaluation.ablation.table import (
-    COLLAPSE_SPEED,
     DETAIL_COLUMNS,
     ESTIMATE_COLUMNS,
     SEED_COLUMNS,

@@ -16,6 +16,9 @@ from sprintlab.evaluation.results import AuditReport, EstimateBand, SpeedResult,
 
 FORMAT_VERSION = 1
 
+COLLAPSE_SPEED = 2.0
+"""A policy that holds less than this has learnt no running: it counts as collapsed [m/s]."""
+
 Number = float | None
 Numbers = tuple[Number, ...]
 
@@ -118,6 +121,11 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         return math.nan if self.best is None else number(self.best.angular_cost)
 
     @property
+    def collapsed(self) -> bool:
+        """Whether no speed passed, or hardly any speed is held."""
+        return not self.max_velocity >= COLLAPSE_SPEED
+
+    @property
     def audit_passed(self) -> bool:
         """Whether a speed passed and its trials kept the exploit audit."""
         return self.best is not None and self.best.audit.passed
@@ -160,7 +168,7 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         machine: in words.
         raw: search with the command as it is.
         self_paced: search with the command held within 1 m/s of the measured speed.
-        sprint: over the distance, raw, at the best v*; ``null`` when no v* passed.
+        sprint: over the distance, raw, at the best v*; ``null`` for a policy that collapsed.
         sprint_self_paced: the same, self-paced.
     """
 

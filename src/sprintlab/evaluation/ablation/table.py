@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE, REFERENCE_METHOD
-from sprintlab.evaluation.ablation.record import EvaluationRecord, SprintRecord, number, plain
+from sprintlab.evaluation.ablation.record import COLLAPSE_SPEED, EvaluationRecord, SprintRecord, number, plain
 from sprintlab.evaluation.estimates import merge_bands, total_band
 from sprintlab.evaluation.results import EstimateBand
 from sprintlab.evaluation.tables import Spread, spread
-
-COLLAPSE_SPEED = 2.0
-"""A policy that holds less than this has learnt no running: it counts as collapsed [m/s]."""
 
 Records = Mapping[str, Sequence[EvaluationRecord]]
 
@@ -57,8 +54,8 @@ class MethodRow:
 
 
 def collapsed(record: EvaluationRecord) -> bool:
-    """Whether a policy cannot run: no speed passed, or hardly any speed is held."""
-    return not record.raw.max_velocity >= COLLAPSE_SPEED
+    """Whether a policy cannot run, judged by the raw command."""
+    return record.raw.collapsed
 
 
 def common_speed(records: Sequence[EvaluationRecord]) -> float | None:
@@ -125,17 +122,17 @@ TABLE_COLUMNS = (
     "method",
     "motor in training",
     "commands",
-    "paper: max velocity",
-    "ours, raw",
-    "ours, self-paced",
+    "paper: speed",
+    "ours: raw",
+    "ours: self-paced",
     "paper: J_norm",
     "ours: J_norm",
-    "100 m raw",
-    "100 m self-paced",
+    "100 m: raw",
+    "100 m: self-paced",
     "seeds",
     "audit",
 )
-"""Headings of ``table_cells``; speeds in m/s, times in s."""
+"""Headings of ``table_cells``; max velocities in m/s, times in s."""
 
 
 def table_cells(row: MethodRow) -> tuple[str, ...]:

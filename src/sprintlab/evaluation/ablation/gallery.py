@@ -1,0 +1,171 @@
+"""Every figure of the paper from committed policies and results: simulated, drawn, written."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sprintlab.control import Policy, load_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.evaluation.ablation import figures
+from sprintlab.evaluation.ablation.measure import Candidate
+from sprintlab.evaluation.ablation.runs import Run, by_method, committed_records
+from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
+from sprintlab.evaluation.figures import png_bytes
+from sprintlab.evaluation.results import SprintResult, TrialResult
+from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
+from sprintlab.motors import MotorModel
+from sprintlab.plant import PlantOptions
+from sprintlab.robots import RobotDescription
+
+DPI = 80
+CURVE_NAME = "curve.csv"
+_CURVE_COLUMNS = ("seconds", "speed_p999")
+
+Progress = Callable[[str, float | None], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gallery:
+    """What the figures are made from.
+
+    Attributes:
+        robot: what runs.
+        policies: the policies of the methods.
+        runs: finished runs with curves and evaluations; may be none.
+        main: the policy of the figures that show one policy.
+        top_speed: v* of every run [m/s].
+        distance: of the sprint [m].
+    """
+
+    robot: RobotDescription
+    policies: tuple[Candidate, ...]
+    runs: tuple[Run, ...]
+    main: Candidate
+    top_speed: float = 12.0
+    distance: float = 100.0
+
+
+def write_gallery(gallery: Gallery, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
+    """Draw every figure that the material allows, each written in one step.
+
+    Args:
+        gallery: the material.
+        folder: where the PNG files go.
+        progress: called with what is being made and the share done.
+
+    Returns:
+        The files, in the order of the paper.
+
+    Raises:
+        SprintlabError: a policy is refused, a curve is damaged, the simulation failed or the disk refuses.
+    """
+    plan = list(_plan(gallery))
+    written = []
+    for index, (name, draw) in enumerate(plan):
+        progress(f"figure {name}", index / len(plan))
+        path = folder / f"{name}.png"
+        atomic_write_bytes(path, png_bytes(draw(), dpi=DPI))
+        written.append(path)
+    return written
+
+
+def _plan(gallery: Gallery) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Name and drawing function of every figure."""
+    policy = load_policy(gallery.main.policy)
+    yield "envelopes", lambda: figures.envelope_figure(gallery.robot)
+    for candidate in _with_worlds(gallery):
+        yield f"worlds-{candidate.method}", lambda chosen=candidate: _worlds(gallery, chosen)
+    yield "command-modes", lambda: figures.commands_figure(command_runs(policy, gallery))
+    yield "sprint", lambda: figures.sprint_figure(_sprint(policy, gallery), gallery.robot)
+    if policy.estimates:
+        yield "estimate", lambda: figures.estimate_figure(_sprint(policy, gallery).trial)
+    records = by_method(committed_records(gallery.runs))
+    if any(records.values()):
+        yield "methods", lambda: figures.methods_figure(records)
+    curves = learning_curves(gallery.runs)
+    if curves:
+        yield "learning", lambda: figures.learning_figure(curves)
+
+
+def _with_worlds(gallery: Gallery) -> list[Candidate]:
+    """Policies to show in two worlds: those trained with another motor, else the main one."""
+    cheats = [one for one in gallery.policies if _training_model(one) != "refined"]
+    return cheats or [gallery.main]
+
+
+def _training_model(candidate: Candidate) -> str:
+    return load_policy(candidate.policy).contract.training.actuator_model
+
+
+def _worlds(gallery: Gallery, candidate: Candidate) -> Figure:
+    """The policy with the motor it was trained with (an ideal one if that was refined), and the real one."""
+    trained = _training_model(candidate)
+    other: MotorModel = "simplified-dc" if trained == "simplified-dc" else "square"
+    policy = load_policy(candidate.policy)
+    first = f"{candidate.method}: {figures.MODEL_NAMES[other]}" + (", as trained" if other == trained else "")
+    second = f"{candidate.method}: refined" + (", as trained" if trained == "refined" else "")
+    worlds = (
+        (first, world_run(policy, gallery, other)),
+        (second, world_run(policy, gallery, "refined")),
+    )
+    return figures.worlds_figure(worlds, gallery.robot)
+
+
+def world_run(policy: Policy, gallery: Gallery, model: MotorModel) -> TrialResult:
+    """The profile once, with one motor model."""
+    request = TrialRequest(
+        top_speed=gallery.top_speed, plant=PlantOptions(motor_model=model), keep_trajectory=True
+    )
+    return run_trial(policy, gallery.robot, request)
+
+
+def command_runs(policy: Policy, gallery: Gallery) -> list[tuple[CommandSequence, TrialResult]]:
+    """One run in every command update mode."""
+    request = TrialRequest(top_speed=gallery.top_speed, keep_trajectory=True)
+    courses = [CommandSequence(mode=mode, top_speed=gallery.top_speed) for mode in COMMAND_MODES]
+    return [(course, run_course(policy, gallery.robot, request, course)) for course in courses]
+
+
+def _sprint(policy: Policy, gallery: Gallery) -> SprintResult:
+    request = TrialRequest(top_speed=gallery.top_speed, distance=gallery.distance, keep_trajectory=True)
+    return run_sprint(policy, gallery.robot, request)
+
+
+def learning_curves(runs: tuple[Run, ...]) -> dict[str, list[dict[str, np.ndarray]]]:
+    """Method to the learning curves of its seeds, those that there are.
+
+    Raises:
+        SprintlabError: a curve is damaged.
+    """
+    curves: dict[str, list[dict[str, np.ndarray]]] = {}
+    for run in runs:
+        path = run.folder / CURVE_NAME
+        if path.is_file():
+            curves.setdefault(run.method, []).append(read_curve(path))
+    return curves
+
+
+def read_curve(path: Path) -> dict[str, np.ndarray]:
+    """Training time and speed of a learning curve.
+
+    Raises:
+        SprintlabError: the file cannot be read, or a column is missing or holds no numbers.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        curve = {name: np.array([float(row[name]) for row in rows]) for name in _CURVE_COLUMNS}
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise SprintlabError(f"{path} is no learning curve: {error}") from error
+    if not rows:
+        raise SprintlabError(f"{path} is no learning curve: it has no rows")
+    return curve

@@ -1,0 +1,104 @@
+"""``sprintlab ablate`` and ``sprintlab figures``: what they print, write and refuse."""
+
+import json
+import shutil
+
+import pytest
+
+from sprintlab.control import policy as control_policy
+from sprintlab.evaluation.ablation.record import read_evaluation
+
+QUICK = ("--trials", 1, "--start", 0.5, "--top", 0.5, "--workers", 1)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory, policy):
+    folder = tmp_path_factory.mktemp("methods")
+    run = folder / "sprint" / "seed-4"
+    run.mkdir(parents=True)
+    shutil.copy(policy, run / "policy.onnx")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """One for all tests of this file, so that the policy is simulated once."""
+    return tmp_path_factory.mktemp("cache")
+
+
+def test_a_folder_of_runs_gets_its_table_and_evaluations(call, runs, cache, tmp_path):
+    out = tmp_path / "numbers.json"
+    outcome = call("ablate", runs, *QUICK, "--cache", cache, "--out", out)
+    assert outcome.status == 0
+    for words in ("Table II", "12.4", "collapse", "sprint", "baseline", "1.452"):
+        assert words in outcome.out
+    record = read_evaluation(runs / "sprint" / "seed-4" / "evaluation.json")
+    assert (record.method, record.seed) == ("sprint", 4) and record.raw.speeds[0].falls == 0
+    numbers = json.loads(out.read_text())
+    assert numbers["methods"]["sprint"]["collapsed"] == 1  # it stands
+    assert numbers["methods"]["baseline"]["paper_max_velocity_m_s"] == 9.4
+    assert len(numbers["records"]) == 1
+
+
+def test_json_is_all_that_is_printed_and_recorded_evaluates_nothing(call, runs, cache):
+    call("ablate", runs, *QUICK, "--cache", cache)
+    outcome = call("ablate", runs, "--recorded", "--json")
+    assert outcome.status == 0
+    assert json.loads(outcome.out)["methods"]["sprint"]["seeds"] == 1
+
+
+def test_shipped_policies_are_evaluated_from_results(call, policy, cache, tmp_path, monkeypatch):
+    monkeypatch.setattr("sprintlab.evaluation.ablation.runs.SHIPPED_POLICIES", tmp_path)
+    shutil.copy(policy, tmp_path / "sprint.onnx")
+    outcome = call("ablate", "--from-results", *QUICK, "--cache", cache, "--json")
+    assert outcome.status == 0 and json.loads(outcome.out)["methods"]["sprint"]["seeds"] == 1
+
+
+def test_the_page_gets_its_tables(call, runs, cache, tmp_path):
+    call("ablate", runs, *QUICK, "--cache", cache)
+    page = tmp_path / "results.md"
+    names = ("methods", "details", "seeds", "estimates")
+    page.write_text("\n".join(f"<!-- computed: {name} -->\n<!-- end of {name} -->" for name in names))
+    outcome = call("ablate", runs, "--recorded", "--markdown", page)
+    assert outcome.status == 0 and "| method | motor in training |" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "name either"),
+        (("somewhere", "--from-results"), "name either"),
+        (("--from-results", "--recorded"), "need a folder"),
+        (("--from-results", "--train"), "need a folder"),
+        (("somewhere", "--recorded", "--train"), "evaluates nothing"),
+        (("does-not-exist",), "no folder"),
+        (("--from-results", "--trials", 0), "trials"),
+        (("--from-results", "--grid", -1), "grid"),
+        (("--from-results", "--workers", 0), "workers"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, arguments, words):
+    outcome = call("ablate", *arguments)
+    assert outcome.status == 2 and outcome.out == ""
+    assert outcome.err.startswith("sprintlab: ") and words in outcome.err and outcome.err.count("\n") == 1
+
+
+def test_a_folder_without_runs_and_a_damaged_record_are_refused(call, tmp_path):
+    assert "seed-<number>" in call("ablate", tmp_path).err
+    run = tmp_path / "sprint" / "seed-0"
+    run.mkdir(parents=True)
+    (run / "evaluation.json").write_text("{}")
+    outcome = call("ablate", tmp_path, "--recorded")
+    assert outcome.status == 2 and "no evaluation of this version" in outcome.err
+
+
+def test_figures_refuse_an_unknown_policy_and_speed(call, tmp_path):
+    outcome = call("figures", "--policy", "gallop", "--out", tmp_path / "figures")
+    assert outcome.status == 2 and "gallop" in outcome.err and not (tmp_path / "figures").exists()
+    assert "top_speed" in call("figures", "--top-speed", 0).err
+
+
+def test_shipped_policies_lie_where_control_says():
+    from sprintlab.evaluation.ablation import runs as module
+
+    assert module.SHIPPED_POLICIES == control_policy.SHIPPED_POLICIES

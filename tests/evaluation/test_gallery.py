@@ -1,0 +1,122 @@
+"""The paper's figures: every one is drawn from the material that there is, and refused material is named."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.ablation import figures, gallery
+from sprintlab.evaluation.ablation.gallery import Gallery, read_curve, write_gallery
+from sprintlab.evaluation.ablation.measure import Candidate
+from sprintlab.evaluation.ablation.runs import find_runs
+from sprintlab.evaluation.results import SprintResult
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture
+def run(make_trial, make_trajectory):
+    """A finished run with some motion in its joints."""
+
+    def build(**arrays):
+        trajectory = make_trajectory(2.0, **arrays)
+        wave = np.sin(40.0 * trajectory.time)[:, None]
+        moving = dataclasses.replace(
+            trajectory, joint_velocity=40.0 * wave * np.ones(12), motor_torque=14.0 * wave * np.ones(12)
+        )
+        return dataclasses.replace(make_trial(), trajectory=moving)
+
+    return build
+
+
+@pytest.fixture
+def drawn(monkeypatch, run):
+    """The simulations replaced; what was asked for is kept."""
+    asked = []
+
+    def trial(policy, robot, request, course=None):
+        asked.append(course.mode if course is not None else request.plant.motor_model)
+        return run()
+
+    def sprint(policy, robot, request):
+        asked.append(f"{request.distance:g} m")
+        return SprintResult(distance=100.0, time=11.0, trial=run())
+
+    monkeypatch.setattr(gallery, "run_trial", trial)
+    monkeypatch.setattr(gallery, "run_course", trial)
+    monkeypatch.setattr(gallery, "run_sprint", sprint)
+    return asked
+
+
+def candidate(policy, method="sprint"):
+    return Candidate(method=method, seed=0, policy=policy)
+
+
+def test_every_figure_of_one_policy(drawn, standing_policy, robot, tmp_path):
+    main = candidate(standing_policy)
+    shown = []
+    files = write_gallery(
+        Gallery(robot=robot, policies=(main,), runs=(), main=main),
+        tmp_path / "figures",
+        lambda what, share: shown.append(share),
+    )
+    assert [path.stem for path in files] == ["envelopes", "worlds-sprint", "command-modes", "sprint"]
+    for path in files:
+        assert path.read_bytes().startswith(PNG) and path.stat().st_size < 200_000
+    assert drawn == ["square", "refined", "uniform", "fixed-acceleration", "adaptive", "step", "100 m"]
+    assert shown == sorted(shown) and shown[0] == 0.0
+
+
+def test_policies_trained_with_another_motor_are_shown_in_their_own_world(
+    drawn, standing_policy, make_policy, robot, monkeypatch, tmp_path
+):
+    models = {"no-envelope": "square", "simplified-dc": "simplified-dc", "sprint": "refined"}
+    monkeypatch.setattr(gallery, "_training_model", lambda one: models[one.method])
+    policies = tuple(candidate(standing_policy, method) for method in models)
+    files = write_gallery(Gallery(robot=robot, policies=policies, runs=(), main=policies[-1]), tmp_path)
+    assert [path.stem for path in files][1:3] == ["worlds-no-envelope", "worlds-simplified-dc"]
+    assert drawn[:4] == ["square", "refined", "simplified-dc", "refined"]
+
+
+def test_curves_of_finished_runs_make_a_learning_figure(drawn, standing_policy, robot, tmp_path):
+    for seed in range(2):
+        folder = tmp_path / "runs" / "sprint" / f"seed-{seed}"
+        folder.mkdir(parents=True)
+        rows = "".join(f"{step},{10 * step},{0.1 * step + seed}\n" for step in range(50))
+        (folder / "curve.csv").write_text("iteration,seconds,speed_p999\n" + rows)
+    main = candidate(standing_policy)
+    runs = tuple(find_runs(tmp_path / "runs"))
+    files = write_gallery(Gallery(robot=robot, policies=(main,), runs=runs, main=main), tmp_path)
+    assert files[-1].stem == "learning"
+
+
+def test_an_estimate_is_drawn_against_the_truth(run):
+    estimate = np.zeros((1000, 8))
+    figure = figures.estimate_figure(run(estimate=estimate))
+    assert len(figure.axes) == 5 and len(figure.axes[0].lines) == 2
+
+
+def test_what_the_real_motor_cannot_give_is_marked(run, robot):
+    figure = figures.worlds_figure([("ideal", run()), ("real", run())], robot)
+    texts = [axis.get_title(loc="right") for axis in figure.axes]
+    share = float(texts[2].split(", ")[1].split(" %")[0])
+    assert 5.0 < share < 60.0  # 14 N m up to 40 rad/s: past the critical speed the real motor gives less
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("iteration,seconds\n1,2\n", "speed_p999"),
+        ("seconds,speed_p999\n1,fast\n", "fast"),
+        ("seconds,speed_p999\n1\n", "no learning curve"),
+        ("seconds,speed_p999\n", "no rows"),
+    ],
+)
+def test_a_damaged_curve_is_refused(tmp_path, text, words):
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(SprintlabError, match=words):
+        read_curve(path)
+    with pytest.raises(SprintlabError, match="cannot read"):
+        read_curve(tmp_path / "none.csv")
