@@ -209,7 +209,7 @@ def _rounded(value: Any) -> float | tuple[float, ...]:
 
 
 def _exact(value: float) -> float:
-    return value + 0.0  # -0.0 becomes 0.0
+    return value if abs(value) > 1e-14 else 0.0  # what is left of a cancellation, and -0.0
 
 
 def table_text(name: str, table: Table, source_name: str) -> str:
