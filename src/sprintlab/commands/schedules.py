@@ -55,8 +55,8 @@ class TargetSampling:
     """
 
     persistence: tuple[float, float] = (3.0, 7.0)
-    top_share: float = 0.5
-    top_fraction: float = 0.3
+    top_share: float = 0.65
+    top_fraction: float = 0.25
     zero_share: float = 0.04
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
@@ -152,7 +152,7 @@ class AdaptiveSchedule:
 
     targets: TargetSampling = TargetSampling()
     window: float = 1.0
-    hold: tuple[float, float] = (0.4, 1.0)
+    hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
 
     def __post_init__(self) -> None:

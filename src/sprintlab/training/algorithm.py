@@ -6,6 +6,7 @@ update are tensors. ``statistics`` is the one place where numbers are read back,
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -98,7 +99,7 @@ class EstimatorPpo:
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
 
     def _adam(self, parameters: list[nn.Parameter], rate: torch.Tensor) -> torch.optim.Adam:
-        """Adam whose whole step runs on the device; its state exists from the start, for captures and resumes."""
+        """Adam whose whole step runs on the device; its state exists from the start."""
         on_gpu = str(self.device).startswith("cuda")
         optimizer = torch.optim.Adam(parameters, lr=rate, fused=on_gpu, foreach=False, capturable=on_gpu)
         for parameter in parameters:
@@ -112,7 +113,7 @@ class EstimatorPpo:
     # --- graphs ------------------------------------------------------------------------------------------
 
     def _capture(self) -> None:
-        """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did to the networks."""
+        """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did."""
         if not str(self.device).startswith("cuda"):
             return
         kept = {name: value.clone() for name, value in self._networks().items()}
@@ -202,7 +203,7 @@ class EstimatorPpo:
         """Mini-batches as blocks of robots."""
         robots, parts = self.rollout.robots, self.settings.ppo.mini_batches
         edges = [robots * part // parts for part in range(parts + 1)]
-        return list(zip(edges[:-1], edges[1:], strict=True))
+        return list(itertools.pairwise(edges))
 
     @torch.no_grad()
     def _prepare(self) -> None:
@@ -273,7 +274,7 @@ class EstimatorPpo:
     # --- numbers, checkpoints ----------------------------------------------------------------------------
 
     def statistics(self) -> dict[str, float]:
-        """Losses since the last call, learning rate, action noise, updates rolled back; waits for the device."""
+        """Losses since the last call, learning rate, noise, updates rolled back; waits for the device."""
         extra = torch.stack((self.learning_rate, self.actor.std.detach().mean(), self.rolled_back))
         values = torch.cat((self._loss_sums, extra)).tolist()
         self._loss_sums.zero_()

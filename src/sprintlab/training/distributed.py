@@ -1,4 +1,4 @@
-"""Several processes, one GPU each: gradients and statistics averaged over all of them (torchrun, NCCL or Gloo)."""
+"""Several processes, one GPU each: gradients and statistics averaged over all of them (torchrun)."""
 
 from __future__ import annotations
 

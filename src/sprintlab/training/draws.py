@@ -19,9 +19,9 @@ COLUMNS = {
     "command": 8,
     "noise": 30,
 }
-"""Names and widths: ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor`` two
-candidates; ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular velocity;
-``command`` for the schedule; ``noise`` on the proprioception."""
+"""Names and widths: ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor``
+two candidates; ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular
+velocity; ``command`` for the schedule; ``noise`` on the proprioception."""
 
 
 class Draws:

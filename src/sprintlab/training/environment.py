@@ -1,8 +1,8 @@
 """The training environment: thousands of robots, nothing in a step that waits for the device.
 
 A step is two graph launches on CUDA: the substeps (``BatchSimulation``) and everything after them
-(``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses. All
-state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code runs
+(``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
+All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code runs
 plainly, without graphs and compilation: the reference.
 """
 

@@ -13,7 +13,7 @@ from sprintlab.training.simulation import BatchSimulation
 
 CONTACT_MARGIN = 0.004
 """A foot counts as touching when it is this close to the ground [m]."""
-_POINTS_ON_SHANK = 4
+_POINTS_ON_SHANK = 6
 
 
 class BodyState(NamedTuple):

@@ -1,7 +1,7 @@
 """What the networks are trained on: advantages, PPO's losses and the estimator's, as pure functions.
 
-PPO is Schulman et al. 2017 with the details of rsl_rl 5.4: clipped value loss, time-outs bootstrapped with the
-value before the step, advantages normalized over the whole rollout, learning rate adapted to the divergence.
+PPO is Schulman et al. 2017 with the details of rsl_rl 5.4: clipped value loss, time-outs bootstrapped with
+the value before the step, advantages normalized over the whole rollout, learning rate adapted to the divergence.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class PolicyBatch(NamedTuple):
 def policy_losses(
     actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The loss to descend ``()``, and surrogate, value loss, entropy, divergence ``(4,)`` without gradient."""
+    """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient."""
     mean, value = actor.decide(batch.perceived), critic(batch.truth)
     ratio = torch.exp(log_probability(batch.action, mean, actor.std) - batch.log_probability)
     limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
@@ -111,9 +111,9 @@ def policy_losses(
 
 def adapted_learning_rate(rate: torch.Tensor, moved: torch.Tensor, desired: float) -> torch.Tensor:
     """Slower by 1.5 where the policy moved twice too far, faster where it moved less than half: ``()``."""
-    factor = torch.where(moved > 2.0 * desired, 1.0 / 1.5, 1.0)
-    factor = torch.where((moved < 0.5 * desired) & (moved > 0.0), 1.5, factor)
-    return (rate * factor).clamp(*LEARNING_RATE_RANGE)
+    faster = (moved < 0.5 * desired) & (moved > 0.0)
+    steps = faster.float() - (moved > 2.0 * desired).float()
+    return (rate * torch.exp(math.log(1.5) * steps)).clamp(*LEARNING_RATE_RANGE)
 
 
 class EstimatorBatch(NamedTuple):
@@ -140,17 +140,17 @@ def estimator_losses(
     """The loss ``()``; velocity-height, contact, reconstruction and latent losses ``(4,)`` without gradient.
 
     Mean squared error on the scaled velocity and height, binary cross-entropy on the contacts, mean squared
-    error of the decoded next frame where the episode goes on, and the divergence of the latent from a standard
-    normal, a mean over samples like the others (a sum would drown them).
+    error of the decoded next frame where the episode goes on, and the divergence of the latent from a
+    standard normal, a mean over samples like the others (a sum would drown them).
     """
-    encoding = actor.estimator(actor.normalized_history(batch.history))
+    encoding = actor.estimator(actor.normalized_frames(batch.history))
     state = functional.mse_loss(encoding.raw[:, :CONTACT_START], actor.estimator.scaled_truth(batch.truth))
     contact = functional.binary_cross_entropy_with_logits(
         encoding.raw[:, CONTACT_START:], batch.truth[:, CONTACT_START:]
     )
-    known = actor.normalizer.mean.new_zeros(batch.next_frame.shape[0], CONTACT_START * 2)
-    target = actor.normalizer(torch.cat((batch.next_frame, known), 1))[:, : batch.next_frame.shape[1]]
-    error = (actor.estimator.decode(encoding, batch.noise) - target).square().mean(1)
+    target = actor.normalized_frames(batch.next_frame)
+    decoded = actor.estimator.decode(encoding, batch.noise) * actor.seen
+    error = (decoded - target).square().mean(1)
     reconstruction = (error * batch.valid).sum() / batch.valid.sum().clamp(min=1.0)
     spread = encoding.log_variance
     latent = 0.5 * (encoding.mean.square() + spread.exp() - spread - 1.0).sum(1).mean()

@@ -7,6 +7,7 @@ clean frame and the true ``e`` (DESIGN of the paper, section III).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,10 +18,13 @@ from sprintlab.control.observation import FRAME_SIZE
 from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
 
 ESTIMATE_NAMES = (
-    "velocity_x", "velocity_y", "velocity_z", "height", "contact_FL", "contact_FR", "contact_RL", "contact_RR",
+    "velocity_x", "velocity_y", "velocity_z", "height",
+    "contact_FL", "contact_FR", "contact_RL", "contact_RR",
 )  # fmt: skip
 ESTIMATE_SIZE = len(ESTIMATE_NAMES)
 VELOCITY_SIZE, CONTACT_START = 3, 4
+COMMAND = slice(6, 9)
+"""Where a frame holds the command (``ObservationLayout.terms``)."""
 TRUTH_SIZE = FRAME_SIZE + ESTIMATE_SIZE
 """Numbers that the critic sees: 45 + 8. (The paper prints 52.)"""
 LARGEST_STD = 1.5
@@ -32,7 +36,7 @@ _NORMALIZER_FLOOR = 1e-2
 def perceptron(sizes: Sequence[int]) -> nn.Sequential:
     """Linear layers of these widths with ELU between them."""
     layers: list[nn.Module] = []
-    for narrow, wide in zip(sizes[:-1], sizes[1:], strict=True):
+    for narrow, wide in itertools.pairwise(sizes):
         layers += [nn.Linear(narrow, wide), nn.ELU()]
     return nn.Sequential(*layers[:-1])
 
@@ -127,6 +131,8 @@ class Estimator(nn.Module):
 class Actor(nn.Module):
     """Everything that runs on the robot: normalization, estimator, low-pass on the estimate, policy."""
 
+    seen: torch.Tensor
+
     def __init__(self, settings: TrainingSettings, joints: int, height: float, coefficient: float) -> None:
         super().__init__()
         ppo, estimator = settings.ppo, settings.estimator
@@ -135,22 +141,27 @@ class Actor(nn.Module):
         self.estimator = Estimator(self.history_length, estimator, height)
         self.policy = perceptron((FRAME_SIZE + ESTIMATE_SIZE + estimator.latent, *ppo.hidden, joints))
         self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
+        seen = torch.ones(FRAME_SIZE)
+        if not estimator.sees_command:
+            seen[COMMAND] = 0.0
+        self.register_buffer("seen", seen, persistent=False)
 
-    def normalized_history(self, history: torch.Tensor) -> torch.Tensor:
-        """Every frame of ``(n, H * 45)`` normalized with the statistics of the newest."""
-        n = self.normalizer
-        mean = n.mean[:FRAME_SIZE].repeat(self.history_length)
-        scale = (n.variance[:FRAME_SIZE].sqrt() + _NORMALIZER_FLOOR).repeat(self.history_length)
-        return ((history - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
+    def normalized_frames(self, frames: torch.Tensor) -> torch.Tensor:
+        """Frames ``(n, k * 45)`` as the estimator sees them: normalized with the statistics of one frame."""
+        count = frames.shape[1] // FRAME_SIZE
+        mean = self.normalizer.mean[:FRAME_SIZE].repeat(count)
+        scale = (self.normalizer.variance[:FRAME_SIZE].sqrt() + _NORMALIZER_FLOOR).repeat(count)
+        values = ((frames - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
+        return values * self.seen.repeat(count)
 
     def perceive(self, history: torch.Tensor, previous: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the policy network sees, before normalization ``(n, 69)``, and the filtered estimate ``(n, 8)``.
+        """What the policy network sees, not normalized ``(n, 69)``, and the filtered estimate ``(n, 8)``.
 
         Args:
             history: ``(n, H * 45)``, oldest frame first.
             previous: the filtered estimate of the step before; zeros at a start ``(n, 8)``.
         """
-        encoding = self.estimator(self.normalized_history(history))
+        encoding = self.estimator(self.normalized_frames(history))
         value = self.estimator.physical(encoding.raw)
         estimate = previous + self._coefficient * (value - previous)
         return torch.cat((history[:, -FRAME_SIZE:], estimate, encoding.mean), 1), estimate

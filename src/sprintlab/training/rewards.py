@@ -61,7 +61,8 @@ PENALTIES: dict[str, Penalty] = {
     "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
     "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
     "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
-    "yaw_rate": lambda x, s: x.body.angular_velocity[:, 2].square(),
+    # The paper's bare square would fight the command; the two are the same where no turn is commanded.
+    "yaw_rate": lambda x, s: (x.body.angular_velocity[:, 2] - x.command[:, 2]).square(),
     # Weighted by foot speed, as in DreamWaQ: the bare square would punish feet for standing.
     "foot_clearance": lambda x, s: (
         (x.body.foot_height - s.foot_clearance_target).square() * x.body.foot_speed

@@ -1,4 +1,4 @@
-"""The rollout: written in place, one row a robot, so that a block of robots is a mini-batch without a copy."""
+"""The rollout: written in place, one row a robot: a block of robots is a mini-batch without a copy."""
 
 from __future__ import annotations
 
