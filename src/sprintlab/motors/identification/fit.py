@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats  # pyright: ignore[reportMissingTypeStubs]
+from scipy import optimize, special  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
@@ -33,7 +33,7 @@ OUTLIER_DISTANCE = 5.0
 CONFIDENCE = 0.95
 
 _optimize: Any = optimize  # SciPy ships no types
-_stats: Any = stats
+_special: Any = special
 _ROUNDS = 4
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
 _MANY_OUTLIERS = 0.2
@@ -380,7 +380,7 @@ class _Fit:
         freedom = np.maximum(np.array(self._freedom(decomposition, kept)), 1.0)[:, None]
         variance = shares.sum(axis=0)
         effective = variance**2 / np.sum(shares**2 / freedom, axis=0)
-        quantile = _stats.t.ppf(0.5 + CONFIDENCE / 2.0, effective)
+        quantile = _special.stdtrit(effective, 0.5 + CONFIDENCE / 2.0)
         blind = [
             " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
             for direction in decomposition.blind_directions

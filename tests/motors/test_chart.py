@@ -1,0 +1,117 @@
+"""The numbers of a joint's chart, against the laws they are made of."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Gear,
+    PmsmParameters,
+    copper_loss,
+    critical_speed,
+    drive_torque,
+    saturate,
+    stack_motors,
+    torque_limits,
+)
+from sprintlab.motors.chart import (
+    SATURATED,
+    JointDrive,
+    d_axis_cost,
+    end_of_drive,
+    envelope_names,
+    joint_copper_loss,
+    joint_limits,
+    peak_power,
+    peak_torque_speed,
+)
+
+GEAR = Gear(ratio=6.0, efficiency=0.9)
+
+
+@pytest.fixture
+def drive(surrogate):
+    return JointDrive(motor=surrogate, gear=GEAR, bus_voltage=60.0)
+
+
+def test_the_saturated_envelope_is_what_the_drive_delivers(drive):
+    speed = np.linspace(-1.1, 1.1, 201) * drive.no_load_speed
+    lower, upper = joint_limits(drive, speed, SATURATED)
+    for wanted, limit in ((1e4, upper), (-1e4, lower)):
+        delivered = drive_torque(drive.motor, GEAR, wanted, speed, 60.0).torque
+        assert limit == pytest.approx(delivered)
+
+
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+def test_joint_limits_are_the_motors_geared(drive, model):
+    speed = np.linspace(-50.0, 50.0, 41)
+    limits = torque_limits(drive.motor, 6.0 * speed, 60.0, model=model)
+    for found, limit in zip(joint_limits(drive, speed, model), limits, strict=True):
+        assert found == pytest.approx(5.4 * np.asarray(limit))
+
+
+def test_an_unknown_envelope_is_refused(drive):
+    with pytest.raises(InvalidValueError, match="model"):
+        joint_limits(drive, 0.0, "best")
+
+
+@given(motor=st.from_type(PmsmParameters), share=st.floats(0.05, 0.95))
+def test_the_d_axis_voltage_and_the_rest_make_up_the_whole(motor, share):
+    """At the refined limit |v| = V unless the current binds: v_d and v_q from the phase equations."""
+    drive = JointDrive(motor=motor, gear=Gear(ratio=1.0, efficiency=1.0), bus_voltage=60.0)
+    cost = d_axis_cost(drive, share)
+    assert 0.0 <= cost.lost <= 1.0
+    electrical = motor.pole_pairs * cost.speed
+    current = cost.torque / motor.torque_constant
+    limit = 0.95 * 60.0 / np.sqrt(3.0)
+    v_q = motor.stator_resistance * current + electrical * motor.flux_linkage
+    assert cost.voltage_share == pytest.approx(
+        electrical * motor.q_axis_inductance * current / limit, abs=1e-9
+    )
+    if 0.0 < cost.torque < 0.999 * motor.peak_torque:
+        assert cost.voltage_share**2 + (v_q / limit) ** 2 == pytest.approx(1.0, rel=1e-6)
+
+
+def test_without_inductance_the_d_axis_costs_nothing(surrogate):
+    motor = PmsmParameters(
+        **{name: getattr(surrogate, name) for name in surrogate.__dataclass_fields__}
+        | {"q_axis_inductance": 0.0}
+    )
+    cost = d_axis_cost(JointDrive(motor=motor, gear=GEAR, bus_voltage=60.0), 0.9)
+    assert cost.lost == pytest.approx(0.0, abs=1e-12) and cost.voltage_share == 0.0
+
+
+def test_speeds_on_the_joint_side(drive):
+    for model in ("refined", "simplified-dc"):
+        expected = float(critical_speed(drive.motor, drive.motor.peak_torque, 60.0, model=model)) / 6.0
+        assert peak_torque_speed(drive, model) == pytest.approx(expected)
+        assert end_of_drive(drive, model) == pytest.approx(drive.no_load_speed, rel=5e-3)
+    assert peak_torque_speed(drive, "square") is None
+    assert end_of_drive(drive, "square") is None
+    weakened = end_of_drive(drive, "flux-weakening")
+    assert weakened is None or weakened > 1.1 * drive.no_load_speed
+
+
+def test_peak_power_is_on_the_envelope_and_nowhere_exceeded(drive):
+    speed = np.linspace(0.0, drive.no_load_speed, 500)
+    for name in envelope_names():
+        best = peak_power(drive, name)
+        assert best.power == pytest.approx(best.speed * best.torque)
+        assert best.torque == pytest.approx(float(joint_limits(drive, best.speed, name)[1]))
+        assert best.power >= float(np.max(speed * joint_limits(drive, speed, name)[1])) * (1 - 1e-4)
+
+
+def test_copper_loss_of_a_delivered_torque_undoes_saturation_and_gear(drive):
+    asked = np.linspace(-15.0, 15.0, 31)
+    delivered = 5.4 * saturate(drive.motor, asked)
+    assert joint_copper_loss(drive, delivered) == pytest.approx(copper_loss(drive.motor, asked))
+
+
+def test_a_chart_has_one_motor(surrogate):
+    with pytest.raises(InvalidValueError, match="one number"):
+        JointDrive(motor=stack_motors([surrogate, surrogate]), gear=GEAR, bus_voltage=60.0)
+    with pytest.raises(InvalidValueError, match="bus_voltage"):
+        JointDrive(motor=surrogate, gear=GEAR, bus_voltage=0.0)
