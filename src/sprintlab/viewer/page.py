@@ -93,7 +93,7 @@ class Page:
         self.options = options
         self._actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._pace, self._paused, self._owed = 1.0, False, 0.0
-        self._curves: deque[tuple[float, float, float, float]] = deque(maxlen=int(PLOT_SECONDS * FRAME_RATE))
+        self._curves: deque[tuple[float, float, float, float]] = deque()
         with redirect_stdout(io.StringIO()):  # viser's banner; the command says where the page is
             self.server = viser.ViserServer(
                 host=options.host, port=options.port, label="sprintlab play", verbose=False
@@ -142,6 +142,8 @@ class Page:
     def _show(self, glimpse: Glimpse, picture: int) -> None:
         if not self._paused:
             self._curves.append((glimpse.time, glimpse.speed, glimpse.command[0], glimpse.bus_power / 1e3))
+            while self._curves[0][0] < glimpse.time - PLOT_SECONDS:
+                self._curves.popleft()
             if len(glimpse.joint_speed):
                 self._last = glimpse
         with self.server.atomic():
