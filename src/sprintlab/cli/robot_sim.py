@@ -80,11 +80,14 @@ class RobotSim(DriveFlags):
             SprintlabError: an option or the bus is refused, or the controller stopped answering.
         """
         from sprintlab.core.checks import check_positive
+        from sprintlab.core.errors import InvalidValueError
         from sprintlab.deployment.bus import open_endpoint
         from sprintlab.deployment.simulator import SimulatedWorld
         from sprintlab.evaluation.race_files import chosen_robot
 
         check_positive("distance", self.distance, "m")
+        if self.truth is not None and self.duration is None:
+            raise InvalidValueError("truth", str(self.truth), "give --duration too: it bounds what is kept")
         pace, options = self._pace(), self._options()
         endpoint = open_endpoint(self.bus)
         try:
@@ -128,11 +131,9 @@ class RobotSim(DriveFlags):
         """Records the true motion for as long as --duration says."""
         from math import ceil
 
-        from sprintlab.core.errors import InvalidValueError
         from sprintlab.evaluation.recorder import Recorder
 
-        if self.duration is None:
-            raise InvalidValueError("truth", str(self.truth), "give --duration too: it bounds what is kept")
+        assert self.duration is not None
         plant = world.robot.plant
         return Recorder(plant.model, plant.robot, ceil(self.duration * plant.options.record_rate) + 1)
 

@@ -104,9 +104,8 @@ class Run:
             "policy": self.policy,
             "bus": self.bus,
         }
-        return McapRunLog(
-            self.log, LogFacts(robot=robot, contract=encode_contract(policy.contract), facts=facts)
-        )
+        content = LogFacts(robot=robot, contract=encode_contract(policy.contract), facts=facts)
+        return McapRunLog(self.log, content, wait=self.lock_step)
 
     def _drive(self, controller: Controller, bus: Any, options: Any, log: Any) -> LoopReport:
         from sprintlab.deployment.controller import run_loop

@@ -68,7 +68,7 @@ def write(path, count=300):
 def test_everything_comes_back(path):
     write(path)
     record = read_log(path)
-    assert record.facts == {"robot": "bp2", "policy": "sprint"}
+    assert record.facts == {"robot": "bp2", "policy": "sprint", "ticks dropped": "0"}
     assert record.contract == '{"format_version": 1}'
     assert len(record.states) == len(record.commands) == len(record.ticks) == 300
     np.testing.assert_allclose(record.state_time, 0.001 * np.arange(1, 301), atol=1e-9)
@@ -162,7 +162,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"no log at all, but long enough to be one", b"\x89MCAP0\r\n"])
 def test_what_is_no_log_is_refused(path, content):
     path.write_bytes(content)
-    with pytest.raises(LogError, match="run.mcap"):
+    with pytest.raises(LogError, match=r"run\.mcap"):
         read_log(path)
 
 
@@ -191,4 +191,15 @@ def test_what_the_writer_cannot_take_is_dropped_and_counted(path):
     assert log.dropped > 0
     os.kill(log._writer.pid, signal.SIGCONT)
     log.close()
-    assert len(read_log(path).ticks) == 3000 - log.dropped
+    record = read_log(path)
+    assert len(record.ticks) == 3000 - log.dropped
+    assert record.facts["ticks dropped"] == str(log.dropped)
+
+
+def test_a_log_that_may_wait_drops_nothing(path):
+    log = McapRunLog(path, FACTS, wait=True)
+    for number in range(1, 5001):
+        log.write(tick(number))
+    log.close()
+    assert log.dropped == 0
+    assert len(read_log(path).ticks) == 5000

@@ -17,6 +17,7 @@ from sprintlab.deployment.log.schemas import MESSAGE_TYPES
 from sprintlab.deployment.log.topics import (
     COMMAND,
     CONTRACT_NAME,
+    END_NAME,
     FACTS_NAME,
     FIX,
     STATE,
@@ -33,7 +34,8 @@ class RunRecord:
     """A log in memory. Times are of the controller's clock [s].
 
     Attributes:
-        facts: what the log says of its run; ``robot`` is always there.
+        facts: what the log says of its run; ``robot`` is always there, ``ticks dropped`` unless the
+            controller did not come to its end.
         contract: the policy's contract, JSON.
         state_time: ``(S,)`` when each state was accepted.
         states: the accepted states.
@@ -98,8 +100,8 @@ def _read_into(path: Path, found: dict[str, list[tuple[float, Any]]]) -> tuple[d
     for record in _records(path):
         if isinstance(record, records.Channel):
             topics[record.id] = record.topic
-        elif isinstance(record, records.Metadata) and record.name == FACTS_NAME:
-            facts = dict(record.metadata)
+        elif isinstance(record, records.Metadata) and record.name in (FACTS_NAME, END_NAME):
+            facts |= record.metadata
         elif isinstance(record, records.Attachment) and record.name == CONTRACT_NAME:
             contract = record.data.decode()
         elif isinstance(record, records.Message) and (topic := topics.get(record.channel_id)) in found:

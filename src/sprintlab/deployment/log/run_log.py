@@ -22,7 +22,9 @@ from sprintlab.core.files import atomic_write_bytes
 from sprintlab.deployment.interface import ControlTick, encode
 from sprintlab.deployment.log.topics import (
     COMMAND,
+    END,
     FIX,
+    START,
     STATE,
     TICK,
     TOPICS,
@@ -56,6 +58,7 @@ class McapRunLog:
     Args:
         path: where; must not exist yet.
         facts: what to say of the run.
+        wait: wait for the writing process rather than drop a tick: for runs that are not in real time.
 
     Attributes:
         dropped: ticks that the writing process was too slow to take.
@@ -64,13 +67,13 @@ class McapRunLog:
         LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
     """
 
-    def __init__(self, path: Path, facts: LogFacts) -> None:
+    def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:
         if find_spec("mcap") is None:
             raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
         if path.exists():
             raise LogError(f"{path} exists already; choose another file for the log")
         self.dropped = 0
-        self._path = path
+        self._path, self._wait = path, wait
         self._last_state = 0
         # Fails now, not after the run, where the folder cannot be written.
         atomic_write_bytes(path, b"")
@@ -101,7 +104,9 @@ class McapRunLog:
         """
         if self._pipe is None:
             return
+        os.set_blocking(self._pipe.fileno(), True)
         with contextlib.suppress(BrokenPipeError):
+            os.write(self._pipe.fileno(), pack(Frame(END, 0, 0, str(self.dropped).encode())))
             self._pipe.close()
         self._pipe = None
         assert self._writer.stderr is not None
@@ -113,10 +118,10 @@ class McapRunLog:
         """The first thing down the pipe, while it may still wait; then wait until the writer is up."""
         assert self._pipe is not None and self._writer.stdout is not None
         with contextlib.suppress(BrokenPipeError):
-            self._pipe.write(pack(Frame(len(TOPICS), 0, 0, msgspec.json.encode(facts))))
+            self._pipe.write(pack(Frame(START, 0, 0, msgspec.json.encode(facts))))
             self._pipe.flush()
         self._writer.stdout.readline()
-        os.set_blocking(self._pipe.fileno(), False)
+        os.set_blocking(self._pipe.fileno(), self._wait)
 
     def _put(self, content: bytes) -> None:
         """Give a tick to the pipe, which takes all of it or nothing."""

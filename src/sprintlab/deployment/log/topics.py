@@ -13,8 +13,12 @@ STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/co
 TOPICS = (STATE, COMMAND, FIX, TICK)
 """Topics of a log; the first three hold the bus's own bytes, the last JSON."""
 
+START, END = len(TOPICS), len(TOPICS) + 1
+"""Frames that are no messages: facts of the run, JSON; number of ticks that were dropped, in words."""
+
 CONTRACT_NAME = "contract.json"
 FACTS_NAME = "sprintlab"
+END_NAME = "sprintlab_end"
 
 _HEAD = struct.Struct("<IBQQ")
 
@@ -39,7 +43,7 @@ class Frame(NamedTuple):
     """One message on its way to the file.
 
     Attributes:
-        topic: index into ``TOPICS``.
+        topic: index into ``TOPICS``, or ``START`` or ``END``.
         time: controller's clock [ns].
         sequence: of the message.
         content: its bytes.

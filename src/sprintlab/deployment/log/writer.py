@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
-from sprintlab.deployment.log.topics import CONTRACT_NAME, FACTS_NAME, TICK, TOPICS, read_frame
+from sprintlab.deployment.log.topics import CONTRACT_NAME, END, END_NAME, FACTS_NAME, TICK, TOPICS, read_frame
 
 
 def write_log(stream: IO[bytes], path: Path) -> None:
@@ -25,6 +25,9 @@ def write_log(stream: IO[bytes], path: Path) -> None:
         channels = _register(writer)
         print("ready", flush=True)
         while (frame := read_frame(stream)) is not None:
+            if frame.topic == END:
+                writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
+                continue
             writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, frame.sequence)
         writer.finish()
     os.replace(temporary, path)

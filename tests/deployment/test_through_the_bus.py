@@ -1,0 +1,143 @@
+"""Controller and robot as two processes, as the documentation starts them."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from sprintlab.cli.main import main
+
+SPRINTLAB = [sys.executable, "-m", "sprintlab.cli.main"]
+
+
+def start(*arguments, **options):
+    return subprocess.Popen(
+        [*SPRINTLAB, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def start_robot(bus, *arguments):
+    """A robot that is on its bus."""
+    robot = start("robot-sim", bus, "--json", *arguments)
+    assert robot.stderr is not None
+    line = robot.stderr.readline()
+    assert line.startswith(f"the robot is on {bus}"), line + robot.stderr.read()
+    return robot
+
+
+def drive(bus, robot, *arguments, patience=240):
+    """Drive a robot to the end; controller's status and report, robot's status and report."""
+    controller = start("run", "sprint", bus, "--json", *arguments)
+    out, err = controller.communicate(timeout=patience)
+    robot_out, robot_err = robot.communicate(timeout=patience)
+    assert out, err
+    assert robot_out, robot_err
+    return controller.returncode, json.loads(out), robot.returncode, json.loads(robot_out)
+
+
+@pytest.fixture
+def bus():
+    return f"shm://run-{os.getpid()}"
+
+
+@pytest.mark.slow
+def test_a_hundred_metres_through_the_bus_and_its_report(bus, tmp_path):
+    pytest.importorskip("mcap")
+    log = tmp_path / "run.mcap"
+    robot = start_robot(bus, "--lock-step", "--end-with-controller")
+    status, run, robot_status, simulated = drive(bus, robot, "--lock-step", "--log", str(log))
+    assert (status, robot_status) == (0, 0)
+    assert run["end"] == "passive"
+    assert run["faults"] == {}
+    assert 10.5 < run["sprint_time"] < 12.5
+    assert simulated["fall_reason"] == "" and simulated["watchdog_trips"] == 0
+    assert simulated["commands_dropped"] == 0 and simulated["greatest_distance"] > 100.0
+    assert abs(simulated["commands_accepted"] - run["steps"]) <= 1
+    report = subprocess.run(
+        [*SPRINTLAB, "report", str(log), "--json", "--out", str(tmp_path / "report")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    check_report(json.loads(report.stdout), run, tmp_path / "report")
+
+
+def check_report(numbers, run, folder):
+    """The report tells of the same run, and its simulation runs as the robot did."""
+    assert numbers["time_over_distance_s"] == pytest.approx(run["sprint_time"], abs=0.1)
+    assert numbers["simulation"]["speed_difference_rms_m_s"] < 0.5
+    assert numbers["held_speed_m_s"] == pytest.approx(numbers["simulation"]["held_speed_m_s"], abs=0.5)
+    assert numbers["faults"] == {} and not numbers["fell"]
+    assert max(numbers["envelope_share"]) == pytest.approx(
+        max(numbers["simulation"]["envelope_share"]), abs=0.1
+    )
+    assert (folder / "report.html").read_text().count("<img") == 5
+    assert (folder / "comparison.png").stat().st_size > 20_000
+
+
+def test_loss_and_jitter_are_ridden_out(bus):
+    robot = start_robot(
+        bus, "--lock-step", "--end-with-controller", "--loss", "5", "--jitter", "1", "--noise", "1"
+    )
+    _, run, _, simulated = drive(bus, robot, "--lock-step", "--top-speed", "4", "--distance", "6")
+    assert run["end"] == "passive"
+    assert set(run["faults"]) <= {"state-lost"} and run["faults"]["state-lost"] > 50
+    assert simulated["fall_reason"] == ""
+    assert 6.0 < simulated["greatest_distance"] < 20.0
+
+
+def test_over_a_link_that_loses_nearly_everything_the_robot_stays_down(bus):
+    robot = start_robot(bus, "--lock-step", "--end-with-controller", "--loss", "95")
+    _, run, _, simulated = drive(bus, robot, "--lock-step", "--duration", "2")
+    assert simulated["fall_reason"] == ""
+    assert simulated["greatest_distance"] < 0.1
+    assert run["policy_steps"] == 0
+
+
+def test_a_robot_that_dies_ends_the_run_in_order(bus):
+    robot = start_robot(bus, "--lock-step", "--duration", "4")
+    status, run, robot_status, simulated = drive(bus, robot, "--lock-step")
+    assert (status, robot_status) == (1, 0)
+    assert run["end"] == "the robot is gone"
+    assert simulated["simulated_time"] == pytest.approx(4.0, abs=0.01)
+
+
+def test_a_controller_without_a_robot_is_told_so(bus):
+    controller = start("run", "sprint", bus)
+    _, err = controller.communicate(timeout=60)
+    assert controller.returncode == 2
+    assert "no robot named" in err and "Traceback" not in err
+
+
+def test_a_real_time_run_of_a_few_seconds(bus):
+    robot = start_robot(bus, "--end-with-controller", "--fix-rate", "10")
+    status, run, _, simulated = drive(bus, robot, "--duration", "1")
+    assert run["steps"] > 100
+    assert simulated["commands_accepted"] > 100
+    assert simulated["fall_reason"] == ""
+    assert run["end"] in ("passive", "stop (state-stale)", "stop (watchdog-expired)")
+    assert status in (0, 1)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["robot-sim", "bp2"],
+        ["robot-sim", "--loss", "120"],
+        ["robot-sim", "--speed-factor", "0"],
+        ["robot-sim", "--truth", "a.npz"],
+        ["robot-sim", "--start", "flying"],
+        ["robot-sim", "--robot", "spot"],
+        ["robot-sim", "--distance", "-1"],
+        ["robot-sim", "--priority", "100"],
+        ["report", "missing.mcap"],
+        ["report", "pyproject.toml"],
+    ],
+)
+def test_bad_input_is_refused_in_one_sentence(arguments, capsys):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert error[-1].startswith("sprintlab: ")
+    assert len([line for line in error if not line.startswith("the robot is on")]) == 1
