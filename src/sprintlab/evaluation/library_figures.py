@@ -21,8 +21,8 @@ _STYLES = ("-", "--", ":")  # six colours in each
 def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> Figure:
     """Driving torque over speed behind the gear, refined with saturation: absolute, and normalised.
 
-    On the right speed is a share of the no-load speed and torque one of the torque at standstill: the longer a
-    curve stays at 1, the later the voltage takes its torque away.
+    On the right speed is a share of the no-load speed and torque one of the torque at standstill: the longer
+    a curve stays at 1, the later the voltage takes its torque away.
     """
     figure, (absolute, normalised) = themed_figure(theme, (12.5, 5.6), 1, 2)
     for index, actuator in enumerate(actuators):

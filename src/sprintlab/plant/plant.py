@@ -83,7 +83,9 @@ class PlantOptions:
         if self.motor_model != "refined":
             remarks.append(f"motor model: {self.motor_model}")
         if self.battery is not None:
-            remarks.append(f"a battery behind the bus, {100 * self.state_of_charge:.0f} % charged at the start")
+            remarks.append(
+                f"a battery behind the bus, {100 * self.state_of_charge:.0f} % charged at the start"
+            )
         if self.heat is not None:
             remarks.append(f"windings that warm up, {self.winding_temperature:g} degC at the start")
         return tuple(remarks)
