@@ -1,13 +1,16 @@
 """``motor from-datasheet`` and ``motor identify`` on the shipped examples and on bad input."""
 
 import json
+import re
 import runpy
 import shutil
 from pathlib import Path
 
 import pytest
 
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import load_motor
+from sprintlab.motors.datasheet_file import ENTRIES, load_datasheet
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
 SHEET = EXAMPLES / "maxon-ec-45-flat-70w.toml"
@@ -69,8 +72,24 @@ def test_published_contradiction_is_named(refused, call, tmp_path):
     assert answer(call, "motor", "from-datasheet", settled)["motor"]["flux_linkage"] == 2.87e-3
 
 
+def test_the_template_becomes_a_sheet(call, tmp_path):
+    text = call("motor", "from-datasheet", "--template").out
+    first, *lines = text.replace('"0 ', '"1 ').splitlines()
+    bare = [line.removeprefix("# ") for line in lines]
+    chosen = [re.sub(r'"\?"(.*?: )(.*?)(, .*)?$', r'"\2"\1', line) for line in bare]
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text("\n".join([first, *chosen]))
+    read = load_datasheet(sheet)
+    assert set(read.entries) == set(ENTRIES)
+    assert read.connection == "star" and read.flux_from == "kv" and read.gear_ratio == 6.0
+    sheet.write_text("\n".join([first, *bare]))
+    with pytest.raises(InvalidValueError, match="between = '\\?'"):
+        load_datasheet(sheet)
+
+
 def test_bad_sheets_are_refused(refused, tmp_path):
     assert "cannot read" in refused("motor", "from-datasheet", tmp_path / "none.toml")
+    assert "--template" in refused("motor", "from-datasheet")
     assert "tolerance" in refused("motor", "from-datasheet", SHEET, "--tolerance", 0.9)
     unclear = tmp_path / "unclear.toml"
     unclear.write_text(SHEET.read_text().replace(', between = "lines"', ""))

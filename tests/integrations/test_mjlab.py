@@ -134,6 +134,16 @@ def test_a_change_of_voltage_reaches_the_fused_law(build):
     assert voltage[0].tolist() == [20.0] * 4
 
 
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+def test_nothing_in_the_law_waits_for_the_device(build, model):
+    """Tensors on the meta device hold no numbers: whoever asked for one would fail."""
+    actuator = build(model=model)
+    params = {name: getattr(actuator, name).to("meta") for name in actuator.param_names}
+    command = random_command(2)
+    empty = ActuatorCmd(**{name: value.to("meta") for name, value in vars(command).items()})
+    assert type(actuator).control_law(params, empty).shape == (ENVIRONMENTS, 2)
+
+
 def test_each_model_is_a_type_of_its_own(build):
     assert actuator_type("refined") is actuator_type("refined")
     fused, _ = FusedActuatorGroup.process([build(), build(first_joint=2, model="square")])

@@ -9,6 +9,7 @@ from typing import Any
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.core.errors import InvalidValueError
 
 PARAMETER_UNITS = {
     "pole_pairs": "",
@@ -28,12 +29,14 @@ class MotorFromDatasheet:
 
     Attributes:
         sheet: the data sheet (TOML): entries as printed, with their units and conventions.
+        template: print a blank data sheet and do nothing else.
         out: motor file to write; none when left out.
         tolerance: difference between entries that say the same, taken for rounding.
         json: print JSON only.
     """
 
-    sheet: tyro.conf.Positional[Path]
+    sheet: tyro.conf.Positional[Path | None] = None
+    template: tyro.conf.FlagCreatePairsOff[bool] = False
     out: Path | None = None
     tolerance: float = 0.05
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -41,8 +44,13 @@ class MotorFromDatasheet:
     def run(self) -> int:
         """Convert and print; raises ``SprintlabError`` where the sheet is unreadable, unclear or wrong."""
         from sprintlab.motors.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
-        from sprintlab.motors.datasheet_file import load_datasheet
+        from sprintlab.motors.datasheet_file import datasheet_template, load_datasheet
 
+        if self.template:
+            print(datasheet_template(), end="")
+            return 0
+        if self.sheet is None:
+            raise InvalidValueError("sheet", None, "name a data sheet, or print a blank one with --template")
         sheet = load_datasheet(self.sheet)
         conversion = convert_datasheet(sheet, self.tolerance)
         if self.out is not None:

@@ -44,6 +44,7 @@ TOLERANCE = 0.05
 _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
 _DELTA = math.sqrt(3.0)
+_ROUNDING = 5e-3  # a negative saturation of this size is not worth a word
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -372,7 +373,7 @@ class _Conversion:
                     f"peak_torque implies a saturation of {implied:.3f}, the stated {stated:g} is used"
                 )
             return stated
-        if implied < 0:
+        if implied < -_ROUNDING:
             self._notes.append(
                 f"peak_torque lies {-implied:.1%} above 1.5 N psi i_peak: saturation taken as 0"
             )

@@ -38,10 +38,10 @@ CONNECTIONS = ("star", "delta")
 
 _RPM = 2.0 * pi / 60.0
 _OHM = {"ohm": 1.0, "mohm": 1e-3}
-_HENRY = {"h": 1.0, "mh": 1e-3, "uh": 1e-6}
-_AMPERE = {"a": 1.0, "ma": 1e-3}
-_TORQUE = {"nm": 1.0, "mnm": 1e-3, "ncm": 1e-2}
-_INERTIA = {"kgm^2": 1.0, "kgcm^2": 1e-4, "gcm^2": 1e-7, "gm^2": 1e-3}
+_HENRY = {"H": 1.0, "mH": 1e-3, "uH": 1e-6}
+_AMPERE = {"A": 1.0, "mA": 1e-3}
+_TORQUE = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2}
+_INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7, "g m^2": 1e-3}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
@@ -50,7 +50,7 @@ class EntryKind:
     """What one entry of a sheet may say.
 
     Attributes:
-        units: SI factor by unit, written small and without blanks.
+        units: SI factor by unit; other spellings of a unit are understood, see ``parse_quantity``.
         conventions: allowed words by the key that carries them; every key is needed.
         sided: whether the entry may be measured at the gear's output (``at``).
     """
@@ -64,29 +64,29 @@ ENTRIES: dict[str, EntryKind] = {
     "resistance": EntryKind(units=_OHM, conventions={"between": BETWEEN}),
     "inductance": EntryKind(units=_HENRY, conventions={"between": BETWEEN}),
     "q_axis_inductance": EntryKind(units=_HENRY, conventions={}),
-    "flux_linkage": EntryKind(units={"wb": 1.0, "mwb": 1e-3, "vs": 1.0}, conventions={}),
+    "flux_linkage": EntryKind(units={"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}, conventions={}),
     "back_emf_constant": EntryKind(
         units={
-            "vs/rad": 1.0,
-            "v/(rad/s)": 1.0,
-            "v/krpm": 1e-3 / _RPM,
-            "v/rpm": 1.0 / _RPM,
-            "mv/rpm": 1e-3 / _RPM,
+            "V s/rad": 1.0,
+            "V/(rad/s)": 1.0,
+            "V/krpm": 1e-3 / _RPM,
+            "V/rpm": 1.0 / _RPM,
+            "mV/rpm": 1e-3 / _RPM,
         },
         conventions={"voltage": VOLTAGES},
     ),
     "kv": EntryKind(
-        units={"rpm/v": _RPM, "rad/s/v": 1.0, "rad/(sv)": 1.0}, conventions={"voltage": (*VOLTAGES, "dc")}
+        units={"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, conventions={"voltage": (*VOLTAGES, "dc")}
     ),
     "torque_constant": EntryKind(
-        units={"nm/a": 1.0, "mnm/a": 1e-3}, conventions={"current": CURRENTS}, sided=True
+        units={"N m/A": 1.0, "mN m/A": 1e-3}, conventions={"current": CURRENTS}, sided=True
     ),
     "rated_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
     "peak_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
     "rated_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
     "peak_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
     "no_load_speed": EntryKind(units=_SPEED, conventions={}, sided=True),
-    "no_load_voltage": EntryKind(units={"v": 1.0}, conventions={}),
+    "no_load_voltage": EntryKind(units={"V": 1.0}, conventions={}),
     "rotor_inertia": EntryKind(units=_INERTIA, conventions={}),
 }
 """Entries with a unit, by name."""
@@ -190,7 +190,7 @@ def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
 
 
 def parse_quantity(name: str, text: object) -> float:
-    """A number with its unit in SI, e.g. ``"95 mohm"``.
+    """A number with its unit in SI, e.g. ``"95 mohm"``; blanks, dots, capitals, Ω, µ, ² do not matter.
 
     Raises:
         InvalidValueError: no number, no unit, or a unit of something else.
@@ -200,10 +200,38 @@ def parse_quantity(name: str, text: object) -> float:
     match = _NUMBER.fullmatch(text) if isinstance(text, str) else None
     if match is None:
         raise InvalidValueError(name, text, allowed)
-    factor = units.get(_plain_unit(match[2]))
+    factor = {_plain_unit(unit): factor for unit, factor in units.items()}.get(_plain_unit(match[2]))
     if factor is None:
         raise InvalidValueError(name, text, allowed)
     return float(match[1]) * factor
+
+
+def datasheet_template() -> str:
+    """A blank sheet: every entry as a remark, with its units and the words to choose from."""
+    lines = [
+        "# A data sheet: take the # off what the maker prints, fill in the numbers, choose the conventions.",
+        "[datasheet]",
+        'name = ""',
+        'source = ""',
+        "pole_pairs = 21  # or poles, the count of magnets",
+        '# connection = "star"  # star, delta: needed where a value is a phase\'s',
+        *(f"# {_template_line(name, kind)}" for name, kind in ENTRIES.items()),
+        "# saturation = 0.1  # share of the torque lost at the peak current",
+        "# gear_ratio = 6.0  # where a value is taken at the output",
+        '# flux_from = "kv"  # the entry to trust where entries contradict each other',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _template_line(name: str, kind: EntryKind) -> str:
+    value = f'"0 {next(iter(kind.units))}"'
+    remark = ", ".join(kind.units)
+    for key, words in kind.conventions.items():
+        remark += f"; {key}: {', '.join(words)}"
+        value = f'{{ value = {value}, {key} = "?" }}'
+    if kind.sided:
+        remark += '; at = "output" behind a gear'
+    return f"{name} = {value}  # {remark}"
 
 
 def _plain_unit(unit: str) -> str:
