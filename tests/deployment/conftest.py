@@ -182,7 +182,7 @@ def sprint_policy() -> Policy:
     return load_policy(shipped_policy())
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
     """A rig whose robot lies on the ground; options as of ``SimulatorOptions``."""
 

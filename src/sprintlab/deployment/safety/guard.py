@@ -46,7 +46,9 @@ class CommandGuard:
         above = np.clip((self._upper - state.joint_position) / self._zone, 0.0, 1.0)
         below = np.clip((state.joint_position - self._lower) / self._zone, 0.0, 1.0)
         lower, upper = lower * self._ratio, upper * self._ratio
-        return np.where(lower < 0.0, lower * below, lower), np.where(upper > 0.0, upper * above, upper)
+        # Above its no-load speed a motor brakes whatever it is told: then the envelope overrules the stop.
+        least = np.minimum(np.where(lower < 0.0, lower * below, lower), upper)
+        return least, np.maximum(np.where(upper > 0.0, upper * above, upper), lower)
 
     def servo(
         self, target: FloatArray, stiffness: FloatArray, damping: FloatArray, state: RobotState
@@ -56,11 +58,11 @@ class CommandGuard:
         wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
         allowed = np.minimum(np.maximum(wanted, lower), upper)
         same_sign = wanted * allowed > 0.0
-        scale = np.where(same_sign, allowed / np.where(same_sign, wanted, 1.0), 0.0)
+        scale = np.where(same_sign, np.minimum(allowed / np.where(same_sign, wanted, 1.0), 1.0), 0.0)
         scale = np.where(allowed == wanted, 1.0, scale)
         reachable = np.minimum(np.maximum(target, self._lower), self._upper)
         scaled = stiffness * scale
-        carried = scaled * (target - reachable) + np.where(scale > 0.0, 0.0, allowed)
+        carried = scaled * (target - reachable) + (allowed - scale * wanted)
         return GuardedServo(reachable, scaled, damping * scale, carried)
 
     def damping(self, damping: FloatArray, state: RobotState) -> GuardedServo:

@@ -1,0 +1,206 @@
+"""The loop on a bus: clock, misses, ends, and the last word to the robot."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.deployment.controller import LoopOptions, run_loop
+from sprintlab.deployment.controller.realtime import real_time
+from sprintlab.deployment.controller.statistics import LatencyHistogram
+from sprintlab.deployment.interface import JointMode, OperatorCommand, Request
+
+MILLISECOND = 1_000_000
+
+
+class DirectBus:
+    """A simulated robot that steps once for every command: a lock-step bus without a bus."""
+
+    def __init__(self, simulated):
+        self.simulated, self.malformed, self.peer_left = simulated, 3, False
+        self.sent, self.closed, self.silent = [], False, False
+        self._waiting = [self._measure()]
+
+    def _measure(self):
+        return self.simulated.state(len(self.sent) * MILLISECOND)
+
+    def receive(self):
+        return self._waiting.pop(0) if self._waiting and not self.silent else None
+
+    def receive_fix(self):
+        return None
+
+    def send(self, command):
+        self.sent.append(command)
+        self.simulated.accept(command)
+        self.simulated.step()
+        self._waiting = [self._measure()]
+
+
+class Sleeper:
+    """Asks for nothing."""
+
+    def read(self, view):
+        return None
+
+    def close(self):
+        pass
+
+
+class Log:
+    def __init__(self):
+        self.ticks = []
+
+    def write(self, tick):
+        self.ticks.append(tick)
+
+    def close(self):
+        pass
+
+
+class Riser(Sleeper):
+    """Wants to stand."""
+
+    sequence = 0
+
+    def read(self, view):
+        self.sequence += 1
+        request = Request.STAND if view.mode == "passive" else Request.NONE
+        return OperatorCommand(sequence=self.sequence, timestamp=0, velocity=np.zeros(3), request=request)
+
+
+@pytest.fixture
+def start(make_rig):
+    def make(source):
+        rig = make_rig(source)
+        return rig.controller, DirectBus(rig.simulated)
+
+    return make
+
+
+def test_in_lock_step_time_is_the_robots(start):
+    controller, bus = start(Riser())
+    log = Log()
+    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=3.0), log=log)
+    assert report.end == "passive" and report.grant is None
+    assert report.duration == pytest.approx(5.5, abs=0.1)  # three seconds, then sinking and damping
+    assert report.steps == len(log.ticks) == len(bus.sent) - 1
+    assert report.policy_steps == 0 and report.malformed == 3
+    assert {tick.mode for tick in log.ticks} == {"passive", "stand-up", "stand", "lie-down"}
+    assert bus.sent[-1].mode == JointMode.OFF
+
+
+def test_an_interruption_brings_the_robot_down_and_a_second_one_at_once(start):
+    controller, bus = start(Riser())
+    count = lambda: int(controller.mode.value == "stand") + int(controller.mode.value == "lie-down")  # noqa: E731
+    report = run_loop(controller, bus, LoopOptions(lock_step=True), interrupted=lambda: 2 * count())
+    assert report.end == "stop (operator)"
+    assert bus.sent[-1].mode == JointMode.DAMPING
+
+
+def test_whatever_goes_wrong_the_last_command_damps(start):
+    controller, bus = start(Riser())
+
+    class Full(Log):
+        def write(self, tick):
+            if tick.mode == "stand":
+                raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space left"):
+        run_loop(controller, bus, LoopOptions(lock_step=True), log=Full())
+    assert bus.sent[-1].mode == JointMode.DAMPING
+
+
+def test_a_robot_that_leaves_ends_the_run(start):
+    controller, bus = start(Riser())
+    bus.silent, bus.peer_left = True, True
+    assert run_loop(controller, bus, LoopOptions(lock_step=True)).end == "the robot is gone"
+
+
+def test_a_robot_that_never_speaks_is_given_up(start):
+    controller, bus = start(Sleeper())
+    bus.silent = True
+    report = run_loop(controller, bus, LoopOptions(priority=None, patience=0.1))
+    assert report.end == "no robot answers"
+    assert {command.mode for command in bus.sent} == {JointMode.OFF}
+
+
+def test_the_clock_paces_the_loop_and_misses_are_counted(start):
+    controller, bus = start(Sleeper())
+    slow = 0
+
+    def status(controller, report):
+        nonlocal slow
+        slow += 1
+        time.sleep(0.005)
+
+    began = time.monotonic()
+    report = run_loop(controller, bus, LoopOptions(priority=None, duration=0.5), status=status)
+    elapsed = time.monotonic() - began
+    assert report.end == "passive" and elapsed == pytest.approx(0.5, abs=0.4)
+    assert slow >= 2 and report.deadline_misses >= slow and report.skipped >= 3 * slow
+    assert report.steps + report.skipped == pytest.approx(1000.0 * report.duration, abs=20)
+    data = report.to_dict()
+    assert data["microseconds"]["compute"]["count"] == report.steps
+    assert data["microseconds"]["policy_step"]["max"] is None
+
+
+def test_an_attended_loop_waits_for_its_operator(start):
+    controller, bus = start(Riser())
+    asked = lambda: int(len(bus.sent) > 500)  # noqa: E731
+    options = LoopOptions(lock_step=True, attended=True)
+    report = run_loop(controller, bus, options, interrupted=asked)
+    assert report.end == "passive" and report.steps > 500
+
+
+def test_the_garbage_collector_stays_out_and_comes_back():
+    assert gc.isenabled()
+    with real_time(None) as grant:
+        assert not gc.isenabled() and grant.priority is None
+    assert gc.isenabled() and gc.get_freeze_count() == 0
+
+
+def test_what_is_not_permitted_is_remarked_upon(monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with real_time(50) as grant:
+        assert grant.priority is None
+    assert any("real-time priority is not permitted" in remark for remark in grant.remarks)
+
+
+@pytest.mark.parametrize(
+    "options", [{"priority": 0}, {"priority": 100}, {"duration": 0.0}, {"patience": -1.0}]
+)
+def test_impossible_options_are_refused(options):
+    with pytest.raises(InvalidValueError, match=r"loop\."):
+        LoopOptions(**options)
+
+
+@settings(max_examples=20)
+@given(st.lists(st.floats(0.0, 0.09), min_size=1, max_size=50), st.floats(0.1, 100.0))
+def test_percentiles_are_those_of_the_durations_to_a_microsecond(durations, percent):
+    histogram = LatencyHistogram()
+    for duration in durations:
+        histogram.add(duration)
+    exact = float(np.percentile(durations, percent, method="inverted_cdf"))
+    assert exact - 1e-12 <= histogram.percentile(percent) <= exact + 1.0001e-6
+    assert histogram.longest == max(durations) and histogram.count == len(durations)
+
+
+def test_what_is_longer_than_the_last_bin_still_shows():
+    histogram = LatencyHistogram()
+    histogram.add(2.0)
+    assert histogram.to_dict() == {
+        "count": 1,
+        **dict.fromkeys(("p50", "p90", "p99", "p99.9"), 100000.0),
+        "max": 2e6,
+    }

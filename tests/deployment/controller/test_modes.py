@@ -1,0 +1,226 @@
+"""The state machine on a simulated robot: every way between the modes, and every way that is refused."""
+
+from __future__ import annotations
+
+import itertools
+
+import msgspec
+import numpy as np
+import pytest
+
+from sprintlab.control import Measurement, PolicyRuntime, projected_gravity
+from sprintlab.deployment.controller import Controller
+from sprintlab.deployment.controller import controller as controller_module
+from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus
+from sprintlab.deployment.safety import Fault
+
+
+class Operator:
+    """Says what it is told to."""
+
+    def __init__(self):
+        self.request, self.speed, self.sequence = Request.NONE, 0.0, 0
+
+    def read(self, view):
+        self.sequence += 1
+        self.view = view
+        velocity = np.array([self.speed, 0.0, 0.0])
+        return OperatorCommand(sequence=self.sequence, timestamp=0, velocity=velocity, request=self.request)
+
+    def close(self):
+        pass
+
+
+def modes(rig):
+    return [mode for mode, _ in itertools.groupby(tick.mode for tick in rig.ticks)]
+
+
+def until(rig, mode, seconds=6.0):
+    return rig.run_until(lambda tick: tick.mode == mode, seconds)
+
+
+@pytest.fixture
+def lying(make_rig):
+    return make_rig(Operator())
+
+
+@pytest.fixture(scope="module")
+def whole_life(make_rig):
+    """Stand up, run, come down, stand up again: once for all tests that look at it."""
+    rig = make_rig(Operator())
+    rig.source.request = Request.STAND
+    until(rig, "stand")
+    rig.source.request, rig.source.speed = Request.RUN, 2.0
+    until(rig, "run")
+    rig.run(1.2)
+    rig.source.request = Request.LIE_DOWN
+    until(rig, "passive", 12.0)
+    rig.source.request = Request.STAND
+    until(rig, "stand")
+    rig.run(0.5)
+    return rig
+
+
+def test_a_whole_life_goes_through_the_modes_in_order(whole_life):
+    ways = ["passive", "stand-up", "stand", "run", "stand", "lie-down", "passive", "stand-up", "stand"]
+    assert modes(whole_life) == ways
+    assert whole_life.simulated.fall_reason == ""
+    grave = set(whole_life.controller.fault_counts) - {Fault.STATE_LOST}
+    assert grave == set()
+
+
+def test_it_ran_when_it_was_told_to(whole_life):
+    running = [tick for tick in whole_life.ticks if tick.mode == "run"]
+    assert max(tick.velocity[0] for tick in running) == pytest.approx(2.0)
+    ways = [tick.fix.position[0] for tick in whole_life.ticks if tick.fix is not None]
+    assert ways[-1] > 1.0
+
+
+def test_the_policy_runs_at_50_hz_and_only_in_run(whole_life):
+    steps = [tick for tick in whole_life.ticks if tick.policy_step]
+    assert {tick.mode for tick in steps} == {"run"}
+    gaps = np.diff([tick.time for tick in steps])
+    assert gaps == pytest.approx(0.02)
+
+
+def test_drives_are_off_in_passive_and_serve_otherwise(whole_life):
+    kinds = {(tick.mode, tick.command.mode) for tick in whole_life.ticks}
+    assert {mode for mode, kind in kinds if kind == JointMode.OFF} == {"passive"}
+    assert {mode for mode, kind in kinds if kind == JointMode.DAMPING} == {"lie-down"}
+    assert {kind for mode, kind in kinds if mode in ("stand-up", "stand", "run")} == {JointMode.SERVO}
+
+
+def test_targets_never_jump_but_where_the_policy_takes_over(whole_life):
+    before = None
+    for tick in whole_life.ticks:
+        if before is not None and tick.mode == before.mode and tick.mode in ("stand-up", "stand", "lie-down"):
+            assert np.abs(tick.targets - before.targets).max() < 0.02
+        before = tick
+
+
+def test_the_run_is_the_very_code_of_the_evaluation(whole_life, sprint_policy, bp2):
+    """Fed with the states of the run, ``PolicyRuntime`` gives the targets that the controller had."""
+    runtime = PolicyRuntime(sprint_policy, bp2)
+    steps = [tick for tick in whole_life.ticks if tick.policy_step][:80]
+    for tick in steps:
+        state = tick.state
+        gravity = np.asarray(projected_gravity(state.quaternion))
+        seen = Measurement(state.angular_velocity, gravity, state.joint_position, state.joint_velocity)
+        np.testing.assert_array_equal(runtime.step(seen, tick.velocity), tick.targets)
+
+
+def test_commands_are_numbered_without_gaps(whole_life):
+    numbers = np.array([tick.command.sequence for tick in whole_life.ticks])
+    assert (np.diff(numbers) == 1).all()
+    assert whole_life.simulated.dropped == 0
+
+
+@pytest.mark.parametrize("request_", [Request.RUN, Request.LIE_DOWN, Request.STOP, Request.PASSIVE])
+def test_passive_knows_one_way_only(lying, request_):
+    lying.source.request = request_
+    assert lying.run(0.2).mode == "passive"
+    assert {tick.command.mode for tick in lying.ticks} == {JointMode.OFF}
+
+
+def changed_states(**changes):
+    return lambda states: [msgspec.structs.replace(state, **changes) for state in states]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"quaternion": np.array([np.cos(0.4), np.sin(0.4), 0.0, 0.0])},
+        {"joint_velocity": np.full(12, 3.0)},
+        {"status": int(RobotStatus.DRIVE_FAULT)},
+        {"status": int(RobotStatus.WATCHDOG_EXPIRED)},
+        {"command_sequence": 0},
+    ],
+    ids=["tilted", "moving", "drive fault", "watchdog expired", "no answer"],
+)
+def test_an_unfit_robot_is_not_stood_up(lying, changes):
+    lying.on_states = changed_states(**changes)
+    lying.source.request = Request.STAND
+    assert lying.run(0.3).mode == "passive"
+    lying.on_states = lambda states: states
+    assert lying.run(0.2).mode == "stand-up"  # as soon as it is fit
+
+
+def test_without_a_robot_nothing_happens(lying):
+    lying.on_states = lambda states: []
+    lying.source.request = Request.STAND
+    tick = lying.run(0.2)
+    assert tick.mode == "passive" and tick.state is None
+
+
+def test_a_restarted_robot_is_taken_again_in_passive(lying):
+    lying.run(0.2)
+    lying.on_states = lambda states: []
+    lying.run(0.1)
+    lying.simulated._states = 0  # counts from one again
+    lying.on_states = lambda states: states
+    assert lying.run(0.1).state.sequence <= 100
+
+
+def test_a_new_controller_counts_on_from_the_last_command(lying, sprint_policy, bp2):
+    lying.run(0.5)
+    lying.controller = Controller(sprint_policy, bp2, lying.source)
+    lying.source.request = Request.STAND
+    accepted = lying.simulated.accepted
+    lying.run(0.1)
+    assert lying.controller.mode.value == "stand-up"
+    assert lying.simulated.accepted >= accepted + 98
+
+
+def test_a_stand_up_that_fails_ends_in_a_stop(lying):
+    lying.source.request = Request.STAND
+    weak = np.full(12, 1.0)
+    lying.on_command = lambda command: msgspec.structs.replace(command, stiffness=weak)
+    tick = lying.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 4.0)
+    assert Fault.STAND_FAILED.value in tick.faults
+    assert lying.controller.stop_reason == "stand-failed"
+
+
+def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch):
+    monkeypatch.setattr(controller_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
+
+    def restless(states):
+        velocity = states[0].joint_velocity.copy()
+        velocity[0] = 7.0
+        return [msgspec.structs.replace(states[0], joint_velocity=velocity)]
+
+    running.on_states = restless
+    running.source.request = Request.STAND
+    tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
+    assert running.controller.stop_reason == "brake-failed" and Fault.BRAKE_FAILED.value in tick.faults
+
+
+def test_coming_down_overrules_the_source(running):
+    running.controller.come_down()
+    running.run_until(lambda tick: tick.mode == "passive", 10.0)
+    assert modes(running) == ["run", "stand", "lie-down", "passive"]
+    assert running.simulated.fall_reason == ""
+
+
+def test_coming_down_at_once_damps(running):
+    running.controller.come_down(at_once=True)
+    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
+
+
+def test_the_last_command_is_safe(running, lying):
+    assert running.controller.last_command(running.now).mode == JointMode.DAMPING
+    lying.run(0.1)
+    assert lying.controller.last_command(lying.now).mode == JointMode.OFF
+
+
+def test_the_source_is_told_what_it_needs(running):
+    seen = []
+    read = running.source.read
+    running.source.read = lambda view: seen.append(view) or read(view)
+    running.run(0.2)
+    view = seen[-1]
+    assert view.mode == "run" and view.running_time > 1.0
+    assert view.forward_speed == pytest.approx(running.speed, abs=1.0)
+    assert abs(view.heading) < 0.3 and abs(view.lateral_offset) < 1.5
+    running.on_fix = lambda fix: None
+    running.run(0.6)
+    assert seen[-1].fix is None and seen[-1].forward_speed is None
