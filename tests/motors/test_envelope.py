@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 
 import hypothesis.strategies as st
 import mujoco
@@ -251,6 +252,16 @@ def test_envelope_without_inductance_is_mujocos_dc_motor_at_full_voltage(motor, 
         mujoco.mj_forward(model, data)
         expected = np.clip(data.actuator_force[0], -motor.peak_torque, motor.peak_torque)
         assert bound == pytest.approx(expected, rel=1e-9, abs=1e-9 * motor.peak_torque)
+
+
+def test_a_million_points_take_less_than_half_a_second_of_one_core(surrogate):
+    speeds = np.random.default_rng(0).uniform(-500.0, 500.0, 1_000_000)
+    best = math.inf
+    for _ in range(3):
+        started = time.process_time()
+        torque_limits(surrogate, speeds, 60.0)
+        best = min(best, time.process_time() - started)
+    assert best < 0.5
 
 
 @pytest.mark.parametrize("call", [torque_limits, lambda m, s, b, model: critical_speed(m, 1.0, b, model)])

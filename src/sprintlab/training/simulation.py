@@ -134,40 +134,38 @@ class BatchSimulation:
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
         drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
-        targets = [self.target, self.previous_target]
-        factors = [self.stiffness, self.damping, self.strength]
-        factors += [self.resistance_factor, self.friction_factor, self.voltage]
+
+        def arrays(*tensors: torch.Tensor) -> list[Any]:
+            return [wp.from_torch(tensor, dtype=wp.float32) for tensor in tensors]
+
+        control = arrays(self.target, self.previous_target)
+        control += [wp.from_torch(self.delay, dtype=wp.int32), *arrays(self.stiffness, self.damping)]
+        strength, resistance, friction, voltage = arrays(
+            self.strength, self.resistance_factor, self.friction_factor, self.voltage
+        )
+        state, model = [self.data.qpos, self.data.qvel], MODEL_CODES[actuator_model]
         self.supply = Supply(self.settings, self.device)
+        self.supply.connect([drives, *control, resistance], state, model, voltage)
+        scales = [strength, resistance, friction, voltage]
         self._launch = {
             "kernel": joint_torque_kernel,
             "dim": (n, joints),
             "inputs": [
                 drives,
                 self.supply.heats,
-                *(wp.from_torch(tensor, dtype=wp.float32) for tensor in targets),
-                wp.from_torch(self.delay, dtype=wp.int32),
-                *(wp.from_torch(tensor, dtype=wp.float32) for tensor in factors),
-                self.data.qpos,
-                self.data.qvel,
-                MODEL_CODES[actuator_model],
+                *control,
+                *scales,
+                *state,
+                model,
                 self.supply.heated,
             ],
             "outputs": [
-                wp.from_torch(self.supply.winding_temperature, dtype=wp.float32),
+                *arrays(self.supply.winding_temperature),
                 self.data.ctrl,
-                wp.from_torch(self.drive_torque, dtype=wp.float32),
-                wp.from_torch(self.on_limit, dtype=wp.float32),
+                *arrays(self.drive_torque, self.on_limit),
             ],
             "device": self._warp_device,
         }
-        shared = [drives, *(wp.from_torch(tensor, dtype=wp.float32) for tensor in targets)]
-        shared += [wp.from_torch(self.delay, dtype=wp.int32)]
-        shared += [
-            wp.from_torch(tensor, dtype=wp.float32)
-            for tensor in (self.stiffness, self.damping, self.resistance_factor)
-        ]
-        voltage = wp.from_torch(self.voltage, dtype=wp.float32)
-        self.supply.connect(shared, self.data.qpos, self.data.qvel, MODEL_CODES[actuator_model], voltage)
 
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""
@@ -180,11 +178,14 @@ class BatchSimulation:
                 self._substeps()
         return capture.graph
 
+    def actuate(self, substep: int) -> None:
+        """Bus voltages, then the torque on every joint, for one substep of a policy step."""
+        self.supply.launch(substep)
+        wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
+
     def _substeps(self) -> None:
-        inputs = self._launch["inputs"]
         for substep in range(self.settings.substeps):
-            self.supply.launch(substep)
-            wp.launch(**{**self._launch, "inputs": [*inputs, substep]})
+            self.actuate(substep)
             mujoco_warp.step(self.model, self.data)
 
     def step(self) -> None:

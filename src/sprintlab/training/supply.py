@@ -201,19 +201,19 @@ class Supply:
         self.heats = wp.array(joint_heats(settings), dtype=JointHeat, device=wp.get_device(device))
         self._launch: dict[str, Any] | None = None
 
-    def connect(self, inputs: list[Any], qpos: Any, qvel: Any, model: int, voltage: Any) -> None:
+    def connect(self, inputs: list[Any], state: list[Any], model: int, voltage: Any) -> None:
         """Prepare the launch that finds the bus voltage; nothing to do without a battery.
 
         Args:
             inputs: drives, target, previous target, delay, stiffness, damping, resistance factor (Warp).
-            qpos, qvel: the simulator's state.
+            state: the simulator's positions and velocities.
             model: code of the motor model.
             voltage: phase voltage limit ``(n,)``, written by every launch.
         """
         battery = self._settings.battery
         if battery is None:
             return
-        device = qpos.device
+        device = voltage.device
         tables = (battery.charge_table, battery.voltage_table)
         drives, *others = inputs
         self._launch = {
@@ -223,8 +223,7 @@ class Supply:
                 drives,
                 self.heats,
                 *others,
-                qpos,
-                qvel,
+                *state,
                 wp.from_torch(self.winding_temperature, dtype=wp.float32),
                 battery_pack(battery),
                 *(wp.array(table, dtype=float, device=device) for table in tables),
