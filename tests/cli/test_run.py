@@ -1,0 +1,72 @@
+"""``sprintlab run``: what it refuses, and that it says so before it touches a robot."""
+
+import numpy as np
+import pytest
+
+from sprintlab.deployment.bus import open_endpoint
+from sprintlab.deployment.controller import run_loop
+
+
+def assert_refused(outcome, *words):
+    """One sentence on stderr, status 2, nothing on stdout."""
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.startswith("sprintlab: ") and len(outcome.err.strip().splitlines()) == 1
+    for word in words:
+        assert word in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("no-such-policy",), ("no-such-policy", "there is: ")),
+        (("missing.onnx",), ("missing.onnx", "No such file")),
+        (("sprint", "shm://nobody-is-here"), ("no robot named 'nobody-is-here'",)),
+        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, dds")),
+        (("sprint", "bp2"), ("an address like shm://bp2",)),
+        (("--robot", "bp3"), ("bp3",)),
+        (("--source", "telepathy"), ("telepathy", "choose one of sprint")),
+        (("--source", "profile:missing.csv"), ("missing.csv",)),
+        (("--top-speed", "-3"), ("-3.0",)),
+        (("--top-speed", "nan"), ("nan",)),
+        (("--priority", "100"), ("loop.priority = 100", "[1, 99]")),
+        (("--duration", "0"), ("loop.duration = 0.0",)),
+        (("--distance", "-1"), ("distance",)),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_sentence(call, arguments, words):
+    assert_refused(call("run", *arguments), *words)
+
+
+def test_a_policy_for_another_robot_is_refused_before_the_bus_is_opened(call, write_policy, tmp_path):
+    path = write_policy(tmp_path / "weak.onnx", stiffness=(100.0,) * 12)
+    outcome = call("run", path, "shm://nobody-is-here")
+    assert_refused(outcome, "stiffness[FL_abad] differs: the policy has 100.0, robot bp2 has 60.0")
+
+
+def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
+    pytest.importorskip("mcap")
+    log = tmp_path / "run.mcap"
+    log.write_bytes(b"of yesterday")
+    assert_refused(call("run", "sprint", "shm://nobody-is-here", "--log", log), "exists already")
+    assert log.read_bytes() == b"of yesterday"
+
+
+def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):
+    """The bus is there, its robot is mute: status 1, the table tells why, only ``off`` was sent."""
+
+    def impatient(controller, bus, options, **more):
+        object.__setattr__(options, "patience", 0.2)
+        return run_loop(controller, bus, options, **more)
+
+    monkeypatch.setattr("sprintlab.deployment.controller.run_loop", impatient)
+    endpoint = open_endpoint("shm://mute-for-a-test")
+    try:
+        outcome = call("run", "sprint", "shm://mute-for-a-test", "--no-real-time")
+        sent = []
+        while (command := endpoint.receive_command()) is not None:
+            sent.append(command)
+    finally:
+        endpoint.close()
+    assert outcome.status == 1
+    assert "no robot answers" in outcome.out and "deadline misses" in outcome.out
+    assert sent and not any(np.any(command.stiffness) for command in sent)
