@@ -1,0 +1,85 @@
+"""Put finished and evaluated runs where they are committed: small files by run, the best policy by method.
+
+    sprintlab ablate runs/methods
+    python recipes/publish_methods.py runs/methods
+    sprintlab ablate results/methods --recorded --markdown docs/results.md
+    sprintlab figures
+
+The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
+taken only where none passes it.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluation
+from sprintlab.evaluation.ablation.runs import EVALUATION_NAME, Run, find_runs
+
+KEPT = ("curve.csv", "run.json", EVALUATION_NAME)
+POLICIES = Path("src/sprintlab/control/policies")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Where from and where to.
+
+    Attributes:
+        runs: folder of finished runs, each with a policy and its evaluation.
+        results: folder of the small files.
+        policies: folder of the policies that come with the package.
+    """
+
+    runs: tyro.conf.Positional[Path]
+    results: Path = Path("results/methods")
+    policies: Path = POLICIES
+
+
+def publish(options: Options) -> list[Path]:
+    """Copy; returns the policies that were written.
+
+    Raises:
+        SprintlabError: a run has no evaluation or no policy, or the disk refuses.
+    """
+    best: dict[str, tuple[tuple[bool, float], Run]] = {}
+    for run in find_runs(options.runs):
+        record = read_evaluation(run.evaluation)
+        _copy_small_files(run, options.results / run.method / run.folder.name)
+        rank = _rank(record)
+        if run.method not in best or rank > best[run.method][0]:
+            best[run.method] = (rank, run)
+    return [_copy(run.policy, options.policies / f"{method}.onnx") for method, (_, run) in best.items()]
+
+
+def _rank(record: EvaluationRecord) -> tuple[bool, float]:
+    """Whether the audit passed, then the speed; a policy that runs nowhere comes last."""
+    speed = record.raw.max_velocity
+    return record.raw.audit_passed, speed if speed == speed else -1.0
+
+
+def _copy_small_files(run: Run, folder: Path) -> None:
+    for name in KEPT:
+        if (run.folder / name).is_file():
+            _copy(run.folder / name, folder / name)
+
+
+def _copy(source: Path, target: Path) -> Path:
+    try:
+        atomic_write_bytes(target, source.read_bytes())
+    except OSError as error:
+        raise SprintlabError(f"cannot copy {source}: {error.strerror or error}") from error
+    return target
+
+
+if __name__ == "__main__":
+    try:
+        for path in publish(tyro.cli(Options)):
+            print(path)
+    except SprintlabError as error:
+        sys.exit(str(error))
