@@ -131,6 +131,7 @@ def test_intervals_hold_the_truth_as_often_as_they_promise(tmp_path):
             bench, pole_pairs=motor.pole_pairs, peak_current=motor.peak_torque / motor.torque_constant
         )
         assert found.trustworthy
+        assert not any("follow" in warning for warning in found.warnings)
         for name, value in truth(motor).items():
             estimate = found.estimates[name]
             inside[name] += abs(estimate.value - value) <= estimate.half_width
@@ -169,6 +170,16 @@ def test_outliers_are_set_aside_by_line(fit, motor):
     assert any("3 of" in warning for warning in found.warnings)
     estimate = found.estimates["stator_resistance"]
     assert abs(estimate.value - motor.stator_resistance) < 2 * estimate.half_width
+
+
+def test_a_law_that_the_model_does_not_know_leaves_a_pattern(fit, motor):
+    """Drag with the square of the speed: well explained, but the residuals follow the speed."""
+    columns = bench_columns(motor)
+    assert not any("follow" in warning for warning in fit(columns, motor).warnings)
+    speed = columns["speed"]
+    columns["torque"] = columns["torque"] - 0.6 * (speed / speed.max()) ** 4
+    found = fit(columns, motor)
+    assert any("residuals of torque follow the speed" in warning for warning in found.warnings)
 
 
 def test_too_many_outliers_are_no_outliers(fit, motor):

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +22,8 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.motors.identification.bench import Bench
 from sprintlab.motors.identification.checks import check_levels, check_units, torque_flux, voltage_flux
 from sprintlab.motors.identification.model import BOUNDS, PARAMETER_UNITS, Channel, channels
+from sprintlab.motors.identification.results import ChannelFit, Estimate, Identification
+from sprintlab.motors.identification.verdict import comparison, outlier_note, patterns, problems
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
 
@@ -36,119 +37,10 @@ _optimize: Any = optimize  # SciPy ships no types
 _special: Any = special
 _ROUNDS = 4
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
-_MANY_OUTLIERS = 0.2
-_LEAST_EXPLAINED = 0.9
 _LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
 _BLIND = 1e-5  # a singular value below this share of the largest sees nothing
 _PART = 0.3  # least component of a parameter in a blind direction to be named
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """One parameter.
-
-    Attributes:
-        name: a key of ``PARAMETER_UNITS``.
-        value: SI; ``None`` where the data say nothing.
-        half_width: of the 95 % interval; ``None`` where nothing was fitted.
-        determined: the interval is narrow enough to use the value.
-        reason: why it is not determined, or that it was held.
-    """
-
-    name: str
-    value: float | None
-    half_width: float | None
-    determined: bool
-    reason: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelFit:
-    """How one measured quantity was met.
-
-    Attributes:
-        name: of the channel.
-        unit: of the values.
-        rows: (m,) rows of the bench.
-        measured: (m,) as measured.
-        predicted: (m,) by the fitted model.
-        noise: standard deviation of the residuals without outliers.
-        explained: share of the measured variance that the model explains, without outliers.
-    """
-
-    name: str
-    unit: str
-    rows: NDArray[np.int64]
-    measured: FloatArray
-    predicted: FloatArray
-    noise: float
-    explained: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Identification:
-    """What a bench tells about a motor.
-
-    Attributes:
-        bench: the data.
-        pole_pairs: N.
-        peak_current: amplitude to which the saturation refers [A].
-        estimates: one a parameter, by name.
-        channels: fit of each measured quantity.
-        outliers: (k,) lines of the file that were set aside.
-        singular_values: of the scaled Jacobian, largest first.
-        warnings: what a reader must know before using the values.
-        trustworthy: ``False`` where a warning means that the fit is no description of the data.
-    """
-
-    bench: Bench
-    pole_pairs: int
-    peak_current: float
-    estimates: dict[str, Estimate]
-    channels: tuple[ChannelFit, ...]
-    outliers: NDArray[np.int64]
-    singular_values: FloatArray
-    warnings: tuple[str, ...]
-    trustworthy: bool
-
-    @property
-    def torque_constant(self) -> float:
-        """Torque per ampere before saturation, ``1.5 N psi`` [N m/A]."""
-        flux = self.estimates["flux_linkage"].value
-        return 1.5 * self.pole_pairs * (flux or 0.0)
-
-    def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
-        """The identified motor; what the bench does not determine comes from ``base``.
-
-        Raises:
-            SprintlabError: the fit is not trustworthy, or a parameter is neither determined nor in ``base``.
-        """
-        if not self.trustworthy:
-            raise SprintlabError(
-                "the fit does not describe the bench, no motor is made of it: see the warnings"
-            )
-        names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
-        values = {name: self._value(name, base) for name in names}
-        inertia = rotor_inertia if rotor_inertia is not None else getattr(base, "rotor_inertia", None)
-        if inertia is None:
-            raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
-        return PmsmParameters(
-            pole_pairs=self.pole_pairs,
-            peak_torque=1.5 * self.pole_pairs * values["flux_linkage"] * self.peak_current,
-            rotor_inertia=inertia,
-            **values,
-        )
-
-    def _value(self, name: str, base: PmsmParameters | None) -> float:
-        estimate = self.estimates[name]
-        if estimate.determined and estimate.value is not None:
-            return estimate.value
-        if base is None:
-            raise SprintlabError(
-                f"the bench does not determine {name} ({estimate.reason}): give a base motor"
-            )
-        return float(getattr(base, name))
 
 
 def identify(
@@ -243,6 +135,27 @@ class _Fit:
         self._idle = {name: 0.0 for name in PARAMETER_UNITS if name not in self._free} | held
 
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
+        """Fit, and say how good it is."""
+        solution, kept = self._fitted()
+        widths, singular, blind = self._intervals(solution, kept)
+        fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
+        estimates = self._estimates(solution.x, widths, blind)
+        fatal = problems(estimates, fits, kept)
+        notes = [*comparison(estimates, base), *self._at_bounds(solution.x), *outlier_note(kept)]
+        return Identification(
+            bench=self._bench,
+            pole_pairs=self._pole_pairs,
+            peak_current=self._peak_current,
+            estimates=estimates,
+            channels=fits,
+            outliers=self._bench.lines[~kept],
+            singular_values=singular,
+            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept)),
+            trustworthy=not fatal,
+        )
+
+    def _fitted(self) -> tuple[Any, NDArray[np.bool_]]:
+        """The solution over the rows that are no outliers, and which rows those are."""
         noise = np.array([0.02 * _range(channel, self._bench) for channel in self._channels])
         everything = np.ones(self._bench.size, dtype=bool)
         point = np.ones(len(self._free))
@@ -252,23 +165,7 @@ class _Fit:
         kept = ~self._outlying(point, noise)
         solution = self._solve(point, noise, kept, "linear")
         noise = self._residual_spread(solution, noise, kept)
-        solution = self._solve(solution.x, noise, kept, "linear")
-        widths, singular, blind = self._intervals(solution, kept)
-        fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
-        estimates = self._estimates(solution.x, widths, blind)
-        problems = _problems(estimates, fits, kept)
-        notes = [*warnings, *_compared(estimates, base), *self._at_bounds(solution.x), *_outlier_note(kept)]
-        return Identification(
-            bench=self._bench,
-            pole_pairs=self._pole_pairs,
-            peak_current=self._peak_current,
-            estimates=estimates,
-            channels=fits,
-            outliers=self._bench.lines[~kept],
-            singular_values=singular,
-            warnings=(*problems, *notes),
-            trustworthy=not problems,
-        )
+        return self._solve(solution.x, noise, kept, "linear"), kept
 
     def _guess(self) -> dict[str, float]:
         """A first guess of everything; also the unit in which the fit moves."""
@@ -480,41 +377,3 @@ def _at_edge(name: str, value: float, scale: float) -> bool:
     low, high = BOUNDS[name]
     lower_is_news = name in ("stator_resistance", "flux_linkage")
     return value > high - 1e-6 * (high - low) or (lower_is_news and value < low + 1e-6 * scale)
-
-
-def _problems(
-    estimates: dict[str, Estimate], fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_]
-) -> list[str]:
-    """What makes a fit unfit for use."""
-    problems = [
-        f"the model explains only {fit.explained:.0%} of the variation of {fit.name}: this is no description"
-        for fit in fits
-        if fit.name != "voltage limit" and fit.explained < _LEAST_EXPLAINED
-    ]
-    if np.mean(~kept) > _MANY_OUTLIERS:
-        problems.append(
-            f"{np.mean(~kept):.0%} of the rows are outliers: the model does not describe this bench"
-        )
-    saturation = estimates["saturation"].value
-    if saturation is not None and saturation > 0.49:
-        problems.append(
-            "the saturation runs into 0.5: torque falls with current, or the peak current is too small"
-        )
-    return problems
-
-
-def _outlier_note(kept: NDArray[np.bool_]) -> list[str]:
-    count = int(np.sum(~kept))
-    return [f"{count} of {len(kept)} rows are outliers and were set aside"] if count else []
-
-
-def _compared(estimates: dict[str, Estimate], base: PmsmParameters | None) -> list[str]:
-    """Where the fit is far from the base motor."""
-    notes: list[str] = []
-    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage"):
-        estimate, reference = estimates[name], float(getattr(base, name)) if base is not None else 0.0
-        if estimate.value and estimate.determined and reference > 0:
-            ratio = estimate.value / reference
-            if not 0.6 <= ratio <= 1.6:
-                notes.append(f"{name} is {ratio:.3g} times that of the base motor: check the units of both")
-    return notes
