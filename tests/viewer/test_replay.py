@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import SprintlabError
-from sprintlab.robots import ModelOptions, build_model
+from sprintlab.robots import ModelOptions, build_model, load_robot, robot_names
+from sprintlab.viewer.envelope_plot import EnvelopePlot
 from sprintlab.viewer.replay import ReplayText, load_arrays, render_replay, torque_share
 
 MISCHIEF = '</script><b>"x" & y'
@@ -32,6 +33,21 @@ def page_file(page, tmp_path_factory):
 def test_page_loads_nothing_from_elsewhere(page):
     assert re.findall(r"(?:https?:)?//[\w.-]+\.\w+/", page) == []
     assert re.findall(r"<(?:link|img|iframe)|<script[^>]+src|@import|\bfetch\(", page) == []
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_robot_can_be_replayed_and_shown(name):
+    robot = load_robot(name)
+    model = build_model(robot, ModelOptions(visuals=True))
+    count, joints = 10, len(robot.joint_names)
+    still = {key: np.zeros((count, joints)) for key in ("joint_velocity", "motor_torque")}
+    limits = {"torque_lower": np.full((count, joints), -1.0), "torque_upper": np.full((count, joints), 1.0)}
+    flat = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
+    arrays = {"time": np.arange(count) / 500.0, "qpos": np.tile(model.key("stand").qpos, (count, 1))}
+    page = render_replay({**arrays, **still, **limits, **flat}, robot, ReplayText(title=name))
+    assert robot.joint_names[0].replace("_", " ") in page
+    drawing = EnvelopePlot(robot).draw(np.zeros((2, joints)), np.zeros((2, joints)), "refined", 20.0)
+    assert drawing.count("<circle") == joints
 
 
 def test_title_is_escaped(page):
