@@ -20,6 +20,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,6 @@ def warp_seconds(environments: int, device: str, repeats: int) -> dict[str, Any]
     from sprintlab.training.settings import SimulationSettings
     from sprintlab.training.simulation import BatchSimulation
 
-    wp.config.quiet = True  # its messages would mix with the JSON
     robot, physics = load_robot("bp2"), None
     law: dict[str, float] = {}
     for name, supply in VARIANTS.items():
@@ -188,7 +188,7 @@ def main() -> int:
     """Measure and print; 2 where an argument is refused."""
     try:
         chosen = parse()
-        with Console(stderr=True).status("measuring"):
+        with Console(stderr=True).status("measuring"), redirect_stdout(sys.stderr):  # Warp prints there
             result = measure(chosen)
         if chosen.output is not None:
             atomic_write_json(chosen.output, result)
