@@ -2,13 +2,17 @@
 
 import json
 import os
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from sprintlab.cli.main import main
+from sprintlab.deployment.log import read_log
 
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "robot-bus.md"
 SPRINTLAB = [sys.executable, "-m", "sprintlab.cli.main"]
 
 
@@ -27,9 +31,9 @@ def start_robot(bus, *arguments):
     return robot
 
 
-def drive(bus, robot, *arguments, patience=240):
+def drive(bus, robot, *arguments, patience=240, **options):
     """Drive a robot to the end; controller's status and report, robot's status and report."""
-    controller = start("run", "sprint", bus, "--json", *arguments)
+    controller = start("run", "sprint", bus, "--json", *arguments, **options)
     out, err = controller.communicate(timeout=patience)
     robot_out, robot_err = robot.communicate(timeout=patience)
     assert out, err
@@ -42,12 +46,20 @@ def bus():
     return f"shm://run-{os.getpid()}"
 
 
+def documented(command):
+    """The lock-step command line of the documentation that begins so, split into words."""
+    lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(command)]
+    return next(shlex.split(line)[1:] for line in lines if "--lock-step" in line)
+
+
 @pytest.mark.slow
-def test_a_hundred_metres_through_the_bus_and_its_report(bus, tmp_path):
+def test_the_documented_sprint_runs_a_hundred_metres_and_its_report_is_drawn(bus, tmp_path):
     pytest.importorskip("mcap")
-    log = tmp_path / "run.mcap"
-    robot = start_robot(bus, "--lock-step", "--end-with-controller")
-    status, run, robot_status, simulated = drive(bus, robot, "--lock-step", "--log", str(log))
+    _, address, *options = documented("sprintlab robot-sim")
+    _, policy, same, *controls = documented("sprintlab run")
+    assert (address, policy) == (same, "sprint")
+    robot = start_robot(bus, *options)
+    status, run, robot_status, simulated = drive(bus, robot, *controls, cwd=tmp_path)
     assert (status, robot_status) == (0, 0)
     assert run["end"] == "passive"
     assert run["faults"] == {}
@@ -55,6 +67,8 @@ def test_a_hundred_metres_through_the_bus_and_its_report(bus, tmp_path):
     assert simulated["fall_reason"] == "" and simulated["watchdog_trips"] == 0
     assert simulated["commands_dropped"] == 0 and simulated["greatest_distance"] > 100.0
     assert abs(simulated["commands_accepted"] - run["steps"]) <= 1
+    log = next(tmp_path.glob("*.mcap"))
+    assert read_log(log).facts["ticks dropped"] == "0"
     report = subprocess.run(
         [*SPRINTLAB, "report", str(log), "--json", "--out", str(tmp_path / "report")],
         capture_output=True,
