@@ -220,18 +220,24 @@ def test_the_battery_kernel_finds_the_library_s_voltage(
     np.testing.assert_allclose(supplied.supply.state_of_charge.numpy(), left, atol=1e-6)
 
 
-def test_a_robot_that_stands_draws_charge_and_a_restart_gives_it_back(supplied: BatchSimulation) -> None:
-    mask = torch.zeros(ENVIRONMENTS, dtype=torch.bool)
-    mask[::2] = True
-    supplied.supply.restart(~torch.zeros_like(mask))
-    first = supplied.supply.state_of_charge.clone(), supplied.supply.winding_temperature.clone()
+def test_standing_draws_charge_and_a_restart_gives_it_back_or_takes_the_donor_s(
+    supplied: BatchSimulation,
+) -> None:
+    fresh, copied = (torch.zeros(ENVIRONMENTS, dtype=torch.bool) for _ in range(2))
+    fresh[::2], copied[1::4] = True, True
+    donors = torch.arange(ENVIRONMENTS).flip(0)
+    state = (supplied.supply.state_of_charge, supplied.supply.winding_temperature)
+    supplied.supply.restart(torch.ones_like(fresh), torch.zeros_like(fresh), donors)
+    first = [values.clone() for values in state]
     supplied.step()
-    now = supplied.supply.state_of_charge, supplied.supply.winding_temperature
-    assert all((here != there).float().mean() > 0.5 for here, there in zip(now, first, strict=True))
-    supplied.supply.restart(mask)
-    for here, there in zip(now, first, strict=True):
-        assert (here[mask] == there[mask]).all()
-        assert (here[~mask] != there[~mask]).any()
+    run = [values.clone() for values in state]
+    assert all((now != then).float().mean() > 0.5 for now, then in zip(run, first, strict=True))
+    supplied.supply.restart(fresh, copied, donors)
+    kept = ~(fresh | copied)
+    for now, before, start in zip(state, run, first, strict=True):
+        assert (now[fresh] == start[fresh]).all()
+        assert (now[copied] == before[donors[copied]]).all()
+        assert (now[kept] == before[kept]).all()
 
 
 def test_without_battery_and_heat_nothing_of_them_changes() -> None:

@@ -240,13 +240,19 @@ class Supply:
         if self._launch is not None:
             wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
 
-    def restart(self, mask: torch.Tensor) -> None:
-        """Give the environments in ``mask`` ``(n,)`` their first charge and temperatures again."""
+    def restart(self, fresh: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor) -> None:
+        """Give the environments in ``fresh`` their first charge and temperatures, copies those of their donors.
+
+        Args:
+            fresh: bool ``(n,)``.
+            copied: bool ``(n,)``, apart from ``fresh``.
+            donors: index ``(n,)`` of the environment that each may copy.
+        """
         if self._settings.battery is not None:
-            self.state_of_charge.copy_(torch.where(mask, self._start_charge, self.state_of_charge))
+            _renew(self.state_of_charge, self._start_charge, fresh, copied, donors)
         if self.heated:
-            fresh = torch.where(mask[:, None], self._start_temperature, self.winding_temperature)
-            self.winding_temperature.copy_(fresh)
+            fresh, copied = fresh[:, None], copied[:, None]
+            _renew(self.winding_temperature, self._start_temperature, fresh, copied, donors)
 
 
 def battery_pack(battery: Battery) -> Pack:
@@ -277,3 +283,9 @@ def _drawn(interval: tuple[float, float], shape: tuple[int, ...], device: str) -
     """Uniform in the interval."""
     low, high = interval
     return low + (high - low) * torch.rand(*shape, device=device)
+
+
+def _renew(
+    state: torch.Tensor, first: torch.Tensor, fresh: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor
+) -> None:
+    state.copy_(torch.where(fresh, first, torch.where(copied, state[donors], state)))
