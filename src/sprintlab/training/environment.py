@@ -308,6 +308,7 @@ class SprintEnvironment(VecEnv):
             mask, self.running_speed, self.episode_length_buf, self.draws, self.settings.episodes
         )
         self._place(mask, starts.donors, starts.copied)
+        self.simulation.supply.restart(starts.restarted, starts.copied, starts.donors)
         # A copy takes over what belongs to the running robot; a fresh start begins from zero.
         zero_at_start = (self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate)
         for buffer in zero_at_start:
