@@ -70,6 +70,42 @@ def make_policy(
 
 
 @pytest.fixture(scope="session")
+def estimating_policy(robot: RobotDescription, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Stands, and estimates rest at 0.5 m on four feet: half of the way there at every step, from zero."""
+    layout = ObservationLayout()
+    constants = {
+        "still": np.zeros((layout.input_size, 12), np.float32),
+        "rest": np.array([[0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0]], np.float32),
+        "half": np.array(0.5, np.float32),
+    }
+    nodes = [
+        helper.make_node("MatMul", ["observation", "still"], ["action"]),
+        helper.make_node("Add", ["previous_estimate", "rest"], ["sum"]),
+        helper.make_node("Mul", ["sum", "half"], ["estimate"]),
+    ]
+    sizes = {"observation": layout.input_size, "previous_estimate": 8, "action": 12, "estimate": 8}
+    tensors = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
+        for name, size in sizes.items()
+    ]
+    weights = [numpy_helper.from_array(value, name) for name, value in constants.items()]
+    graph = helper.make_graph(nodes, "policy", tensors[:2], tensors[2:], weights)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    contract = make_contract(
+        robot,
+        layout=layout,
+        training=RECORD,
+        software={},
+        proprioception_filter=LowPass(),
+        estimate_filter=LowPass(cutoff_hz=3.0),
+    )
+    helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
+    path = tmp_path_factory.mktemp("policy") / "estimating.onnx"
+    onnx.save(model, path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def standing_policy(make_policy: Callable[[np.ndarray], Path]) -> Path:
     """Zero action: the default pose, which stands."""
     return make_policy(np.zeros(12))

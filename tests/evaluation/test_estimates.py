@@ -1,5 +1,6 @@
 """Estimate against truth: frames, bands, and that what a policy estimates arrives in the metrics."""
 
+import json
 import math
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sprintlab.cli.main import main
+from sprintlab.control import load_policy
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.estimates import (
     body_velocity,
@@ -16,6 +19,7 @@ from sprintlab.evaluation.estimates import (
     total_band,
 )
 from sprintlab.evaluation.results import EstimateBand
+from sprintlab.evaluation.trial import TrialRequest, run_trial
 
 
 def turned(angle):
@@ -121,3 +125,23 @@ def test_bands_of_several_trials_merge_by_their_samples():
     total = total_band(merged)
     assert total is not None and (total.lower, total.upper, total.samples) == (0.0, 6.0, 45)
     assert total_band([]) is None
+
+
+def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, robot):
+    request = TrialRequest(top_speed=0.5, hold=0.5, keep_trajectory=True)
+    trial = run_trial(load_policy(estimating_policy), robot, request)
+    assert trial.trajectory is not None and trial.trajectory.estimate is not None
+    height = trial.trajectory.estimate[:, 3]
+    np.testing.assert_allclose(height[[0, 9, 10, 20]], [0.25, 0.25, 0.375, 0.4375])  # a step lasts 10 samples
+    (band,) = trial.metrics.estimate
+    assert (band.lower, band.upper) == (0.0, 2.0) and band.samples == len(height[::10])
+    assert band.contact_accuracy > 0.9 and band.velocity_error < 0.1 and band.height_error < 0.05
+
+
+def test_evaluate_prints_the_estimates(estimating_policy, tmp_path, capsys):
+    options = ("--start", "0.5", "--top", "0.5", "--trials", "1", "--workers", "1")
+    out = tmp_path / "numbers.json"
+    assert main(["evaluate", str(estimating_policy), *options, "--out", str(out)]) == 0
+    assert "Estimate against truth at the highest speed, raw" in capsys.readouterr().out
+    (band,) = json.loads(out.read_text())["raw"]["estimate"]
+    assert band["samples"] > 300 and band["contact_accuracy"] > 0.9
