@@ -241,7 +241,7 @@ class Supply:
             wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
 
     def restart(self, fresh: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor) -> None:
-        """Give the environments in ``fresh`` their first charge and temperatures, copies those of their donors.
+        """Give ``fresh`` environments their first charge and temperatures, ``copied`` ones their donor's.
 
         Args:
             fresh: bool ``(n,)``.
