@@ -4,16 +4,16 @@
     python examples/mjlab_go1_refined_motor.py --environments 4096 --iterations 1000 --device cuda:0
 
 Only two configurations of mjlab's task change: the actuators and the command. The Go1's motors are not
-published, so the numbers are those of a motor of its class: resistance, inductance, flux and pole pairs of
-the MIT Mini Cheetah motor (os.mbed.com/users/Ikhee/code/T-Motor_AK80_BaseCode, revision c4c9fec8539c), rotor
-inertia and peak torque of mjlab's Go1. The bus voltage puts the hips' no-load speed at the Go1's 30.1 rad/s.
+published, so the motor is one of its class: the MIT Mini Cheetah's from the library (`sprintlab motor library
+mit-mini-cheetah` prints its sources), with the rotor inertia and the peak torque of mjlab's Go1. The bus
+voltage puts the hips' no-load speed at the Go1's 30.1 rad/s.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
@@ -25,14 +25,11 @@ from mjlab.tasks.velocity.config.go1.env_cfgs import unitree_go1_flat_env_cfg
 from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
 
 from sprintlab.integrations.mjlab import AdaptiveVelocityCommandCfg, PmsmActuatorCfg
-from sprintlab.motors import MOTOR_MODELS, Gear, MotorModel, PmsmParameters
+from sprintlab.motors import MOTOR_MODELS, Gear, MotorModel, load_library_motor
 
 BUS_VOLTAGE = 19.85  # V
-MOTOR = PmsmParameters(
-    pole_pairs=21,
-    stator_resistance=0.13,
-    q_axis_inductance=80e-6,
-    flux_linkage=2.87e-3,
+MOTOR = replace(
+    load_library_motor("mit-mini-cheetah").motor,
     peak_torque=go1.HIP_ACTUATOR.effort_limit / go1.HIP_GEAR_RATIO,
     rotor_inertia=go1.ROTOR_INERTIA,
 )

@@ -78,6 +78,13 @@ def test_the_gear_moves_torque_and_speed(call, motor_file):
     )
 
 
+def test_an_actuator_of_the_library_comes_with_gear_and_bus(call):
+    found = envelope(call, "mit-mini-cheetah", "--points", 2)
+    assert found["gear"] == {"ratio": 6.0, "efficiency": 1.0} and found["bus_voltage"] == 24.0
+    assert found["rows"][0]["refined upper"] == pytest.approx(18.0)
+    assert envelope(call, "mit-mini-cheetah", "--gear-ratio", 9.33)["gear"]["ratio"] == 9.33
+
+
 def test_the_d_axis_costs_nothing_while_the_peak_torque_fits(call):
     half, *faster = envelope(call, "bp2", "hip")["d_axis_cost"]
     assert [half["share"], *(cost["share"] for cost in faster)] == [0.5, 0.75, 0.9]

@@ -20,9 +20,9 @@ class MotorShow:
     """Print a motor's parameters and the speeds that follow from them, motor side.
 
     Attributes:
-        source: a motor file (TOML) or the name of a robot.
+        source: a motor file (TOML), the name of a robot, or an actuator of the library.
         joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
-        bus_voltage: [V]; the robot's own, or 60 for a motor file.
+        bus_voltage: [V]; the robot's or actuator's own, or 60 for a motor file.
         json: print JSON only.
     """
 

@@ -24,11 +24,11 @@ class MotorEnvelope:
     """Print and draw the torque-speed envelope of a joint under every motor model, all four quadrants.
 
     Attributes:
-        source: a motor file (TOML) or the name of a robot.
+        source: a motor file (TOML), the name of a robot, or an actuator of the library.
         joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
-        bus_voltage: [V]; the robot's own, or 60 for a motor file.
-        gear_ratio: motor speed over joint speed; the robot's own, or 1 for a motor file.
-        gear_efficiency: the robot's own, or 1 for a motor file.
+        bus_voltage: [V]; the robot's or actuator's own, or 60 for a motor file.
+        gear_ratio: motor speed over joint speed; the robot's or actuator's own, or 1 for a motor file.
+        gear_efficiency: the robot's or actuator's own, or 1 for a motor file.
         figure: PNG to draw; none when left out.
         trajectory: trajectory.npz of a race, drawn over the envelope and compared with it.
         points: speeds in the table, from standstill to the no-load speed.
@@ -71,9 +71,8 @@ class MotorEnvelope:
         from sprintlab.evaluation.operating_points import load_operating_points
         from sprintlab.robots import load_robot
 
-        robot = load_robot("bp2" if self.source.endswith(".toml") else self.source)
-        columns = chosen.joints or tuple(
-            index for index, name in enumerate(robot.joint_names) if name.endswith(self.joint)
+        columns = chosen.joints or tuple(  # a motor alone: the joint names those of the standard robot
+            index for index, name in enumerate(load_robot("bp2").joint_names) if name.endswith(self.joint)
         )
         return load_operating_points(self.trajectory, columns)
 

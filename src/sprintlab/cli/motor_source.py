@@ -1,4 +1,4 @@
-"""Which motor a ``sprintlab motor`` command is about: a file, or a joint of a robot."""
+"""Which motor a ``sprintlab motor`` command is about: a file, a joint of a robot, or one of the library."""
 
 from __future__ import annotations
 
@@ -33,18 +33,21 @@ def chosen_motor(
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
 ) -> ChosenMotor:
-    """The motor that the command line names; what it leaves out comes from the robot.
+    """The motor that the command line names; what it leaves out comes from the robot or the library.
 
     Raises:
         SprintlabError: no such robot or file; ``InvalidValueError``: no such joint, a bad voltage or gear.
     """
     from sprintlab.core.checks import check_positive
+    from sprintlab.motors import library_motors
     from sprintlab.motors.chart import JointDrive
 
     if bus_voltage is not None:
         check_positive("bus_voltage", bus_voltage, "V")
     if source.endswith(".toml"):
         motor, gear, voltage, name, joints = _from_file(source)
+    elif source in library_motors():
+        motor, gear, voltage, name, joints = _from_library(source)
     else:
         motor, gear, voltage, name, joints = _from_robot(source, joint)
     voltage = bus_voltage or voltage
@@ -64,6 +67,13 @@ def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
     if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
         raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
     return _single(motor, 0), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
+
+
+def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+    from sprintlab.motors import load_library_motor
+
+    actuator = load_library_motor(source)
+    return actuator.motor, actuator.gear, actuator.bus_voltage, source, ()
 
 
 def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
