@@ -33,6 +33,7 @@ class TrainOptions:
         start_from: another run's checkpoint whose networks and curriculum this run begins with.
         save_seconds: time between checkpoints.
         keep_schedule: take the command schedule from ``settings`` instead of the method's default.
+        keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
         keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
             if it had not stopped. Without, robots start from standing when it is taken up.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
@@ -53,6 +54,7 @@ class TrainOptions:
     start_from: Path | None = None
     save_seconds: float = 60.0
     keep_schedule: bool = False
+    keep_motor_model: bool = False
     keep_robots: bool = True
     fused: bool = True
     settings: TrainingSettings = TrainingSettings()
@@ -68,6 +70,8 @@ class TrainOptions:
         simulation = replace(self.settings.simulation, environments=self.environments)
         base = replace(self.settings, simulation=simulation, seed=self.seed)
         settings = method_settings(self.method, base)
+        if self.keep_motor_model:
+            settings = replace(settings, actuator_model=base.actuator_model)
         return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
 
 
