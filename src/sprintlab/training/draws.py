@@ -18,10 +18,12 @@ COLUMNS = {
     "spin": 3,
     "command": 8,
     "noise": 30,
+    "delay": 1,
 }
 """Names and widths: ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor``
 two candidates; ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular
-velocity; ``command`` for the schedule; ``noise`` on the proprioception."""
+velocity; ``command`` for the schedule; ``noise`` on the proprioception; ``delay`` of the next
+targets."""
 
 
 class Draws:

@@ -218,6 +218,7 @@ class SprintEnvironment(VecEnv):
         self.last_joint_velocity.copy_(body.joint_velocity)
         self._learn_grid(ends)
         self._push()
+        self._jitter_delay()
         fresh = self._restart(ends.any)
         self._advance_commands(fresh)
         self._observe(fresh)
@@ -287,6 +288,13 @@ class SprintEnvironment(VecEnv):
         settings, draw = self.settings.randomization, self.draws["push"]
         kicked = (draw[:, :1] < POLICY_STEP / settings.push_interval).float()
         self.simulation.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
+
+    def _jitter_delay(self) -> None:
+        """How late the next targets reach the joints, in physics steps."""
+        settings, simulation = self.settings, self.simulation
+        width = settings.randomization.delay_jitter / settings.simulation.timestep
+        late = simulation.mean_delay + width * (2 * self.draws["delay"][:, 0] - 1)
+        simulation.delay.copy_(late.round().clamp(min=0.0, max=settings.simulation.substeps))
 
     # --- resets ------------------------------------------------------------------------------------------
 

@@ -33,8 +33,7 @@ def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> t
     simulation.voltage.mul_(_uniform(n, *settings.bus_voltage, device))
     simulation.resistance_factor.copy_(_uniform(n, *settings.resistance, device))
     simulation.friction_factor.copy_(_uniform(n, *settings.dry_friction, device))
-    delay = _uniform(n, *settings.delay, device) / simulation.settings.timestep
-    simulation.delay.copy_(delay.round().int())
+    simulation.mean_delay.copy_(_uniform(n, *settings.delay, device) / simulation.settings.timestep)
     return friction
 
 

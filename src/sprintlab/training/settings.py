@@ -162,6 +162,8 @@ class RandomizationSettings:
         resistance: relative change of the stator resistance (a warm winding has more).
         dry_friction: factor of the joints' dry friction.
         delay: time from the policy's reading to the joints' new targets [s], in whole physics steps.
+        delay_jitter: by which that time changes from one policy step to the next, either way [s]: gaits must
+            not live on the policy's clock.
         angular_velocity_noise: uniform, symmetric [rad/s].
         gravity_noise: on the unit vector.
         joint_position_noise: [rad].
@@ -182,6 +184,7 @@ class RandomizationSettings:
     resistance: Interval = (1.0, 1.25)
     dry_friction: Interval = (0.7, 1.3)
     delay: Interval = (0.0, 0.006)
+    delay_jitter: float = 0.0025
     angular_velocity_noise: float = 0.15
     gravity_noise: float = 0.02
     joint_position_noise: float = 0.01
@@ -199,12 +202,13 @@ class RandomizationSettings:
         check_positive("push_interval", self.push_interval, "s")
         check_range("delay[0]", self.delay[0], 0.0, self.delay[1], "s")
         check_range("delay[1]", self.delay[1], 0.0, 0.02, "s")
+        check_range("delay_jitter", self.delay_jitter, 0.0, 0.02, "s")
 
     def without(self) -> RandomizationSettings:
         """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
         return replace(
             self, friction=(0.9, 0.9), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
-            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
+            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0), delay_jitter=0.0,
             angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
             joint_velocity_noise=0.0, push_speed=0.0,
         )  # fmt: skip
@@ -294,7 +298,7 @@ class PpoSettings:
         InvalidValueError: a count below one or a number out of range.
     """
 
-    steps: int = 12
+    steps: int = 8
     epochs: int = 5
     mini_batches: int = 4
     learning_rate: float = 1e-3

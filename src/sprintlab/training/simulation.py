@@ -74,6 +74,7 @@ class BatchSimulation:
         target: joint targets [rad] ``(n, 12)``: write here, then ``step``.
         previous_target: in force during the first ``delay`` substeps ``(n, 12)``.
         delay: substeps before the target takes effect ``(n,)``.
+        mean_delay: about which it varies ``(n,)``.
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage: randomized, writable.
@@ -126,6 +127,7 @@ class BatchSimulation:
         self.stiffness, self.damping = rows(robot.stiffness), rows(robot.damping)
         self.target, self.previous_target = rows(robot.default_pose), rows(robot.default_pose)
         self.delay = torch.zeros(n, dtype=torch.int32, device=self.device)
+        self.mean_delay = torch.zeros(n, device=self.device)
         self.strength = torch.ones(n, joints, device=self.device)
         self.drive_torque = torch.zeros(n, joints, device=self.device)
         self.on_limit = torch.zeros(n, joints, device=self.device)
@@ -200,7 +202,7 @@ class BatchSimulation:
         """What a step reads and changes, and what was randomized, by name: the tensors themselves."""
         names = (
             "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
-            "delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor", "voltage",
+            "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor", "voltage",
         )  # fmt: skip
         supply = ("state_of_charge", "winding_temperature")
         return {
