@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import torch
 import warp as wp
 
 from sprintlab.control import pd_torque
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Battery,
@@ -36,7 +38,8 @@ from sprintlab.training.actuation import (
     JointHeat,
     joint_torque_kernel,
 )
-from sprintlab.training.settings import SimulationSettings
+from sprintlab.training.run import TrainOptions
+from sprintlab.training.settings import SimulationSettings, TrainingSettings
 from sprintlab.training.simulation import BatchSimulation, _joint_drives, training_model
 from sprintlab.training.supply import joint_heats
 
@@ -247,3 +250,22 @@ def test_without_battery_and_heat_nothing_of_them_changes() -> None:
     assert simulation.supply.state_of_charge.tolist() == [1.0]
     assert (simulation.supply.winding_temperature == 0.0).all()
     assert (simulation.voltage == voltage).all()
+
+
+def test_a_method_trains_on_flux_weakening_battery_and_heat_where_asked() -> None:
+    simulation = SimulationSettings(battery=Battery(series_cells=13), heat=WindingHeat())
+    settings = TrainingSettings(actuator_model="flux-weakening", simulation=simulation)
+    kept = TrainOptions(settings=settings, keep_motor_model=True).full_settings()
+    assert kept.actuator_model == "flux-weakening"
+    assert kept.simulation.battery == Battery(series_cells=13)
+    assert TrainOptions(settings=settings).full_settings().actuator_model == "refined"
+    assert json.loads(json.dumps(kept.as_dict()))["simulation"]["battery"]["series_cells"] == 13
+    assert kept.digest() != TrainOptions().full_settings().digest()
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("state_of_charge", (0.5, 1.5)), ("winding_temperature", (90.0, 20.0))]
+)
+def test_an_impossible_start_is_refused(field: str, value: tuple[float, float]) -> None:
+    with pytest.raises(InvalidValueError, match=field):
+        SimulationSettings(**{field: value})
