@@ -130,3 +130,10 @@ def test_show_is_on_the_motor_side(call, motor_file):
     assert shown["motor"]["peak_torque"] == 15.0 and shown["bus_voltage"] == 60.0
     robot = json.loads(call("motor", "show", "bp2", "hip", "--json").out)
     assert robot["no_load_speed"] == pytest.approx(6 * envelope(call, "bp2", "hip")["no_load_speed"])
+
+
+def test_a_source_that_is_nothing_lists_what_there_is(call):
+    outcome = call("motor", "envelope", "spot")
+    assert outcome.status == 2 and len(outcome.err.splitlines()) == 1
+    for name in ("spot", "bp2", "mit-mini-cheetah", ".toml"):
+        assert name in outcome.err

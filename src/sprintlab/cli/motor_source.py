@@ -77,8 +77,12 @@ def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
 
 
 def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
-    from sprintlab.robots import load_robot
+    from sprintlab.motors import library_motors
+    from sprintlab.robots import load_robot, robot_names
 
+    if source not in robot_names() and not {"/", "\\"} & set(source):
+        known = f"a robot ({', '.join(robot_names())}) or an actuator ({', '.join(library_motors())})"
+        raise InvalidValueError("source", source, f"choose a motor file (.toml), {known}")
     robot = load_robot(source)
     chosen = [index for index, name in enumerate(robot.joint_names) if joint in (name, name.split("_", 1)[1])]
     if not chosen:
