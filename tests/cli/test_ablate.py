@@ -2,10 +2,13 @@
 
 import json
 import shutil
+import sys
+import types
 
 import pytest
 
 from sprintlab.control import policy as control_policy
+from sprintlab.evaluation.ablation.paper import PAPER_TABLE
 from sprintlab.evaluation.ablation.record import read_evaluation
 
 QUICK = ("--trials", 1, "--start", 0.5, "--top", 0.5, "--workers", 1)
@@ -102,3 +105,50 @@ def test_shipped_policies_lie_where_control_says():
     from sprintlab.evaluation.ablation import runs as module
 
     assert module.SHIPPED_POLICIES == control_policy.SHIPPED_POLICIES
+
+
+@pytest.fixture
+def trained(monkeypatch, policy):
+    """Training and export replaced by what they leave behind; the methods that were trained are kept."""
+    seen = []
+
+    def train(options):
+        seen.append((options.method, options.seed, options.minutes))
+        options.output.mkdir(parents=True)
+        (options.output / "checkpoint.pt").write_bytes(b"checkpoint")
+
+    def export(checkpoint, output):
+        shutil.copy(policy, output)
+
+    def fake(**names):
+        module = types.ModuleType("fake")
+        vars(module).update(names)
+        return module
+
+    monkeypatch.setattr("sprintlab.cli.train.require_training", lambda: None)
+    run = fake(TrainOptions=types.SimpleNamespace, train=train)
+    monkeypatch.setitem(sys.modules, "sprintlab.training.run", run)
+    monkeypatch.setitem(sys.modules, "sprintlab.training.export", fake(export_checkpoint=export))
+    return seen
+
+
+def test_what_is_missing_is_trained_exported_and_evaluated(call, trained, runs, cache, tmp_path):
+    folder = tmp_path / "methods"
+    shutil.copytree(runs / "sprint" / "seed-4", folder / "sprint" / "seed-0")
+    options = ("--train", "--seeds", 1, "--minutes", 3, "--cache", cache, "--json")
+    outcome = call("ablate", folder, *options, *QUICK)
+    assert outcome.status == 0
+    assert [(method, seed) for method, seed, _ in trained] == [
+        (method, 0) for method in PAPER_TABLE if method != "sprint"
+    ]
+    assert {minutes for *_, minutes in trained} == {3.0}
+    methods = json.loads(outcome.out)["methods"]
+    assert {name: row["seeds"] for name, row in methods.items()} == dict.fromkeys(PAPER_TABLE, 1)
+    call("ablate", folder, *options, *QUICK)
+    assert len(trained) == 5  # nothing is trained twice
+
+
+def test_training_without_its_packages_is_refused(call, monkeypatch, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    outcome = call("ablate", tmp_path, "--train")
+    assert outcome.status == 2 and "pip install" in outcome.err

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from sprintlab.evaluation.ablation.record import EvaluationRecord
     from sprintlab.evaluation.ablation.runs import Run
 
+SPREAD_HINT = "spread over the training seeds: sprintlab ablate results/methods --recorded"
+
 Report = Callable[[str, float | None], None]
 
 
@@ -94,6 +96,8 @@ class Ablate:
             print_json(numbers)
         else:
             _print_tables(grouped)
+            if self.from_results:
+                stderr_console().print(SPREAD_HINT, soft_wrap=True)
         return 0
 
     def _check(self) -> None:

@@ -17,7 +17,15 @@ from sprintlab.evaluation.ablation.record import EvaluationRecord
 from sprintlab.evaluation.ablation.table import collapsed
 from sprintlab.evaluation.command_modes import CommandSequence
 from sprintlab.evaluation.estimates import estimate_pair
-from sprintlab.evaluation.figures import LIGHT, Theme, on_envelope, recorded, set_title, themed_figure
+from sprintlab.evaluation.figures import (
+    LIGHT,
+    Theme,
+    on_envelope,
+    recorded,
+    set_title,
+    style_axis,
+    themed_figure,
+)
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import MotorModel, no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
@@ -29,7 +37,7 @@ MODEL_NAMES: dict[str, str] = {
     "simplified-dc": "v_d = 0",
     "refined": "refined",
 }
-_STYLES = {"square": ":", "simplified-dc": "--", "refined": "-"}
+_STYLES: dict[str, Any] = {"square": ":", "simplified-dc": "--", "refined": "-"}
 _SMOOTHING = 0.2  # [s], about one stride
 _POINTS = 2500  # of a cloud that are drawn
 _HIND = {"hind hips": ("RL_hip", "RR_hip"), "hind knees": ("RL_knee", "RR_knee")}
@@ -119,20 +127,19 @@ def worlds_figure(
 
 def sprint_figure(sprint: SprintResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
     """Speed over time of a run over a distance, and the clouds of hind hips and knees below it."""
-    figure, axes = themed_figure(theme, (9.5, 7.0), 2, 2)
-    axes[1].remove()
-    trial = sprint.trial
-    wide = axes[0]
-    wide.set_subplotspec(figure.axes[0].get_gridspec()[0, :])
-    _draw_speed(wide, trial, theme)
-    wide.set_ylabel("forward speed [m/s]")
-    _note(wide, _held_text(trial), theme)
+    figure = Figure(figsize=(9.5, 7.0), facecolor=theme.background, layout="constrained")
+    axes = figure.subplot_mosaic([["speed", "speed"], list(_HIND)])
+    for axis in axes.values():
+        style_axis(axis, theme)
+    _draw_speed(axes["speed"], sprint.trial, theme)
+    axes["speed"].set_ylabel("forward speed [m/s]")
     time = f"{sprint.distance:g} m in {sprint.time:.2f} s" if sprint.finished else "not finished"
-    set_title(wide, time, theme)
-    for axis, (name, joints) in zip(axes[2:], _HIND.items(), strict=True):
-        _draw_cloud(axis, recorded(trial), robot, joints, theme)
-        set_title(axis, name, theme)
-    axes[2].set_ylabel("joint torque [N m]")
+    set_title(axes["speed"], time, theme)
+    _note(axes["speed"], _held_text(sprint.trial), theme)
+    for name, joints in _HIND.items():
+        _draw_cloud(axes[name], recorded(sprint.trial), robot, joints, theme)
+        set_title(axes[name], name, theme)
+        axes[name].set_ylabel("joint torque [N m]")
     _cloud_legend(figure, theme)
     return figure
 

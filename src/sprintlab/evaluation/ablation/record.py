@@ -220,31 +220,29 @@ def audit_record(report: AuditReport) -> AuditRecord:
 def speed_record(result: SpeedResult) -> SpeedRecord:
     """The numbers of one v*."""
     done = [trial.metrics for trial in result.completed]
-    means = {
-        name: plain(result.mean(name))
-        for name in (
-            "held_speed",
-            "peak_speed",
-            "angular_cost",
-            "lateral_deviation",
-            "cost_of_transport",
-            "electrical_power",
-            "stride_frequency",
-        )
-    }
-    vectors = {
-        name: tuple(plain(value) for value in result.mean(name)) if done else ()
-        for name in ("duty_factor", "envelope_share")
-    }
+
+    def mean(name: str) -> Number:
+        return plain(result.mean(name))
+
+    def means(name: str) -> Numbers:
+        return tuple(plain(value) for value in result.mean(name)) if done else ()
+
     return SpeedRecord(
         top_speed=result.top_speed,
         trials=len(result.trials),
         falls=result.falls,
         passed=result.passed,
+        held_speed=mean("held_speed"),
+        peak_speed=mean("peak_speed"),
+        angular_cost=mean("angular_cost"),
+        lateral_deviation=mean("lateral_deviation"),
+        cost_of_transport=mean("cost_of_transport"),
+        electrical_power=mean("electrical_power"),
+        stride_frequency=mean("stride_frequency"),
+        duty_factor=means("duty_factor"),
+        envelope_share=means("envelope_share"),
         audit=audit_record(audit_trials(done)),
         estimate=merge_bands(band for metrics in done for band in metrics.estimate),
-        **means,
-        **vectors,
     )
 
 
