@@ -37,6 +37,7 @@ class Limit:
         robot: name of a robot, or the path of its folder or table.
         figure: PNG to draw; none when left out.
         factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
+        quick: only the limit and its stride: no causes, no sensitivities.
         starts: random strides tried before a speed counts as too fast; more find a little more.
         seed: of the random strides.
         results: folder whose result.json files say what trained policies reach.
@@ -46,14 +47,15 @@ class Limit:
     robot: tyro.conf.Positional[str] = "bp2"
     figure: Path | None = None
     factors: tuple[float, ...] = (0.9, 1.1)
-    starts: int = 12
+    quick: tyro.conf.FlagCreatePairsOff[bool] = False
+    starts: int = 6
     seed: int = 0
     results: Path = Path("results")
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
         """Print the estimate; raises ``SprintlabError`` for an unknown robot or a bad option."""
-        from sprintlab.limits import SearchSettings, speed_limit, trained_speeds
+        from sprintlab.limits import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
         from sprintlab.robots import load_robot
 
         settings = SearchSettings(starts=self.starts, seed=self.seed)
@@ -61,7 +63,12 @@ class Limit:
         trained = trained_speeds(self.results, robot.name)
         with progress_bar(quiet=self.json) as report:
             limit = speed_limit(
-                robot, settings=settings, factors=self.factors, trained=trained, progress=report
+                robot,
+                settings=settings,
+                factors=() if self.quick else self.factors,
+                causes=() if self.quick else tuple(LIMITS_TO_LIFT),
+                trained=trained,
+                progress=report,
             )
         if self.figure is not None:
             self._draw(limit, robot)
@@ -93,7 +100,8 @@ class Limit:
         for item in limit.sensitivities:
             table.add_row(f"limit with {item.quantity} x {item.factor:g}", f"{item.speed:.2f}", "m/s")
         console.print(table)
-        console.print(f"What stops it: {limit.cause}.")
+        if limit.cause is not None:
+            console.print(f"What stops it: {limit.cause}.")
         if self.figure is not None:
             console.print(f"figure: {self.figure}")
 

@@ -25,7 +25,7 @@ class RobotNew:
         source: MJCF or URDF of a quadruped with three hinges a leg.
         name: of the robot; by default the file's name.
         choices: TOML file with motors, gears, gains and the rest; options override it.
-        abad_motor: motor file, or ROBOT:JOINT such as bp2:abad.
+        abad_motor: motor file, name of a library motor, or ROBOT:JOINT such as bp2:abad.
         hip_motor: the same for the hips.
         knee_motor: the same for the knees.
         abad_gear: gear ratio, motor speed over joint speed.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sprintlab.core.checks import check_range
+from sprintlab.core.checks import check_choice, check_range
 from sprintlab.limits.leg import GRAVITY, FloatArray, PlanarLink
 from sprintlab.limits.search import Fastest, SearchSettings, fastest_stride
 from sprintlab.limits.stride import GROUPS, STANCE_POINTS, Runner, Stride, evaluate, runner_from_robot
@@ -124,7 +124,7 @@ class SpeedLimit:
     Attributes:
         robot: its name.
         speed: upper estimate of the top speed [m/s].
-        cause: what stops the robot: the limit whose absence lets it run fastest.
+        cause: what stops the robot: the limit whose absence lets it run fastest; None where none was lifted.
         facts: of the fastest stride.
         stride: the fastest stride, a batch of one.
         lifted: the limit without each cause, in the order of ``LIMITS_TO_LIFT``.
@@ -134,7 +134,7 @@ class SpeedLimit:
 
     robot: str
     speed: float
-    cause: str
+    cause: str | None
     facts: StrideFacts
     stride: Stride
     lifted: tuple[Lifted, ...]
@@ -147,6 +147,7 @@ def speed_limit(
     *,
     settings: SearchSettings | None = None,
     factors: Sequence[float] = (0.9, 1.1),
+    causes: Sequence[str] = tuple(LIMITS_TO_LIFT),
     trained: Sequence[TrainedSpeed] = (),
     progress: Progress | None = None,
 ) -> SpeedLimit:
@@ -156,25 +157,26 @@ def speed_limit(
         robot: the robot.
         settings: how hard to search.
         factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
+        causes: of ``LIMITS_TO_LIFT``, to be taken away one at a time.
         trained: measured speeds to put beside it.
         progress: called with what is done and the share done.
 
     Raises:
-        InvalidValueError: a factor outside [0.3, 3].
+        InvalidValueError: a factor outside [0.3, 3], or an unknown cause.
         SimulationError: the motors cannot carry the robot at any speed.
     """
     for factor in factors:
         check_range("factors", factor, 0.3, 3.0)
+    for cause in causes:
+        check_choice("causes", cause, tuple(LIMITS_TO_LIFT))
     settings, runner = settings or SearchSettings(), runner_from_robot(robot)
     beside = replace(
         settings, starts=max(2, settings.starts // 2)
     )  # a similar robot's stride is a good start
     variants = [(name, factor) for name in scalings(runner) for factor in factors]
-    meter = _Meter(progress, 1 + len(LIMITS_TO_LIFT) + len(variants))
+    meter = _Meter(progress, 1 + len(causes) + len(variants))
     best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
-    lifted = tuple(
-        _lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in LIMITS_TO_LIFT
-    )
+    lifted = tuple(_lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in causes)
     sensitivities = tuple(
         Sensitivity(
             quantity=name,
@@ -189,7 +191,7 @@ def speed_limit(
     return SpeedLimit(
         robot=robot.name,
         speed=best.speed,
-        cause=max(lifted, key=lambda item: item.speed).cause,
+        cause=max(lifted, key=lambda item: item.speed).cause if lifted else None,
         facts=stride_facts(runner, stride, best.speed),
         stride=stride,
         lifted=lifted,

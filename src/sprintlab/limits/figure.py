@@ -20,7 +20,8 @@ def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
     """Leg through a stride, torque over speed, the causes, and the sensitivities."""
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     axes = figure.subplots(2, 3)
-    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s, stopped by {limit.cause}")
+    stopped = f", stopped by {limit.cause}" if limit.cause else ""
+    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}")
     _draw_leg(axes[0, 0], limit, runner)
     for joint, name in enumerate(("hip", "knee")):
         _draw_cloud(axes[0, 1 + joint], limit, runner, joint, name)

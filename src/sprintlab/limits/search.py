@@ -29,6 +29,7 @@ _STEP = 1e-5  # of the scaled parameters, for differences
 _EVALUATIONS = 120  # at most, in a local search
 _SHAKE = 0.7  # of a known stride, in units of ``_SCALES``
 _GROWTH, _PROBE = 1.25, 1.06
+_FASTEST_PACE, _STEPS_DOWN = 7.5, 14  # in roots of g times leg length: horses and cheetahs reach 5 to 6
 _SCALES = np.r_[0.05, 0.03, 0.05, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, np.full(2 * SWING_WAVES, 0.15)]
 
 
@@ -79,7 +80,7 @@ def fastest_stride(
     ceiling: float = 60.0,
     tick: Tick | None = None,
 ) -> Fastest:
-    """Raise the speed until no stride keeps the limits, then halve the interval.
+    """The highest speed at which a stride keeps the limits: bracketed from above, then halved.
 
     Args:
         runner: the robot.
@@ -136,11 +137,15 @@ def _bisect(
 
 
 def _first_possible(search: _Search, near: Fastest | None) -> tuple[float, FloatArray]:
-    """A possible speed and its stride: just below a known one, else from a brisk walk down."""
+    """A possible speed and its stride: below a known limit, else down from a speed that no machine reaches.
+
+    From above, since two kinds of gait are possible: the one with long stances, which is found at a slow pace,
+    ends far below the one with long flights.
+    """
     pace = float(np.sqrt(GRAVITY * search.runner.leg.reach))
-    speeds = [pace * factor for factor in (1.0, 0.6, 0.3)]
+    speeds = [pace * _FASTEST_PACE / _GROWTH**step for step in range(_STEPS_DOWN)]
     if near is not None:
-        speeds = [near.speed * factor for factor in (1.0, 0.9, 0.75, 0.5)] + speeds
+        speeds = [near.speed * factor for factor in (1.0, 0.9, 0.75, 0.5)] + speeds[_STEPS_DOWN // 2 :]
     for speed in speeds:
         found = search.possible(speed, None if near is None else near.parameters)
         if found is not None:

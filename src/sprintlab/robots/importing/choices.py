@@ -12,7 +12,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
-from sprintlab.motors import PmsmParameters, load_motor
+from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.loader import load_robot
 
@@ -27,7 +27,8 @@ class JointChoice:
     """Drive and controller of one joint type; what is None is derived.
 
     Attributes:
-        motor: a motor file (TOML), or ``ROBOT:JOINT`` for the motor of a known robot, e.g. ``bp2:hip``.
+        motor: a motor file (TOML), the name of a library motor, or ``ROBOT:JOINT`` for the motor of a known
+            robot, e.g. ``bp2:hip``.
         gear_ratio: motor speed over joint speed.
         gear_efficiency: joint torque over ratio times motor torque.
         stiffness: proportional gain [N m/rad]; by default the peak torque at 0.45 rad of error.
@@ -127,11 +128,13 @@ def _check_names(path: Path, table: Any, known: set[str], prefix: str = "") -> N
 
 
 def find_motor(reference: str) -> PmsmParameters:
-    """The motor of a file, or of a robot's joint written as ``ROBOT:JOINT``; one number a field.
+    """The motor of a file, of the library, or of a robot's joint written ``ROBOT:JOINT``; one number a field.
 
     Raises:
         SprintlabError: no such file, robot or joint, or the file holds several motors.
     """
+    if reference in library_motors():
+        return load_library_motor(reference).motor
     robot_name, colon, joint = reference.rpartition(":")
     if not reference.endswith(".toml") and colon:
         if joint not in JOINTS_PER_LEG:
