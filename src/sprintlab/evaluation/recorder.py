@@ -74,8 +74,11 @@ class Recorder:
         }
         if estimates:
             shapes["estimate"] = (ESTIMATE_SIZE,)
-        if supply is not None:
-            shapes |= {"bus_voltage": (), "copper_loss": (joints,), "winding_temperature": (joints,)}
+        state = None if supply is None else supply()
+        if state is not None:
+            shapes |= {"bus_voltage": (), "copper_loss": (joints,)}
+        if state is not None and state.winding_temperature is not None:
+            shapes["winding_temperature"] = (joints,)
         self._lowest_foot = np.full(len(legs), np.inf)
         self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
 
@@ -115,6 +118,7 @@ class Recorder:
         if state is not None:
             self._raw["bus_voltage"][index] = state.bus_voltage
             self._raw["copper_loss"][index] = state.copper_loss
+        if state is not None and state.winding_temperature is not None:
             self._raw["winding_temperature"][index] = state.winding_temperature
 
     def trajectory(self) -> Trajectory:

@@ -48,9 +48,9 @@ class Trajectory:
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
         estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
             height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
-        bus_voltage: (T,) [V]. This and the next two are ``None`` on a stiff bus with cold windings.
+        bus_voltage: (T,) [V]; ``None``, as is the next, without battery, heat and flux weakening.
         copper_loss: (T, 12) heat in the windings, i_d of flux weakening included [W].
-        winding_temperature: (T, 12) [degC].
+        winding_temperature: (T, 12) [degC]; ``None`` without heat.
     """
 
     time: Array
@@ -135,8 +135,8 @@ class TrialMetrics:
         smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
         slip_per_step: mean way that a foot slides in one stance [m].
         estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
-        lowest_bus_voltage: [V]; ``None`` on a stiff bus with cold windings, as is the next.
-        hottest_winding: [degC].
+        lowest_bus_voltage: [V]; ``None`` without battery, heat and flux weakening.
+        hottest_winding: [degC]; ``None`` without heat.
     """
 
     held_speed: float

@@ -120,14 +120,14 @@ class SupplyState:
         bus_voltage: in the last motor step [V].
         lowest_bus_voltage: so far [V].
         state_of_charge: [-]; 1 for a bus without a battery.
-        winding_temperature: ``(12,)`` [degC].
+        winding_temperature: ``(12,)`` [degC]; ``None`` where heat is off.
         copper_loss: ``(12,)``, in the last motor step [W].
     """
 
     bus_voltage: float
     lowest_bus_voltage: float
     state_of_charge: float
-    winding_temperature: FloatArray
+    winding_temperature: FloatArray | None
     copper_loss: FloatArray
 
 
@@ -181,7 +181,7 @@ class SuppliedDrive:
             bus_voltage=self._bus_voltage,
             lowest_bus_voltage=min(self._lowest, self._bus_voltage),
             state_of_charge=self._charge,
-            winding_temperature=self._temperature.copy(),
+            winding_temperature=None if self._heat is None else self._temperature.copy(),
             copper_loss=self._loss,
         )
 
