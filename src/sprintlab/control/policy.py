@@ -58,7 +58,7 @@ class Decision(NamedTuple):
 
 
 class Policy:
-    """A loaded policy file: its contract and its network.
+    """A loaded policy file: its contract and its network. One thread at a time may use it.
 
     Attributes:
         contract: what the policy was made for.
@@ -70,6 +70,7 @@ class Policy:
         self.layout = contract.layout
         self._session = session
         self._outputs = [_OUTPUT, _ESTIMATE] if self.estimates else [_OUTPUT]
+        self._single: _SingleRun | None = None
 
     @property
     def estimates(self) -> bool:
@@ -96,14 +97,46 @@ class Policy:
             InvalidValueError: an input has another shape.
         """
         _check_batch("observation", observation, self.layout.input_size)
+        if previous_estimate is not None and self.estimates:
+            _check_batch("previous_estimate", previous_estimate, ESTIMATE_SIZE)
+        if len(observation) == 1:
+            return self._decide_one(observation, previous_estimate)
         inputs = {_INPUT: np.ascontiguousarray(observation, dtype=np.float32)}
         if not self.estimates:
             return Decision(self._session.run(self._outputs, inputs)[0], None)
         if previous_estimate is None:
             previous_estimate = np.zeros((len(observation), ESTIMATE_SIZE), dtype=np.float32)
-        _check_batch("previous_estimate", previous_estimate, ESTIMATE_SIZE)
         inputs[_PREVIOUS] = np.ascontiguousarray(previous_estimate, dtype=np.float32)
         return Decision(*self._session.run(self._outputs, inputs))
+
+    def _decide_one(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
+        if self._single is None:
+            self._single = _SingleRun(self._session, self.layout.input_size, self.estimates)
+        return self._single(observation, previous_estimate)
+
+
+class _SingleRun:
+    """One robot's step in memory that is allocated once and bound to the network."""
+
+    def __init__(self, session: Any, input_size: int, estimates: bool) -> None:
+        self._session, self._estimates = session, estimates
+        self._observation = np.zeros((1, input_size), dtype=np.float32)
+        self._previous = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
+        self._action = np.zeros((1, JOINT_COUNT), dtype=np.float32)
+        self._estimate = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
+        self._binding: Any = session.io_binding()
+        inputs, outputs = {_INPUT: self._observation}, {_OUTPUT: self._action}
+        if estimates:
+            inputs[_PREVIOUS], outputs[_ESTIMATE] = self._previous, self._estimate
+        for bind, arrays in ((self._binding.bind_input, inputs), (self._binding.bind_output, outputs)):
+            for name, array in arrays.items():
+                bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+
+    def __call__(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
+        self._observation[:] = observation
+        self._previous[:] = 0.0 if previous_estimate is None else previous_estimate
+        self._session.run_with_iobinding(self._binding)
+        return Decision(self._action.copy(), self._estimate.copy() if self._estimates else None)
 
 
 class Measurement(NamedTuple):

@@ -144,7 +144,7 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start):
     began = time.monotonic()
     report = run_loop(controller, bus, LoopOptions(priority=None, duration=0.5), status=status)
     elapsed = time.monotonic() - began
-    assert report.end == "passive" and elapsed == pytest.approx(0.5, abs=0.4)
+    assert report.end == "passive" and elapsed >= report.duration >= 0.5
     assert slow >= 2 and report.deadline_misses >= slow and report.skipped >= 3 * slow
     assert report.steps + report.skipped == pytest.approx(1000.0 * report.duration, abs=20)
     data = report.to_dict()

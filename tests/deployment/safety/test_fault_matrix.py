@@ -460,6 +460,12 @@ def test_a_grave_fault_damps_the_joints_in_time(running, name):
     assert {tick.command.mode for tick in running.ticks[-100:]} == {JointMode.DAMPING}
 
 
+def test_a_robot_no_longer_heard_of_is_damped_in_full(running, bp2):
+    silence(None)(running)
+    running.run(0.2)
+    np.testing.assert_array_equal(running.ticks[-1].command.damping, bp2.damping)
+
+
 @pytest.mark.parametrize("name", BRAKED)
 def test_a_lesser_fault_brings_the_robot_to_a_stand(running, name):
     assert_reaction_fits(BRAKED, Reaction.BRAKE)

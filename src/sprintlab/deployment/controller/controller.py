@@ -192,7 +192,7 @@ class Controller:
         begin = clock.perf_counter_ns()
         self._faults = []
         self._watch_loop(now)
-        time = (self._now - (self._start or 0)) * 1e-9
+        time = self._time
         for state in states:
             self._take_state(state, time)
         self._take_fix(fix, time)
@@ -498,11 +498,22 @@ class Controller:
                 return self._send(now, JointMode.SERVO, *servo)
             self._note(Fault.POLICY_INVALID)
             self._enter_stop(Fault.POLICY_INVALID.value)
+        return self._damp(now, state)
+
+    def _damp(self, now: int, state: RobotState) -> JointCommand:
+        """Damping within the envelope; the full gains where nobody knows the joints' speeds any more."""
+        if self._states.stale(self._time):
+            damping = np.array(self._robot.damping)
+            return self._send(now, JointMode.DAMPING, self._zeros, self._zeros, damping, self._zeros)
         return self._send(now, JointMode.DAMPING, *self._guard.damping(self._robot.damping, state))
 
+    @property
+    def _time(self) -> float:
+        """Of this step, since the controller's start [s]."""
+        return (self._now - (self._start or 0)) * 1e-9
+
     def _damps_after_sinking(self) -> bool:
-        time = (self._now - (self._start or 0)) * 1e-9
-        return self.mode is Mode.LIE_DOWN and time >= self._motion.end_time
+        return self.mode is Mode.LIE_DOWN and self._time >= self._motion.end_time
 
     def _send(
         self,
