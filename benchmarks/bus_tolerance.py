@@ -53,8 +53,8 @@ class Condition:
 
 CONDITIONS = (
     *(Condition(delay_ms=delay) for delay in (0, 1, 2, 4, 6, 8, 10, 15, 20)),
-    *(Condition(jitter_ms=jitter) for jitter in (1, 2, 4, 8)),
-    *(Condition(loss_percent=loss) for loss in (1, 5, 10, 20, 50)),
+    *(Condition(jitter_ms=jitter) for jitter in (2, 8)),
+    *(Condition(loss_percent=loss) for loss in (5, 20, 50)),
     Condition(delay_ms=2, jitter_ms=1, loss_percent=5),
 )
 

@@ -44,6 +44,16 @@ class Packet(IdlStruct, typename="sprintlab.Packet"):
     content: sequence[uint8]  # type: ignore
 
 
+def _packet(content: bytes) -> Packet:
+    numbers: Any = list(content)  # at run time Cyclone's ``sequence`` is a list
+    return Packet(content=numbers)
+
+
+def _content(packet: Packet) -> bytes:
+    numbers: Any = packet.content
+    return bytes(numbers)
+
+
 def open_interface(address: BusAddress) -> "DdsInterface":
     """The controller's end.
 
@@ -109,14 +119,14 @@ class _DdsEnd:
         if self._closed:
             return
         with contextlib.suppress(DDSException):  # a link that is down: the other end's watchdog sees it
-            self._writers[name].write(Packet(content=list(content)))
+            self._writers[name].write(_packet(content))
 
     def _next(self, name: str, kind: type[MessageType]) -> MessageType | None:
         while not self._closed:
             waiting = self._waiting[name]
             if not waiting:
                 samples = self._readers[name].take(N=_WAITING)
-                waiting += [bytes(s.content) for s in samples if isinstance(s, Packet)]
+                waiting += [_content(sample) for sample in samples if isinstance(sample, Packet)]
             if not waiting:
                 return None
             try:
