@@ -19,7 +19,6 @@ from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.description import FloatArray
 
 JOINTS_OF_A_LEG = 3
-_WORLD = "sprintlab_world"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +150,7 @@ def _compile(path: Path) -> mujoco.MjModel:
     try:
         root = ElementTree.fromstring(text)
         if root.tag == "robot":
-            spec = mujoco.MjSpec.from_string(_floating_urdf(root))
+            spec = mujoco.MjSpec.from_string(_plain_urdf(root))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
         _drop_meshes(spec)
@@ -160,19 +159,15 @@ def _compile(path: Path) -> mujoco.MjModel:
         raise RobotModelError(f"robot model {path} cannot be used: {' '.join(str(error).split())}") from error
 
 
-def _floating_urdf(root: ElementTree.Element) -> str:
-    """A URDF without meshes whose base floats; MuJoCo would else weld it to the world and lose its mass."""
+def _plain_urdf(root: ElementTree.Element) -> str:
+    """A URDF without meshes whose links stay apart, so that a foot keeps its name and its mass."""
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
                 link.remove(shape)
-    children = {child.get("link") for child in root.findall("joint/child")}
-    bases = [link.get("name") for link in root.findall("link") if link.get("name") not in children]
-    if not any(joint.get("type") == "floating" for joint in root.findall("joint")) and len(bases) == 1:
-        ElementTree.SubElement(root, "link", name=_WORLD)
-        joint = ElementTree.SubElement(root, "joint", name=f"{_WORLD}_joint", type="floating")
-        ElementTree.SubElement(joint, "parent", link=_WORLD)
-        ElementTree.SubElement(joint, "child", link=str(bases[0]))
+    for joint in root.findall("joint"):
+        if joint.get("type") == "floating":  # the base's: it is found by its legs, and may as well stand
+            joint.set("type", "fixed")
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = ElementTree.SubElement(root, "mujoco")

@@ -1,0 +1,43 @@
+"""``sprintlab limit``: table, JSON, picture, and bad input."""
+
+import json
+
+import pytest
+
+QUICK = ("--quick", "--starts", 2)
+
+
+def test_the_limit_as_json_with_a_picture(call, tmp_path):
+    result = {"robot": "bp2", "policy": "sprint", "held_speed_m_s": 10.45, "falls": 0}
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    figure = tmp_path / "limit.png"
+    outcome = call("limit", "bp2", *QUICK, "--results", tmp_path, "--figure", figure, "--json")
+    assert outcome.status == 0
+    answer = json.loads(outcome.out)
+    assert 12.0 < answer["speed_limit_m_s"] < 15.0
+    assert answer["stride"]["duty"] < 0.2
+    assert answer["trained"][0]["speed"] == 10.45
+    assert answer["limit_without"] == [] and answer["cause"] is None
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_limit_as_a_table(call, tmp_path):
+    outcome = call("limit", "go1", *QUICK, "--results", tmp_path)
+    assert outcome.status == 0
+    assert "speed limit (upper estimate)" in outcome.out
+    assert "stride frequency" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("nodog",), "robot 'nodog' is unknown"),
+        (("bp2", "--starts", 0), "starts = 0"),
+        (("bp2", "--factors", 0.01), "factors = 0.01"),
+    ],
+)
+def test_bad_input_is_refused_with_one_sentence(call, arguments, sentence):
+    refused = call("limit", *arguments)
+    assert refused.status == 2
+    assert sentence in refused.err
+    assert refused.err.count("\n") == 1
