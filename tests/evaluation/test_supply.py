@@ -1,0 +1,56 @@
+"""A trial on a battery with warm windings: what is recorded, and what follows from it."""
+
+import numpy as np
+import pytest
+
+from sprintlab.control import load_policy
+from sprintlab.evaluation.figures import joint_powers
+from sprintlab.evaluation.metrics import copper_losses
+from sprintlab.evaluation.trial import TrialRequest, run_trial
+from sprintlab.motors import Battery, WindingHeat, copper_loss, open_circuit_voltage, resistance_factor
+from sprintlab.plant import PlantOptions
+
+
+@pytest.fixture(scope="module")
+def supplied(standing_policy, robot):
+    plant = PlantOptions(battery=Battery(), state_of_charge=0.6, heat=WindingHeat(), winding_temperature=90.0)
+    request = TrialRequest(top_speed=0.5, hold=0.5, plant=plant, keep_trajectory=True)
+    return run_trial(load_policy(standing_policy), robot, request)
+
+
+def test_voltage_loss_and_temperature_are_recorded(supplied):
+    trajectory = supplied.trajectory
+    count = len(trajectory.time)
+    assert trajectory.bus_voltage.shape == (count,)
+    assert trajectory.copper_loss.shape == trajectory.winding_temperature.shape == (count, 12)
+    assert {"bus_voltage", "copper_loss", "winding_temperature"} <= set(trajectory.arrays())
+    assert supplied.metrics.lowest_bus_voltage == trajectory.bus_voltage.min()
+    assert supplied.metrics.hottest_winding == trajectory.winding_temperature.max()
+    source = float(open_circuit_voltage(Battery(), 0.6))
+    assert 0.9 * source < supplied.metrics.lowest_bus_voltage < source
+    assert 80.0 < trajectory.winding_temperature.min() < supplied.metrics.hottest_winding < 95.0
+
+
+def test_powers_are_those_of_the_warm_windings(supplied, robot):
+    trajectory = supplied.trajectory
+    cold = copper_loss(robot.motors, trajectory.motor_torque)
+    warmer = copper_losses(trajectory, robot)[10:] / np.maximum(cold[10:], 1e-9)
+    loaded = cold[10:] > 0.1
+    expected = resistance_factor(WindingHeat(), 90.0)  # and a little for the weaker magnets
+    assert np.median(warmer[loaded]) == pytest.approx(expected / 0.964**2, rel=0.02)
+    assert joint_powers(trajectory, robot)[1] is copper_losses(trajectory, robot)
+
+
+def test_a_plain_trial_records_none_of_it(standing_policy, robot):
+    request = TrialRequest(top_speed=0.5, hold=0.5, keep_trajectory=True)
+    trial = run_trial(load_policy(standing_policy), robot, request)
+    assert trial.metrics.lowest_bus_voltage is None and trial.metrics.hottest_winding is None
+    assert "copper_loss" not in trial.trajectory.arrays()
+    loss = copper_losses(trial.trajectory, robot)
+    np.testing.assert_array_equal(loss, copper_loss(robot.motors, trial.trajectory.motor_torque))
+
+
+def test_the_plant_says_how_it_differs():
+    assert PlantOptions().remarks == ()
+    plant = PlantOptions(motor_model="flux-weakening", battery=Battery(), heat=WindingHeat())
+    assert [remark.split()[0] for remark in plant.remarks] == ["motor", "a", "windings"]
