@@ -109,6 +109,7 @@ def test_operating_points_are_compared_with_every_envelope(call, trajectory, tmp
     assert picture.stat().st_size > 0
     weak = envelope(call, "bp2", "hip", "--trajectory", trajectory, "--gear-efficiency", 0.3)
     assert weak["operating_points"]["beyond"]["refined"] == 0.5
+    assert points["at_limit"] == 0.0 and weak["operating_points"]["at_limit"] == 0.5
     one = envelope(call, "bp2", "RL_hip", "--trajectory", trajectory)
     assert one["operating_points"]["samples"] == 2
 

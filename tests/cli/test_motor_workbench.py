@@ -35,6 +35,12 @@ def answer(call, *arguments):
     return json.loads(outcome.out)
 
 
+@pytest.mark.parametrize("command", ["from-datasheet", "identify"])
+def test_help_names_the_options(call, command):
+    outcome = call("motor", command, "--help")
+    assert outcome.status == 0 and "--json" in outcome.out and "--out" in outcome.out
+
+
 def test_data_sheet_to_motor_file_to_picture(call, tmp_path):
     motor = tmp_path / "maxon.toml"
     found = answer(call, "motor", "from-datasheet", SHEET, "--out", motor)

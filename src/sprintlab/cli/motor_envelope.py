@@ -179,6 +179,7 @@ def _operating_table(summary: dict[str, float]) -> Table:
     table.add_row("samples", f"{summary['samples']:.0f}")
     table.add_row("highest speed over no-load speed", f"{summary['speed_ratio']:.3f}")
     table.add_row("greatest torque over the peak torque", f"{summary['torque_ratio']:.3f}")
+    table.add_row("share on the envelope, refined + sat.", f"{summary['at_limit']:.2%}")
     for name, share in summary["beyond"].items():  # pyright: ignore[reportAttributeAccessIssue]
         table.add_row(f"share beyond {SHORT_NAMES.get(name, name)}", f"{share:.2%}")
     return table

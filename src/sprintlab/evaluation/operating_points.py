@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors.chart import JointDrive, envelope_names, joint_limits
+from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 
 FloatArray = NDArray[np.float64]
 
 _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
+_NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope
 _NEEDED = ("joint_velocity", "joint_torque")
 
 
@@ -33,7 +34,11 @@ class OperatingPoints:
     torque: FloatArray
 
     def summary(self, drive: JointDrive) -> dict[str, Any]:
-        """How near the samples come to the limits of ``drive``; ``beyond`` holds one share an envelope."""
+        """How near the samples come to the limits of ``drive``.
+
+        ``at_limit`` is the share within 1 % of the peak torque of what the drive can deliver; ``beyond`` holds,
+        for each envelope, the share outside it.
+        """
         margin = _MARGIN * drive.peak_torque
         beyond: dict[str, float] = {}
         for name in envelope_names():
@@ -44,8 +49,14 @@ class OperatingPoints:
             "samples": len(self.speed),
             "speed_ratio": float(np.abs(self.speed).max()) / drive.no_load_speed,
             "torque_ratio": float(np.abs(self.torque).max()) / drive.peak_torque,
+            "at_limit": self._at_limit(drive),
             "beyond": beyond,
         }
+
+    def _at_limit(self, drive: JointDrive) -> float:
+        lower, upper = joint_limits(drive, self.speed, SATURATED)
+        reach = _NEAR * drive.peak_torque
+        return float(np.mean((self.torque >= upper - reach) | (self.torque <= lower + reach)))
 
 
 def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
