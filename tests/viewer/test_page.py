@@ -33,7 +33,7 @@ def status(tab, name):
     return float(tab.evaluate(f"document.getElementById('status').dataset.{name}"))
 
 
-def test_page_loads_robot_moves_and_a_slider_changes_the_speed(tab, address):
+def test_page_loads_robot_moves_a_slider_and_a_key_change_the_speed(tab, address):
     tab.goto(address)
     tab.wait_for_selector("#status", timeout=PATIENCE)
     assert tab.locator("canvas").count() >= 1
@@ -45,6 +45,9 @@ def test_page_loads_robot_moves_and_a_slider_changes_the_speed(tab, address):
     tab.wait_for_function("Number(document.getElementById('status').dataset.speed) > 2.0", timeout=PATIENCE)
     assert status(tab, "distance") > 0.5
     assert tab.locator("svg.envelope circle").count() == 12
+    slider.blur()
+    tab.keyboard.press("x")
+    tab.wait_for_function("Number(document.getElementById('status').dataset.command) < 0.1", timeout=PATIENCE)
 
 
 def test_duration_ends_the_command(capsys):

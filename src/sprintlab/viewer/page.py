@@ -41,6 +41,7 @@ PLOT_SECONDS = 10.0
 PACES = {"real time": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1, "1/25": 0.04}
 TOP_SPEED = 14.0
 
+_KEYS_HINT = "Keys: W faster, S slower, A left, D right, Q straight on, X stop"
 _GRID_SECTION = 5.0
 _SCALES: Any = {"x": {"time": False, "auto": True}, "y": {"auto": True}}
 _LONGEST_ADVANCE = 0.1  # simulated seconds in one picture, however late it is
@@ -187,7 +188,17 @@ class Page:
         self._turns(speed, "speed", float)
         self._turns(yaw, "yaw_rate", float)
         self._turns(paced, "self_paced", bool)
-        buttons = gui.add_button_group("Robot", ("Stop", "Stand up"))
+        keys: dict[Any, tuple[str, Callable[[], object]]] = {
+            "W": ("Faster", lambda: _shift(speed, 0.5)),
+            "S": ("Slower", lambda: _shift(speed, -0.5)),
+            "A": ("Turn left", lambda: _shift(yaw, 0.1)),
+            "D": ("Turn right", lambda: _shift(yaw, -0.1)),
+            "Q": ("Straight on", lambda: _shift(yaw, -yaw.value)),
+            "X": ("Stop", lambda: (_shift(speed, -speed.value), _shift(yaw, -yaw.value))),
+        }
+        for key, (label, action) in keys.items():
+            self._add_key(key, label, action)
+        buttons = gui.add_button_group("Robot", ("Stop", "Stand up"), hint=_KEYS_HINT)
 
         @buttons.on_click
         def _(_: Any) -> None:
@@ -195,6 +206,14 @@ class Page:
                 speed.value, yaw.value = 0.0, 0.0
             else:
                 self._do(self.session.reset)
+
+    def _add_key(self, key: Any, label: str, action: Callable[[], object]) -> None:
+        """Let a key of the keyboard do something."""
+        command = self.server.gui.add_command(label, hotkey=key)
+
+        @command.on_trigger
+        def _(_: Any) -> None:
+            action()
 
     def _add_time(self) -> None:
         gui = self.server.gui
@@ -255,6 +274,11 @@ class Page:
         with gui.add_folder("Bus power (kW)"):
             curves = _series(("power", "#12b886"))
             self._power_plot = gui.add_uplot((empty, empty), curves, scales=_SCALES, height=150)
+
+
+def _shift(slider: Any, change: float) -> None:
+    """Move a slider, not beyond its ends."""
+    slider.value = round(min(max(slider.value + change, slider.min), slider.max), 3)
 
 
 def _series(*curves: tuple[str, str]) -> Any:
