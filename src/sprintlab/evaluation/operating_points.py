@@ -36,8 +36,8 @@ class OperatingPoints:
     def summary(self, drive: JointDrive) -> dict[str, Any]:
         """How near the samples come to the limits of ``drive``.
 
-        ``at_limit`` is the share within 1 % of the peak torque of what the drive can deliver; ``beyond`` holds,
-        for each envelope, the share outside it.
+        ``at_limit`` is the share within 1 % of the peak torque of what the drive can deliver; ``beyond``
+        holds, for each envelope, the share outside it.
         """
         margin = _MARGIN * drive.peak_torque
         beyond: dict[str, float] = {}
