@@ -15,9 +15,9 @@ from sprintlab.cli.main import Command
 HEAD = """# Commands
 
 Every command answers `--help`. Commands that print numbers take `--json` and then print JSON only. The exit
-status is 0 when the command did its work, 1 when the robot fell in it (`robot-sim`), 2 when it was refused
-(one sentence on stderr says why) and 130 when it was interrupted. Results go to stdout, remarks and progress
-to stderr; colours appear on a terminal only.
+status is 0 when the command did its work, 1 when a robot fell or was stopped in it (`run`, `robot-sim`), 2
+when it was refused (one sentence on stderr says why) and 130 when it was interrupted. Results go to stdout,
+remarks and progress to stderr; colours appear on a terminal only.
 """
 
 

@@ -1,6 +1,8 @@
 """Entry point: parse, run one command, turn every expected failure into one sentence and a status.
 
-Exit status: 0 done, 1 done but the robot fell, 2 refused with a sentence on stderr, 130 interrupted. Heavy imports happen inside the commands, so that ``--help`` answers at once.
+Exit status: 0 done, 1 done but the robot fell or was stopped (``run``, ``robot-sim``), 2 refused with a
+sentence on stderr, 130 interrupted. Heavy imports happen inside the commands, so that ``--help`` answers at
+once.
 """
 
 from __future__ import annotations
