@@ -206,6 +206,24 @@ def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]
 
 
 @pytest.fixture(scope="session")
+def lying_robot(make_rig: Callable[..., Rig], sprint_policy: Policy) -> Snapshot:
+    """A robot on the ground that nobody has spoken to yet."""
+    return Snapshot.take(make_rig(), sprint_policy)
+
+
+@pytest.fixture
+def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
+    """The lying robot with a new controller for a source; one at a time, since the robot is the same."""
+
+    def make(source: Any) -> Rig:
+        rig = lying_robot.restore()
+        rig.source, rig.controller = source, Controller(lying_robot.policy, rig.robot, source)
+        return rig
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def gallop(bp2: RobotDescription, sprint_policy: Policy) -> Snapshot:
     """Running faster than 6 m/s, speed still rising."""
     source = StraightSource()

@@ -77,9 +77,9 @@ class Riser(Sleeper):
 
 
 @pytest.fixture
-def start(make_rig):
+def start(lie_down_with):
     def make(source):
-        rig = make_rig(source)
+        rig = lie_down_with(source)
         return rig.controller, DirectBus(rig.simulated)
 
     return make

@@ -40,8 +40,8 @@ def until(rig, mode, seconds=6.0):
 
 
 @pytest.fixture
-def lying(make_rig):
-    return make_rig(Operator())
+def lying(lie_down_with):
+    return lie_down_with(Operator())
 
 
 @pytest.fixture(scope="module")
