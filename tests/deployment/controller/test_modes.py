@@ -11,7 +11,7 @@ import pytest
 from sprintlab.control import Measurement, PolicyRuntime, projected_gravity
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import controller as controller_module
-from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus
+from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus, encode
 from sprintlab.deployment.safety import Fault
 
 
@@ -224,3 +224,11 @@ def test_the_source_is_told_what_it_needs(running):
     running.on_fix = lambda fix: None
     running.run(0.6)
     assert seen[-1].fix is None and seen[-1].forward_speed is None
+
+
+def test_a_robot_that_claims_an_absurd_answer_does_not_break_the_numbering(lying):
+    lying.on_states = changed_states(command_sequence=2**64 - 1)
+    tick = lying.run(0.1)
+    assert encode(tick.command)
+    lying.on_states = lambda states: states
+    assert encode(lying.run(0.1).command)

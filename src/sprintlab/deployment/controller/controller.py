@@ -63,6 +63,7 @@ _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
 _WARM_UP_STEPS = 20
 _LATE_WINDOW = 50  # policy steps
+_HIGHEST_START = 2**63  # of the command numbers: what a robot says must not let them overflow
 
 
 class Course:
@@ -253,8 +254,9 @@ class Controller:
             return
         if state.command_sequence != self._answer:
             self._answer, self._answered_at = state.command_sequence, time
-            # A robot that obeyed another controller before drops what does not count on from there.
-            self._sequence = max(self._sequence, self._answer)
+            if self.mode is Mode.PASSIVE:
+                # A robot that obeyed another controller before drops what does not count on from there.
+                self._sequence = min(max(self._sequence, self._answer), _HIGHEST_START)
         carried = self.mode in (Mode.STAND, Mode.RUN)
         self._note(*self._body.check(state, time, carried=carried))
 
@@ -337,7 +339,7 @@ class Controller:
             return None
 
     def _view(self, state: RobotState, time: float) -> SourceView:
-        fix = self._fix if time - self._fix_at <= self._safety.fix_timeout else None
+        fix = self._fresh_fix(time)
         offset, speed = self._course.offset_and_speed(fix)
         return SourceView(
             time=time,
@@ -349,6 +351,9 @@ class Controller:
             lateral_offset=offset,
             forward_speed=speed,
         )
+
+    def _fresh_fix(self, time: float) -> PositionFix | None:
+        return self._fix if time - self._fix_at <= self._safety.fix_timeout else None
 
     def _obey(self, request: Request, state: RobotState, time: float) -> None:
         if request == Request.STOP and self.mode in ACTIVE_MODES:
@@ -387,7 +392,7 @@ class Controller:
             self._note(Fault.SOURCE_LOST)
             self._react(time)
         if self.braking:
-            offset, _ = self._course.offset_and_speed(self._fix)
+            offset, _ = self._course.offset_and_speed(self._fresh_fix(time))
             heading = self._course.relative_heading(state)
             yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
             self._velocity = self._limiter.brake(dt, yaw_rate)
