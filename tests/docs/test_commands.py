@@ -24,6 +24,7 @@ from sprintlab.cli.main import main, parse
 from sprintlab.control import shipped_policy
 from sprintlab.motors import PmsmParameters, save_motor
 from sprintlab.robots import load_robot
+from sprintlab.robots.importing import JointChoice, RobotChoices, import_robot, read_choices
 
 try:
     import tomllib
@@ -32,6 +33,7 @@ except ModuleNotFoundError:  # Python 3.10
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+GO1 = ROOT / "examples" / "go1"
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SHELLS = {"sh", "bash", "shell", "console"}
 SHELL = {"cd", "git", "export", "source", "mkdir", "cp", "ls", "cat", "tar", "scp", "ssh", "."}
@@ -89,11 +91,22 @@ def workplace(tmp_path_factory):
     limits = {"torque_lower": np.full((count, 12), -1.0), "torque_upper": np.full((count, 12), 1.0)}
     plane = {"velocity": np.zeros((count, 2)), "command": np.zeros((count, 3))}
     arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
+    import_robot(GO1 / "go1.xml", go1_choices(), folder / "robots")
     for name in named_runs():
         (folder / name).mkdir(parents=True)
         for file in ("trajectory.npz", "profile.npz"):
             np.savez(folder / name / file, **arrays)
     return folder
+
+
+def go1_choices():
+    """The tutorial's choices, as ``sprintlab robot new`` reads them."""
+    given = read_choices(GO1 / "choices.toml")
+    joints = {
+        name: JointChoice(**{**table, "motor": str(GO1 / "motor.toml")})
+        for name, table in given["joints"].items()
+    }
+    return RobotChoices(**{**given, "name": "mydog", "joints": joints})
 
 
 def named_runs():
@@ -179,7 +192,7 @@ def check_python(arguments):
         assert spec is not None and spec.origin is not None
         source = Path(spec.origin)
     else:
-        source = ROOT / arguments[0]
+        source = next(path for path in (ROOT / arguments[0], Path(arguments[0])) if path.is_file())
     text = source.read_text(encoding="utf-8")
     for option in (word for word in arguments if word.startswith("--")):
         name = option.split("=")[0].removeprefix("--")
