@@ -3,7 +3,7 @@
     sprintlab ablate runs/methods
     python recipes/publish_methods.py runs/methods
     sprintlab ablate results/methods --recorded --markdown docs/results.md
-    sprintlab figures
+    sprintlab figures --markdown docs/results.md
 
 The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
 taken only where none passes it.

@@ -7,7 +7,7 @@ import pytest
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.ablation import figures, gallery
-from sprintlab.evaluation.ablation.gallery import Gallery, read_curve, write_gallery
+from sprintlab.evaluation.ablation.gallery import Gallery, gallery_text, read_curve, write_gallery
 from sprintlab.evaluation.ablation.measure import Candidate
 from sprintlab.evaluation.ablation.runs import find_runs
 from sprintlab.evaluation.results import SprintResult
@@ -56,14 +56,17 @@ def candidate(policy, method="sprint"):
 def test_every_figure_of_one_policy(drawn, standing_policy, robot, tmp_path):
     main = candidate(standing_policy)
     shown = []
-    files = write_gallery(
+    drawings = write_gallery(
         Gallery(robot=robot, policies=(main,), runs=(), main=main),
         tmp_path / "figures",
         lambda what, share: shown.append(share),
     )
-    assert [path.stem for path in files] == ["envelopes", "worlds-sprint", "command-modes", "sprint"]
-    for path in files:
+    assert [one.name for one in drawings] == ["envelopes", "worlds-sprint", "command-modes", "sprint"]
+    text = gallery_text(drawings, "figures")
+    for drawing in drawings:
+        path = tmp_path / "figures" / f"{drawing.name}.png"
         assert path.read_bytes().startswith(PNG) and path.stat().st_size < 200_000
+        assert f"](figures/{drawing.name}.png)" in text and drawing.caption in text
     assert drawn == ["square", "refined", "uniform", "fixed-acceleration", "adaptive", "step", "100 m"]
     assert shown == sorted(shown) and shown[0] == 0.0
 
@@ -74,8 +77,8 @@ def test_policies_trained_with_another_motor_are_shown_in_their_own_world(
     models = {"no-envelope": "square", "simplified-dc": "simplified-dc", "sprint": "refined"}
     monkeypatch.setattr(gallery, "_training_model", lambda one: models[one.method])
     policies = tuple(candidate(standing_policy, method) for method in models)
-    files = write_gallery(Gallery(robot=robot, policies=policies, runs=(), main=policies[-1]), tmp_path)
-    assert [path.stem for path in files][1:3] == ["worlds-no-envelope", "worlds-simplified-dc"]
+    drawings = write_gallery(Gallery(robot=robot, policies=policies, runs=(), main=policies[-1]), tmp_path)
+    assert [one.name for one in drawings][1:3] == ["worlds-no-envelope", "worlds-simplified-dc"]
     assert drawn[:4] == ["square", "refined", "simplified-dc", "refined"]
 
 
@@ -87,8 +90,8 @@ def test_curves_of_finished_runs_make_a_learning_figure(drawn, standing_policy, 
         (folder / "curve.csv").write_text("iteration,seconds,speed_p999\n" + rows)
     main = candidate(standing_policy)
     runs = tuple(find_runs(tmp_path / "runs"))
-    files = write_gallery(Gallery(robot=robot, policies=(main,), runs=runs, main=main), tmp_path)
-    assert files[-1].stem == "learning"
+    drawings = write_gallery(Gallery(robot=robot, policies=(main,), runs=runs, main=main), tmp_path)
+    assert drawings[-1].name == "learning" and (tmp_path / "learning.png").read_bytes().startswith(PNG)
 
 
 def test_an_estimate_is_drawn_against_the_truth(run):

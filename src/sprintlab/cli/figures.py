@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ class Figures:
         policy: name of the shipped policy of the figures that show one policy.
         top_speed: commanded speed of every run [m/s].
         robot: a robot's name, or a parameter table of one's own (.toml).
+        markdown: also put the pictures between the marks of this page.
         json: print the files as JSON only.
     """
 
@@ -33,6 +35,7 @@ class Figures:
     policy: str = "sprint"
     top_speed: float = 12.0
     robot: str = "bp2"
+    markdown: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
@@ -45,7 +48,14 @@ class Figures:
             report("loading", None)
             from sprintlab.evaluation.ablation.gallery import write_gallery
 
-            files = write_gallery(self._gallery(), self.out, report)
+            drawings = write_gallery(self._gallery(), self.out, report)
+        files = [self.out / f"{drawing.name}.png" for drawing in drawings]
+        if self.markdown is not None:
+            from sprintlab.evaluation.ablation.gallery import gallery_text
+            from sprintlab.evaluation.ablation.pages import replace_section
+
+            folder = Path(os.path.relpath(self.out, self.markdown.parent)).as_posix()
+            replace_section(self.markdown, "figures", gallery_text(drawings, folder))
         if self.json:
             print_json({"figures": [str(path) for path in files]})
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,8 +52,25 @@ class Gallery:
     distance: float = 100.0
 
 
-def write_gallery(gallery: Gallery, folder: Path, progress: Progress = lambda *_: None) -> list[Path]:
-    """Draw every figure that the material allows, each written in one step.
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """A figure of the gallery.
+
+    Attributes:
+        name: of its file, without ending.
+        title: what it shows, in a few words.
+        caption: how to read it.
+        draw: makes it.
+    """
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def write_gallery(gallery: Gallery, folder: Path, progress: Progress = lambda *_: None) -> list[Drawing]:
+    """Draw every figure that the material allows, each written to ``<folder>/<name>.png`` in one step.
 
     Args:
         gallery: the material.
@@ -61,37 +78,95 @@ def write_gallery(gallery: Gallery, folder: Path, progress: Progress = lambda *_
         progress: called with what is being made and the share done.
 
     Returns:
-        The files, in the order of the paper.
+        What was drawn, in order.
 
     Raises:
         SprintlabError: a policy is refused, a curve is damaged, the simulation failed or the disk refuses.
     """
-    plan = list(_plan(gallery))
-    written = []
-    for index, (name, draw) in enumerate(plan):
-        progress(f"figure {name}", index / len(plan))
-        path = folder / f"{name}.png"
-        atomic_write_bytes(path, png_bytes(draw(), dpi=DPI))
-        written.append(path)
-    return written
+    drawings = list(_drawings(gallery))
+    for index, drawing in enumerate(drawings):
+        progress(f"figure {drawing.name}", index / len(drawings))
+        atomic_write_bytes(folder / f"{drawing.name}.png", png_bytes(drawing.draw(), dpi=DPI))
+    return drawings
 
 
-def _plan(gallery: Gallery) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """Name and drawing function of every figure."""
-    policy = load_policy(gallery.main.policy)
-    yield "envelopes", lambda: figures.envelope_figure(gallery.robot)
+def gallery_text(drawings: Sequence[Drawing], folder: str) -> str:
+    """Pictures and captions in Markdown; ``folder`` as seen from the page."""
+    parts = (f"![{item.title}]({folder}/{item.name}.png)\n\n{item.caption}" for item in drawings)
+    return "\n\n".join(parts)
+
+
+_TEXTS = {
+    "envelopes": (
+        "Operating envelopes of the motor models",
+        "The operating envelope of each motor under the three models, on the robot's bus. Shaded: what a "
+        "model without d-axis voltage allows and the motor cannot give.",
+    ),
+    "worlds": (
+        "One policy in two worlds",
+        "Policy `{policy}` in two worlds: with a motor that ignores limits, and with the real one. Red: "
+        "what no real motor of this kind could do.",
+    ),
+    "command-modes": (
+        "One policy under every way of changing the command",
+        "Policy `{policy}`; the same speed targets, given in different ways: at once (`uniform`), at a "
+        "fixed 3 m/s², within 1 m/s of the present speed (`adaptive`, the paper's ACS), and one step to "
+        "the top speed.",
+    ),
+    "sprint": (
+        "Speed and motor use over the sprint",
+        "Policy `{policy}` over {distance:g} m: speed, and what hind hips and knees do on the way, over "
+        "the envelope that the plant enforces.",
+    ),
+    "estimate": (
+        "Estimate against truth over the sprint",
+        "What policy `{policy}` believes of its own body over {distance:g} m, filtered as it uses it, and "
+        "what the simulator knows.",
+    ),
+    "methods": (
+        "Max velocity by method",
+        "Max velocity with the raw command: every seed, their mean, and the paper's robot.",
+    ),
+    "learning": (
+        "Learning curves",
+        "Speed of the fastest robots in training over time: mean and range over the seeds.",
+    ),
+}
+"""Title and caption of every figure."""
+
+
+def _drawings(gallery: Gallery) -> Iterator[Drawing]:
+    """Every figure that the material allows, in the order of the page."""
+    policy, robot = load_policy(gallery.main.policy), gallery.robot
+    yield _drawing("envelopes", gallery, lambda: figures.envelope_figure(robot))
     for candidate in _with_worlds(gallery):
-        yield f"worlds-{candidate.method}", lambda chosen=candidate: _worlds(gallery, chosen)
-    yield "command-modes", lambda: figures.commands_figure(command_runs(policy, gallery))
-    yield "sprint", lambda: figures.sprint_figure(_sprint(policy, gallery), gallery.robot)
+        yield _worlds_drawing(gallery, candidate)
+    yield _drawing("command-modes", gallery, lambda: figures.commands_figure(command_runs(policy, gallery)))
+    yield _drawing("sprint", gallery, lambda: figures.sprint_figure(_sprint(policy, gallery), robot))
     if policy.estimates:
-        yield "estimate", lambda: figures.estimate_figure(_sprint(policy, gallery).trial)
+        yield _drawing("estimate", gallery, lambda: figures.estimate_figure(_sprint(policy, gallery).trial))
     records = by_method(committed_records(gallery.runs))
     if any(records.values()):
-        yield "methods", lambda: figures.methods_figure(records)
+        yield _drawing("methods", gallery, lambda: figures.methods_figure(records))
     curves = learning_curves(gallery.runs)
     if curves:
-        yield "learning", lambda: figures.learning_figure(curves)
+        yield _drawing("learning", gallery, lambda: figures.learning_figure(curves))
+
+
+def _drawing(name: str, gallery: Gallery, draw: Callable[[], Figure]) -> Drawing:
+    title, caption = _TEXTS[name]
+    caption = caption.format(policy=gallery.main.method, distance=gallery.distance)
+    return Drawing(name=name, title=title, caption=caption, draw=draw)
+
+
+def _worlds_drawing(gallery: Gallery, candidate: Candidate) -> Drawing:
+    title, caption = _TEXTS["worlds"]
+    return Drawing(
+        name=f"worlds-{candidate.method}",
+        title=title,
+        caption=caption.format(policy=candidate.method),
+        draw=lambda: _worlds(gallery, candidate),
+    )
 
 
 def _with_worlds(gallery: Gallery) -> list[Candidate]:

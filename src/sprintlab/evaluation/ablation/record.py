@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_json
+from sprintlab.core.files import atomic_write_bytes
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.results import AuditReport, EstimateBand, SpeedResult, SprintResult
@@ -268,8 +268,8 @@ def decode(data: Any, kind: type[Any]) -> Any:
 
 
 def write_evaluation(path: Path, record: EvaluationRecord) -> None:
-    """Write in one step; raises ``SprintlabError`` where the disk refuses."""
-    atomic_write_json(path, encode(record))
+    """Write in one step, on one line; raises ``SprintlabError`` where the disk refuses."""
+    atomic_write_bytes(path, msgspec.json.encode(record) + b"\n")
 
 
 def read_evaluation(path: Path) -> EvaluationRecord:

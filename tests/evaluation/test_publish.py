@@ -1,0 +1,95 @@
+"""The recipe that puts finished runs where they are committed."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.ablation.record import (
+    AuditEntry,
+    AuditRecord,
+    EvaluationRecord,
+    SearchRecord,
+    SpeedRecord,
+    write_evaluation,
+)
+
+RECIPE = Path(__file__).parents[2] / "recipes" / "publish_methods.py"
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    spec = importlib.util.spec_from_file_location("publish_methods", RECIPE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses look up the names in annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+def record(method, seed, held, honest):
+    item = AuditEntry(name="penetration", value=0.01, unit="m", threshold=0.005, passed=honest)
+    speed = SpeedRecord(
+        top_speed=held,
+        trials=10,
+        falls=0,
+        passed=True,
+        held_speed=held,
+        peak_speed=held,
+        angular_cost=1.0,
+        lateral_deviation=0.0,
+        cost_of_transport=1.0,
+        electrical_power=1.0,
+        stride_frequency=3.0,
+        duty_factor=(),
+        envelope_share=(),
+        audit=AuditRecord(items=(item,)),
+    )
+    search = SearchRecord(speeds=(speed,))
+    return EvaluationRecord(
+        method=method,
+        seed=seed,
+        actuator_model="refined",
+        training={},
+        policy_sha256="",
+        robot="bp2",
+        robot_fingerprint="",
+        protocol={},
+        command_line="",
+        date="",
+        versions={},
+        machine="",
+        raw=search,
+        self_paced=search,
+        sprint=None,
+        sprint_self_paced=None,
+    )
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Seed 1 is the fastest, but fails the audit; seed 2 is the fastest honest one."""
+    folder = tmp_path / "runs"
+    for seed, held, honest in ((0, 9.0, True), (1, 12.0, False), (2, 11.0, True)):
+        run = folder / "sprint" / f"seed-{seed}"
+        write_evaluation(run / "evaluation.json", record("sprint", seed, held, honest))
+        (run / "policy.onnx").write_bytes(bytes([seed]))
+        (run / "curve.csv").write_text("seconds,speed_p999\n")
+        (run / "checkpoint.pt").write_bytes(b"large")
+    return folder
+
+
+def test_small_files_and_the_best_honest_policy_are_kept(recipe, runs, tmp_path):
+    options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")
+    assert recipe.publish(options) == [tmp_path / "policies" / "sprint.onnx"]
+    assert (tmp_path / "policies" / "sprint.onnx").read_bytes() == bytes([2])
+    kept = sorted(path.name for path in (tmp_path / "results" / "sprint" / "seed-1").iterdir())
+    assert kept == ["curve.csv", "evaluation.json"]
+
+
+def test_a_run_that_was_not_evaluated_is_refused(recipe, runs, tmp_path):
+    (runs / "sprint" / "seed-0" / "evaluation.json").unlink()
+    with pytest.raises(SprintlabError, match=r"evaluation\.json"):
+        recipe.publish(recipe.Options(runs=runs, results=tmp_path, policies=tmp_path))
