@@ -106,9 +106,9 @@ def actuator_from_toml(name: str, text: str) -> LibraryMotor:
 
 def _value(field: str, table: Any) -> LibraryValue:
     """A number that says where it comes from."""
-    if not isinstance(table, dict) or not {"value", "source"} <= set(cast("dict[str, Any]", table)):
-        raise InvalidValueError(field, table, "must be a table with value and source")
-    entry = cast("dict[str, Any]", table)
+    entry = cast("dict[str, Any]", table) if isinstance(table, dict) else {}
+    if not {"value", "source"} <= set(entry):
+        raise InvalidValueError(field, cast("object", table), "must be a table with value and source")
     if not str(entry["source"]).strip():
         raise InvalidValueError(f"{field}.source", entry["source"], "must name a source")
     return LibraryValue(
