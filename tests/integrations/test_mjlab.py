@@ -285,12 +285,25 @@ def test_command_ranges_that_are_not_allowed(changes, words):
         AdaptiveVelocityCommandCfg(**changes)
 
 
+@pytest.fixture
+def one_thread():
+    """Small tensors on a shared machine: threads only wait for each other."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 @pytest.mark.slow
-def test_the_example_trains_mjlabs_go1(tmp_path):
+@pytest.mark.usefixtures("one_thread")
+def test_the_example_trains_mjlabs_go1(tmp_path, monkeypatch):
     spec = importlib.util.spec_from_file_location("mjlab_go1_refined_motor", EXAMPLE)
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
-    example.train(4, 1, "refined", "cpu", tmp_path)
+    settings = example.unitree_go1_ppo_runner_cfg()
+    settings.num_steps_per_env = 6
+    monkeypatch.setattr(example, "unitree_go1_ppo_runner_cfg", lambda: settings)
+    example.train(4, 2, "refined", "cpu", tmp_path)
     checkpoint = torch.load(sorted(tmp_path.glob("model_*.pt"))[-1], weights_only=False)
     weights = checkpoint["actor_state_dict"]
     assert all(torch.isfinite(value).all() for value in weights.values() if value.is_floating_point())
