@@ -30,7 +30,7 @@ def test_the_stride_found_keeps_every_limit(bp2, fastest):
 
 
 def test_bp2_can_run_faster_than_its_policy_and_slower_than_its_joints(bp2, fastest):
-    """12.6 m/s were found by a search of trajectories in the plane; at no-load speed a foot reaches 25 m/s."""
+    """A search of trajectories in the plane found 12.6 m/s; at no-load speed a foot reaches 25 m/s."""
     assert 12.0 < fastest.speed < 15.0
     no_load = 39.0 * (bp2.leg.reach + bp2.leg.foot_radius)
     assert fastest.speed < no_load
@@ -117,6 +117,9 @@ def test_trained_speeds_come_from_result_files(tmp_path):
     result("other", robot="go1", held_speed_m_s=11.0)
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
+    rows = [{"held_speed": 10.5, "passed": True}, {"held_speed": 11.0, "passed": False}]
+    study = {"robot": "bp2", "method": "study", "raw": {"speeds": rows}}
+    (tmp_path / "evaluation.json").write_text(json.dumps(study), encoding="utf-8")
     found = trained_speeds(tmp_path, "bp2")
-    assert [(item.policy, item.speed) for item in found] == [("fast", 10.0), ("slow", 9.0)]
+    assert [(item.policy, item.speed) for item in found] == [("study", 10.5), ("fast", 10.0), ("slow", 9.0)]
     assert trained_speeds(tmp_path / "nowhere", "bp2") == ()

@@ -54,7 +54,11 @@ def test_the_go1_of_the_package_is_what_the_import_makes(tmp_path):
     made = import_robot(GO1 / "go1.xml", go1_choices(), tmp_path)
     assert robot_fingerprint(made.robot) == robot_fingerprint(load_robot("go1"))
     assert all(check.good for check in made.checks)
-    assert sorted(path.name for path in made.folder.iterdir()) == ["joints.json", "parameters.toml", "train.py"]
+    assert sorted(path.name for path in made.folder.iterdir()) == [
+        "joints.json",
+        "parameters.toml",
+        "train.py",
+    ]
 
 
 def test_bp2_comes_back_from_its_own_model(tmp_path):
@@ -105,18 +109,21 @@ URDF_LEG = """
     <axis xyz="1 0 0"/><limit lower="-0.8" upper="0.8" effort="20" velocity="30"/></joint>
   <link name="{n}_thigh"><inertial><origin xyz="0 0 -0.03"/><mass value="1.0"/>
     <inertia ixx="5e-3" iyy="5e-3" izz="8e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="{n}_hfe" type="revolute"><parent link="{n}_hip"/><child link="{n}_thigh"/><origin xyz="0 {y2} 0"/>
+  <joint name="{n}_hfe" type="revolute"><parent link="{n}_hip"/><child link="{n}_thigh"/>
+    <origin xyz="0 {y2} 0"/>
     <axis xyz="0 1 0"/><limit lower="-0.7" upper="3.0" effort="20" velocity="30"/></joint>
   <link name="{n}_shank"><visual><geometry><mesh filename="package://gone/shank.dae"/></geometry></visual>
     <inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
     <inertia ixx="1e-3" iyy="1e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="{n}_kfe" type="revolute"><parent link="{n}_thigh"/><child link="{n}_shank"/><origin xyz="0 0 -0.2"/>
+  <joint name="{n}_kfe" type="revolute"><parent link="{n}_thigh"/><child link="{n}_shank"/>
+    <origin xyz="0 0 -0.2"/>
     <axis xyz="0 1 0"/><limit lower="-2.7" upper="-0.5" effort="20" velocity="30"/>
     <dynamics damping="0.1" friction="0.3"/></joint>
   <link name="{n}_foot"><inertial><mass value="0.05"/>
     <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>
     <collision><geometry><sphere radius="0.02"/></geometry></collision></link>
-  <joint name="{n}_fix" type="fixed"><parent link="{n}_shank"/><child link="{n}_foot"/><origin xyz="0 0 -0.21"/></joint>
+  <joint name="{n}_fix" type="fixed"><parent link="{n}_shank"/><child link="{n}_foot"/>
+    <origin xyz="0 0 -0.21"/></joint>
 """
 
 
@@ -152,12 +159,12 @@ def test_a_urdf_is_read_with_its_base_and_its_feet(urdf, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ((('<body name="RL_thigh"', '<body name="RL_thigh" euler="0 0 0.3"'),), r"RL_thigh_joint turns about"),
+        ((('<body name="RL_thigh"', '<body name="RL_thigh" euler="0 0 0.3"'),), "RL_thigh_joint turns about"),
         ((('axis="1 0 0"', 'axis="0 0 1"'),), r"FL_hip_joint turns about \(0.00, 0.00, 1.00\)"),
         (((' range="-0.686 4.501"', ""),), "FL_thigh_joint has no limits"),
         ((('mass="0.195862"', 'mass="0.295862"'),), "its legs differ by"),
         ((('type="sphere" size="0.023"', 'type="box" size="0.02 0.02 0.02"'),), "no sphere for a foot"),
-        ((('<joint name="FL_calf_joint"', '<joint name="FL_extra" axis="0 0 1"/><joint name="FL_calf_joint"'),),
+        ((('<joint name="FL_calf_joint"', '<joint name="extra" axis="0 0 1"/><joint name="FL_calf_joint"'),),
          "FL_calf must hang on exactly one hinge"),
         ((('<freejoint name="root"/>', '<joint name="lift" type="slide" axis="0 0 1"/>'),), "no body floats"),
         ((("<worldbody>", "<worldbody"),), "cannot be used"),
@@ -171,10 +178,9 @@ def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message
 
 def test_a_biped_is_refused(tmp_path):
     path = tmp_path / "biped.xml"
-    leg = '<body name="{0}"><joint name="{0}"/><geom size="0.1"/></body>'
+    legs = "".join(f'<body name="{leg}"><joint name="{leg}"/><geom size="0.1"/></body>' for leg in "lr")
     path.write_text(
-        f'<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/>{leg.format("l")}{leg.format("r")}'
-        "</body></worldbody></mujoco>",
+        f'<mujoco><worldbody><body name="it"><freejoint/><geom size="1"/>{legs}</body></worldbody></mujoco>',
         encoding="utf-8",
     )
     with pytest.raises(RobotModelError, match=r"2 limbs hang on the trunk \(l, r\); a quadruped has 4"):

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -331,20 +332,33 @@ def _speeds(runner: Runner) -> FloatArray:
 
 
 def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
-    """Held speeds of a robot's policies in the result files (``result.json``) below a folder, fastest first.
+    """Held speeds of a robot's policies below a folder, fastest first.
 
-    Of several results of one policy the fastest counts; runs with a fall do not.
+    Read from the files that ``sprintlab race`` (``result.json``) and ``sprintlab ablate``
+    (``evaluation.json``) leave; a file that is neither is passed over. Of several results of one policy the
+    fastest counts.
     """
     found = []
-    for path in sorted(folder.rglob("result.json")):
+    for path in sorted([*folder.rglob("result.json"), *folder.rglob("evaluation.json")]):
         try:
             result = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if not isinstance(result, dict) or result.get("robot") != robot:
-            continue
-        speed = result.get("held_speed_m_s")
-        if isinstance(speed, float) and result.get("falls") == 0:
-            found.append(TrainedSpeed(policy=str(result.get("policy")), speed=speed, source=str(path)))
+        if isinstance(result, dict) and result.get("robot") == robot:
+            speed = _held_speed(result)
+            if speed is not None:
+                policy = str(result.get("policy", result.get("method")))
+                found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
     best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
     return tuple(sorted(best.values(), key=lambda item: -item.speed))
+
+
+def _held_speed(result: dict[str, Any]) -> float | None:
+    """Highest speed held under the raw command without a fall that counts; None where there is none."""
+    if "held_speed_m_s" in result:
+        speeds = [result["held_speed_m_s"]] if result.get("falls") == 0 else []
+    else:
+        rows = result.get("raw", {}).get("speeds", [])
+        speeds = [row.get("held_speed") for row in rows if row.get("passed")]
+    numbers = [speed for speed in speeds if isinstance(speed, float)]
+    return max(numbers) if numbers else None

@@ -51,7 +51,7 @@ def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
     axes.set(
         title="the fastest stride, seen from the hip", xlabel="forward [m]", ylabel="up [m]", aspect="equal"
     )
-    axes.legend(frameon=False, loc="upper right", fontsize="small")
+    axes.legend(frameon=False, loc="upper left", fontsize="small")
 
 
 def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name: str) -> None:

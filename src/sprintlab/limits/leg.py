@@ -1,7 +1,7 @@
 """One leg in the sagittal plane: thigh and shank on a hip that moves as the trunk carries it.
 
-Coordinates x forward, z up, origin at the hip; hip angle ``q1`` and knee angle ``q2`` as on the robot, positive
-about +y: a positive hip angle swings the leg backward. With ``a1 = q1``, ``a2 = q1 + q2`` and
+Coordinates x forward, z up, origin at the hip; hip angle ``q1`` and knee angle ``q2`` as on the robot,
+positive about +y: a positive hip angle swings the leg backward. With ``a1 = q1``, ``a2 = q1 + q2`` and
 ``R(a) = [[cos a, sin a], [-sin a, cos a]]`` a point ``p`` of a link lies at ``R(a) p``.
 """
 
@@ -144,7 +144,7 @@ def stance_motion(
     The ground moves against the hip: ``J_c q' = -v_hip``, and its derivative ``J_c q'' = -J' q' - a_hip``.
     """
     jacobian = contact_jacobian(leg, position)
-    velocity = np.linalg.solve(jacobian, -hip_velocity[..., None])[..., 0]
+    velocity = np.asarray(np.linalg.solve(jacobian, -hip_velocity[..., None])[..., 0], dtype=np.float64)
     turning = rotate(position[..., 0], 0.0, -leg.thigh.length) * velocity[..., :1] ** 2
     turning += rotate(position.sum(-1), 0.0, -leg.shank.length) * velocity.sum(-1, keepdims=True) ** 2
     return velocity, np.linalg.solve(jacobian, (turning - hip_acceleration)[..., None])[..., 0]

@@ -112,7 +112,7 @@ def fastest_stride(
 def _ascend(
     search: _Search, slow: float, known: FloatArray, growth: float, ceiling: float
 ) -> tuple[float, FloatArray, float | None]:
-    """Raise the speed to the ceiling, or to the first one that is too fast: last possible one, its stride, that."""
+    """Raise the speed up to the ceiling: the last possible one, its stride, the first too fast."""
     while slow < ceiling:
         higher = min(growth * slow, ceiling)
         found = search.possible(higher, known)
@@ -139,8 +139,8 @@ def _bisect(
 def _first_possible(search: _Search, near: Fastest | None) -> tuple[float, FloatArray]:
     """A possible speed and its stride: below a known limit, else down from a speed that no machine reaches.
 
-    From above, since two kinds of gait are possible: the one with long stances, which is found at a slow pace,
-    ends far below the one with long flights.
+    From above, since two kinds of gait are possible: the one with long stances, which is found at a slow
+    pace, ends far below the one with long flights.
     """
     pace = float(np.sqrt(GRAVITY * search.runner.leg.reach))
     speeds = [pace * _FASTEST_PACE / _GROWTH**step for step in range(_STEPS_DOWN)]
@@ -168,8 +168,8 @@ class _Search:
     def possible(self, speed: float, known: FloatArray | None) -> FloatArray | None:
         """Parameters of a possible stride, or None.
 
-        Local searches begin at ``known``, at the stride that came closest at the last speed that was too fast,
-        and at shaken and random strides.
+        Local searches begin at ``known``, at the stride that came closest at the last speed that was too
+        fast, and at shaken and random strides.
         """
         random = np.random.default_rng(self._settings.seed)
         if self._tick is not None:
@@ -198,7 +198,7 @@ class _Search:
                 yield self._draw(random, speed)
 
     def _draw(self, random: np.random.Generator, speed: float) -> FloatArray:
-        """A stride drawn from what runners do: 2.5 to 7 strides a second, legs swept by 0.3 to 1 leg length."""
+        """A stride as runners have them: 2.5 to 7 a second, legs swept by 0.3 to 1 leg length."""
         reach = self.runner.leg.reach
         pace = np.sqrt(reach / 0.63)  # periods of similar animals go with the root of their size
         period = random.uniform(0.15, 0.4) * pace

@@ -204,7 +204,7 @@ def evaluate(runner: Runner, parameters: FloatArray, speed: float) -> Stride:
         parameters: ``(b, PARAMETERS)``.
         speed: of the trunk, constant [m/s].
     """
-    shape = dict(zip(SHAPES, parameters[:, : len(SHAPES)].T, strict=True))
+    shape: dict[str, FloatArray] = dict(zip(SHAPES, parameters[:, : len(SHAPES)].T, strict=True))
     waves = parameters[:, len(SHAPES) :].reshape(-1, 2, SWING_WAVES)
     stance_time, swing_time = shape["duty"] * shape["period"], (1.0 - shape["duty"]) * shape["period"]
     force, hip = _stance_load(runner, shape, float(speed))
@@ -350,9 +350,9 @@ class _Spring(NamedTuple):
 def _spring_motion(runner: Runner, knee_torque: FloatArray, stance_time: FloatArray) -> _Spring:
     """What a series spring adds to the motion of the knee's drive: ``theta = q2 + tau / k``.
 
-    ``tau`` is the torque that the ground asks of the knee. The rotor's inertia acts on the drive's own motion,
-    so that a short load is taken by the spring and the rotor, and only the rest by the current. That ``tau``
-    leaves out the light shank's own inertia.
+    ``tau`` is the torque that the ground asks of the knee. The rotor's inertia acts on the drive's own
+    motion, so that a short load is taken by the spring and the rotor, and only the rest by the current. That
+    ``tau`` leaves out the light shank's own inertia.
     """
     velocity, acceleration = np.zeros((2, *knee_torque.shape, 2))
     if runner.knee_spring is None:
@@ -367,7 +367,7 @@ def _spring_motion(runner: Runner, knee_torque: FloatArray, stance_time: FloatAr
 
 
 def _wave_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """``16 s^2 (1-s)^2 T_k(2 s - 1)`` with first and second derivative, each ``(SWING_POINTS, SWING_WAVES)``."""
+    """``16 s^2 (1-s)^2 T_k(2 s - 1)`` and two derivatives, each ``(SWING_POINTS, SWING_WAVES)``."""
     bump = np.polynomial.Polynomial((0.0, 0.0, 16.0, -32.0, 16.0))
     inner = np.polynomial.Polynomial((-1.0, 2.0))
     waves = [

@@ -81,9 +81,10 @@ class ModelOptions:
 def build_model(robot: RobotDescription, options: ModelOptions | None = None) -> mujoco.MjModel:
     """Compile the MuJoCo model of a robot standing over a flat floor.
 
-    Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_knee`` (only with a knee spring), ``{leg}_shank``;
-    joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms ``floor``, ``{leg}_foot`` and, with full collisions,
-    ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; twelve torque actuators in policy order; keyframe ``stand``.
+    Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
+    between the last two; joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms
+    ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; twelve
+    torque actuators in policy order; keyframe ``stand``.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
 
     Raises:

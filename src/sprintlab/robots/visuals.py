@@ -225,12 +225,12 @@ _DOWN_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
 def _along_x(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along +x from rows ``(x, z of centre, half width y, half height z)``; ``size`` scales y and z."""
+    """Sections along +x from ``(x, z of centre, half width y, half height z)``; ``size`` scales y and z."""
     return [Section((x, 0.0, size * z), size * width, size * height) for x, z, width, height in rows]
 
 
 def _down_z(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along -z from rows ``(z, x of centre, half depth x, half width y)``; ``size`` scales x and y."""
+    """Sections along -z from ``(z, x of centre, half depth x, half width y)``; ``size`` scales x and y."""
     return [Section((size * x, 0.0, z), size * width, size * depth) for z, x, depth, width in rows]
 
 

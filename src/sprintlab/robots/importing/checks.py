@@ -96,7 +96,8 @@ def _sign_checks(fitted: FittedRobot) -> list[Check]:
 def compare_models(source: SourceRobot, fitted: FittedRobot, robot: RobotDescription) -> tuple[float, float]:
     """Greatest relative difference of the joint-space inertia matrix, and of the feet [m], over random poses.
 
-    The matrix is that of the twelve joints with the base held, without rotors; relative in the Frobenius norm.
+    The matrix is that of the twelve joints with the base held, without rotors; relative in the Frobenius
+    norm.
     """
     options = ModelOptions(knee_spring=False, joint_limits=False, dry_friction=False)
     model = robot_spec(robot, options).compile()
@@ -142,7 +143,7 @@ class _Machine:
         ]
 
     def state(self, angles: list[float]) -> tuple[FloatArray, FloatArray]:
-        """Inertia matrix of the joints without rotors ``(12, 12)``, and the feet in the base's frame ``(4, 3)``."""
+        """Inertia matrix of the joints without rotors ``(12, 12)``, and the feet in base frame ``(4, 3)``."""
         model = self._model
         data = posed(model, self._base, dict(zip(self._joints, angles, strict=True)))
         full = np.empty((model.nv, model.nv))

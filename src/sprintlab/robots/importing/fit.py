@@ -24,7 +24,7 @@ _FOOT_SHARE = 0.05  # of the shank's mass that is called foot where the source h
 
 @dataclass(frozen=True, kw_only=True)
 class FittedLink:
-    """Mass properties in a left leg's link frame: mass [kg], centre ``(3,)`` [m], inertia ``(3, 3)`` [kg m^2]."""
+    """Link in a left leg's frame: mass [kg], centre of mass ``(3,)`` [m], inertia ``(3, 3)`` [kg m^2]."""
 
     mass: float
     center: FloatArray
@@ -101,11 +101,11 @@ def fit_robot(source: SourceRobot) -> FittedRobot:
         raise _refuse(source, f"its legs differ by {spread:.0%} in a length or mass; the table has one leg")
     front, rear = (np.mean([plans[name].hip[0] for name in pair]) for pair in (LEG_NAMES[:2], LEG_NAMES[2:]))
     abads = np.array([plan.leg.joints[0].anchor for plan in plans.values()])
-    origin = np.array((0.5 * (front + rear), abads[:, 1].mean(), abads[:, 2].mean()))
+    middle = (0.5 * (front + rear), abads[:, 1].mean(), abads[:, 2].mean())
+    origin = np.array(middle, dtype=np.float64)
     hip_y = float(np.mean(np.abs(abads[:, 1] - origin[1])))
-    mean = dict(
-        zip(("abad_offset", "thigh_length", "shank_length", "foot_radius"), lengths.mean(axis=0), strict=True)
-    )
+    names = ("abad_offset", "thigh_length", "shank_length", "foot_radius")
+    mean: dict[str, float] = dict(zip(names, lengths.mean(axis=0).tolist(), strict=True))
     links = [_mean_link([plan.link(index) for plan in plans.values()]) for index in range(3)]
     foot_mass, shank = _without_foot(links[2], [leg.foot_mass for leg in legs.values()], mean)
     hip_x = 0.5 * float(front - rear)
@@ -114,7 +114,7 @@ def fit_robot(source: SourceRobot) -> FittedRobot:
         origin=origin,
         hip_x=hip_x,
         hip_y=hip_y,
-        **{name: float(value) for name, value in mean.items()},
+        **mean,
         foot_mass=foot_mass,
         trunk=FittedLink(
             mass=source.trunk.mass, center=source.trunk.center - origin, inertia=source.trunk.inertia
@@ -261,7 +261,7 @@ def _radii(legs: dict[str, SourceLeg], lengths: dict[str, float]) -> tuple[float
 
 
 def _range(source: SourceRobot, plans: dict[str, _LegPlan], index: int) -> tuple[float, float]:
-    """Range that all four legs have; abduction outward counts positive on both sides and is made symmetric."""
+    """Range that all four legs have; that of abduction is made its own mirror image."""
     joint = JOINTS_PER_LEG[index]
     low, high = -np.inf, np.inf
     for plan in plans.values():

@@ -131,7 +131,7 @@ def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
 
 
 def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.MjData:
-    """The model with its base at the origin, the named hinges at their angles [rad] and all others at zero."""
+    """The model with its base at the origin, the named hinges at their angles [rad], all others at zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     if model.body_jntnum[base]:

@@ -217,8 +217,8 @@ def table_text(name: str, table: Table, source_name: str) -> str:
     lines = [
         f"# {name}, read from {source_name}. Every number the robot is built from stands here, once.",
         "#",
-        "# Each entry: value, SI unit, uncertainty, basis. Frames: x forward, y left, z up; links are given for a left",
-        "# leg, the right one mirrors y. Motor quantities are on the motor's side of the gear.",
+        "# Each entry: value, SI unit, uncertainty, basis. Frames: x forward, y left, z up; links are given",
+        "# for a left leg, the right one mirrors y. Motor quantities are on the motor's side of the gear.",
         "",
         f'name = "{name}"',
     ]
