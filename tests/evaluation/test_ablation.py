@@ -34,6 +34,7 @@ from sprintlab.evaluation.ablation.table import (
     TABLE_COLUMNS,
     common_speed,
     method_rows,
+    order_text,
     seed_cells,
     table_cells,
     table_numbers,
@@ -239,6 +240,14 @@ def test_without_the_reference_j_norm_is_not_defined():
     row = method_rows({"baseline": [record("baseline")], "sprint": []})[0]
     assert math.isnan(row.normalized_cost.mean) and table_cells(row)[7] == "-"
     json.dumps(table_numbers({"baseline": [record("baseline")]}), allow_nan=False)
+
+
+def test_the_order_of_the_methods_is_told_beside_the_papers():
+    records = {"sprint": [record(best=12.0)], "baseline": [record("baseline", best=9.0)], "no-envelope": []}
+    text = order_text(method_rows(records))
+    assert "in the paper sprint > simplified-dc > no-envelope = uniform-commands > baseline" in text
+    assert text.endswith("ours sprint > baseline.")
+    assert order_text(method_rows({"sprint": [record()]})) == ""
 
 
 def test_spread_of_nothing_and_of_one():

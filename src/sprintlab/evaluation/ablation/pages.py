@@ -20,6 +20,7 @@ from sprintlab.evaluation.ablation.table import (
     estimate_cells,
     method_estimates,
     method_rows,
+    order_text,
     seed_cells,
     table_cells,
 )
@@ -82,7 +83,7 @@ def result_tables(grouped: Records) -> list[TextTable]:
             title="Table II",
             columns=TABLE_COLUMNS,
             rows=tuple(table_cells(row) for row in rows),
-            note=TABLE_NOTE,
+            note=f"{TABLE_NOTE} {order_text(rows)}".strip(),
         ),
         TextTable(
             name="details",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE, REFERENCE_METHOD
@@ -166,6 +167,24 @@ def velocity_text(row: MethodRow, velocity: Spread) -> str:
         return "collapse"
     note = f" ({row.collapsed} of {row.seeds} collapsed)" if row.collapsed else ""
     return velocity.text(2) + note
+
+
+def order_text(rows: Sequence[MethodRow]) -> str:
+    """The methods by max velocity, in the paper and here; empty with fewer than two of ours."""
+    ours = {row.method: row.max_velocity.mean for row in rows if math.isfinite(row.max_velocity.mean)}
+    paper = {method: speed for method, row in PAPER_TABLE.items() if (speed := row.max_velocity) is not None}
+    if len(ours) < 2:
+        return ""
+    return f"By max velocity: in the paper {_by_speed(paper)}; ours {_by_speed(ours)}."
+
+
+def _by_speed(speeds: Mapping[str, float]) -> str:
+    """Names, fastest first; an equals sign between those that are equally fast."""
+    names = sorted(speeds, key=lambda name: -speeds[name])
+    text = names[0]
+    for before, name in pairwise(names):
+        text += f" {'=' if speeds[name] == speeds[before] else '>'} {name}"
+    return text
 
 
 DETAIL_COLUMNS = (
