@@ -129,15 +129,12 @@ def run_loop(
         status: told ten times a second how things stand.
     """
     loop = _Loop(controller, bus, options, log, interrupted, status)
-    try:
-        if options.lock_step:
-            loop.run_lock_step()
-        else:
-            with real_time(options.priority) as grant:
-                loop.report.grant = grant
-                loop.run_real_time()
-    finally:
-        bus.send(controller.last_command(time.monotonic_ns()))
+    if options.lock_step:
+        loop.run(loop.run_lock_step)
+    else:
+        with real_time(options.priority) as grant:
+            loop.report.grant = grant
+            loop.run(loop.run_real_time)
     loop.report.malformed = bus.malformed
     return loop.report
 
@@ -158,6 +155,13 @@ class _Loop:
         self._next_status = 0.0
         self._was_active = False
         self._stopped_at: float | None = None
+
+    def run(self, steps: Callable[[], None]) -> None:
+        """Go through the steps; whatever ends them, the robot hears a last, safe command at once."""
+        try:
+            steps()
+        finally:
+            self._bus.send(self._controller.last_command(time.monotonic_ns()))
 
     def run_real_time(self) -> None:
         due = time.monotonic_ns()
