@@ -78,6 +78,7 @@ def test_the_page_gets_its_tables(call, runs, cache, tmp_path):
         (("--from-results", "--trials", 0), "trials"),
         (("--from-results", "--grid", -1), "grid"),
         (("--from-results", "--workers", 0), "workers"),
+        (("--from-results", "--markdown", "no-page.md"), "cannot read no-page.md"),
     ],
 )
 def test_bad_input_is_one_sentence(call, arguments, words):
@@ -99,6 +100,10 @@ def test_figures_refuse_an_unknown_policy_and_speed(call, tmp_path):
     outcome = call("figures", "--policy", "gallop", "--out", tmp_path / "figures")
     assert outcome.status == 2 and "gallop" in outcome.err and not (tmp_path / "figures").exists()
     assert "top_speed" in call("figures", "--top-speed", 0).err
+    page = tmp_path / "page.md"
+    page.write_text("no marks")
+    outcome = call("figures", "--out", tmp_path / "figures", "--markdown", page)
+    assert outcome.status == 2 and "computed: figures" in outcome.err and not (tmp_path / "figures").exists()
 
 
 def test_shipped_policies_lie_where_control_says():

@@ -107,6 +107,10 @@ class Ablate:
             raise SprintlabError("--recorded and --train need a folder of runs, not --from-results")
         if self.recorded and self.train:
             raise SprintlabError("--recorded evaluates nothing, so there is nothing to --train for")
+        if self.markdown is not None:
+            from sprintlab.evaluation.ablation.pages import RESULT_SECTIONS, check_sections
+
+            check_sections(self.markdown, RESULT_SECTIONS)
 
     def _records(self) -> list[EvaluationRecord]:
         from sprintlab.evaluation.ablation.runs import (

@@ -46,14 +46,14 @@ class Figures:
         """
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            from sprintlab.evaluation.ablation.gallery import write_gallery
+            from sprintlab.evaluation.ablation.gallery import gallery_text, write_gallery
+            from sprintlab.evaluation.ablation.pages import check_sections, replace_section
 
+            if self.markdown is not None:
+                check_sections(self.markdown, ("figures",))
             drawings = write_gallery(self._gallery(), self.out, report)
         files = [self.out / f"{drawing.name}.png" for drawing in drawings]
         if self.markdown is not None:
-            from sprintlab.evaluation.ablation.gallery import gallery_text
-            from sprintlab.evaluation.ablation.pages import replace_section
-
             folder = Path(os.path.relpath(self.out, self.markdown.parent)).as_posix()
             replace_section(self.markdown, "figures", gallery_text(drawings, folder))
         if self.json:

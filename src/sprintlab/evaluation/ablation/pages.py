@@ -25,6 +25,9 @@ from sprintlab.evaluation.ablation.table import (
     table_cells,
 )
 
+RESULT_SECTIONS = ("methods", "details", "seeds", "estimates")
+"""Sections that ``update_results_page`` writes."""
+
 
 def section_marks(name: str) -> tuple[str, str]:
     """The comments that open and close section ``name``; a reader of the rendered page does not see them."""
@@ -37,6 +40,20 @@ def replace_section(page: Path, name: str, body: str) -> None:
     Raises:
         SprintlabError: the page cannot be read or written, or has not exactly one pair of marks.
     """
+    text = _marked_text(page, name)
+    start, end = section_marks(name)
+    before, after = text[: text.index(start)], text[text.index(end) :]
+    atomic_write_text(page, f"{before}{start}\n\n{body.strip()}\n\n{after}")
+
+
+def check_sections(page: Path, names: Sequence[str]) -> None:
+    """Refuse a page that lacks a section, before hours of work rather than after; errors as above."""
+    for name in names:
+        _marked_text(page, name)
+
+
+def _marked_text(page: Path, name: str) -> str:
+    """The page's text, which has the marks of section ``name`` once and in order."""
     try:
         text = page.read_text(encoding="utf-8")
     except OSError as error:
@@ -44,8 +61,7 @@ def replace_section(page: Path, name: str, body: str) -> None:
     start, end = section_marks(name)
     if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
         raise SprintlabError(f"{page} must have one {start!r} and after it one {end!r}")
-    before, after = text[: text.index(start)], text[text.index(end) :]
-    atomic_write_text(page, f"{before}{start}\n\n{body.strip()}\n\n{after}")
+    return text
 
 
 def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -142,7 +158,7 @@ def update_results_page(page: Path, grouped: Records) -> None:
     Raises:
         SprintlabError: the page cannot be read or written, or lacks a section's marks.
     """
-    sections: dict[str, list[str]] = {"methods": [], "details": [], "seeds": [], "estimates": []}
+    sections: dict[str, list[str]] = {name: [] for name in RESULT_SECTIONS}
     for table in result_tables(grouped):
         title = f"**{table.title}**\n\n" if table.name.startswith("estimates") else ""
         text = f"{title}{markdown_table(table.columns, table.rows)}\n\n{table.note}"
