@@ -14,6 +14,8 @@ import warp as wp
 
 from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS
 
+wp.set_module_options({"enable_backward": False})  # no gradients: half the code to compile
+
 MODEL_CODES = {name: code for code, name in enumerate(MOTOR_MODELS)}
 FRICTION_SPEED = 0.2
 """Joint speed over which dry friction reaches 76 % of its value [rad/s]: a smooth stand-in for sticking."""

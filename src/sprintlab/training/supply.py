@@ -28,6 +28,9 @@ from sprintlab.training.actuation import (
 )
 from sprintlab.training.settings import SimulationSettings
 
+# No gradients, and loops stay loops: twelve steps of twelve joints unrolled would take minutes to compile.
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
 JOINTS = 12
 _SOLVER_STEPS = 12
 _SOLVER_TOLERANCE = 1e-4  # [V]
