@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -11,6 +12,7 @@ RESULT = ROOT / "results" / "deployment" / "bus_tolerance.json"
 def benchmark():
     spec = importlib.util.spec_from_file_location("bus_tolerance", ROOT / "benchmarks" / "bus_tolerance.py")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
