@@ -145,8 +145,10 @@ def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.
 def _compile(path: Path) -> mujoco.MjModel:
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotModelError(f"cannot read robot model {path}: {error}") from error
+    except OSError as error:
+        raise RobotModelError(f"cannot read robot model {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise RobotModelError(f"robot model {path} is no text: {error}") from error
     try:
         root = ElementTree.fromstring(text)
         if root.tag == "robot":
