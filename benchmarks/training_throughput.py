@@ -2,7 +2,9 @@
 
     python benchmarks/training_throughput.py --output throughput.json
 
-``ours`` are the steps that we train with, ``ours-4x5`` those of mjlab's task. Every number is the median of ``--repeats`` samples, each of ``--steps`` policy steps (PPO: two iterations)
+``ours`` are the steps that we train with, ``ours-4x5`` those of mjlab's task.
+
+Every number is the median of ``--repeats`` samples, each of ``--steps`` policy steps (PPO: two iterations)
 between two waits for the device. Physics is timed from states that random actions lead to, restored every few
 steps, since robots without resets fall through the floor, where there are no contacts to solve. A part that
 fails leaves its error in the result and the others go on; the program then ends with 1.

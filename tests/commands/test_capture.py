@@ -1,6 +1,5 @@
 """What training runs in every step fits into one CUDA graph."""
 
-import array_api_compat
 import numpy as np
 import pytest
 import torch
@@ -99,9 +98,8 @@ def test_a_step_reads_no_value_and_makes_no_constant_on_the_host(schedule):
 
 def test_the_watch_catches_a_copied_scalar_and_a_value_that_is_read():
     value = torch.empty(3, device="meta")
-    xp = array_api_compat.array_namespace(value)
     with NoHostConstants(), pytest.raises(AssertionError, match="copied from the host"):
-        xp.minimum(value, 1.0)
+        torch.minimum(value, torch.tensor(1.0, device="cpu"))
     with pytest.raises((RuntimeError, NotImplementedError)):
         bool(value[0] > 0.0)
 

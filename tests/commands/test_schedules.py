@@ -111,18 +111,19 @@ def test_adaptive_command_walks_a_perfect_robot_to_its_target():
 
 
 def test_adaptive_hold_times_lie_in_their_interval():
-    generator = np.random.default_rng(6)
+    generator, schedule = np.random.default_rng(6), AdaptiveSchedule()
     state = initial_state(400, np.zeros(1))
     since, intervals = np.zeros(400), []
     for step in range(300):
-        before, state = state, advance(AdaptiveSchedule(), state, draw_inputs(generator, 400))
+        before, state = state, advance(schedule, state, draw_inputs(generator, 400))
         redrawn = state.time_to_target > before.time_to_target
         updated = state.time_to_update > before.time_to_update
         if step > 0:
             intervals.extend(since[updated & ~redrawn])
         since = np.where(updated, 0.0, since) + DT
-    assert 0.4 - 1e-9 <= min(intervals) < 0.45
-    assert 0.95 < max(intervals) <= 1.0 + DT + 1e-9
+    shortest, longest = schedule.hold
+    assert shortest - 1e-9 <= min(intervals) < shortest + 0.05
+    assert longest - 0.05 < max(intervals) <= longest + DT + 1e-9
 
 
 def test_share_of_biased_updates():
@@ -139,8 +140,10 @@ def test_target_distribution():
     speed = targets.speed(random, -2.0, 10.0)
     assert speed.min() >= -2.0 and speed.max() <= 10.0
     assert np.mean(speed == 0.0) == pytest.approx(0.04, abs=0.003)
-    uniform_share = 0.46
-    assert np.mean(speed >= 7.0) == pytest.approx(0.5 + uniform_share * 3 / 12, abs=0.006)
+    uniform_share = 1.0 - targets.top_share - targets.zero_share
+    top = 10.0 * (1.0 - targets.top_fraction)
+    wanted = targets.top_share + uniform_share * (10.0 - top) / 12
+    assert np.mean(speed >= top) == pytest.approx(wanted, abs=0.006)
     yaw_rate = targets.yaw_rate(random)
     assert np.mean(yaw_rate == 0.0) == pytest.approx(0.5, abs=0.006)
     assert -1.0 <= yaw_rate.min() < -0.99 and 0.99 < yaw_rate.max() <= 1.0

@@ -14,6 +14,8 @@ import torch
 
 from sprintlab.robots import load_robot
 from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.episodes import Ends, find_ends, standing_starts
+from sprintlab.training.kinematics import BodyState
 from sprintlab.training.randomization import randomize
 from sprintlab.training.settings import (
     EpisodeSettings,
@@ -44,7 +46,7 @@ def environment(built: SprintEnvironment) -> SprintEnvironment:
     torch.manual_seed(3)
     built.set_curriculum(1.0, -1.0, 0.0)
     built.simulation.qpos.nan_to_num_()
-    built._reset_all()
+    built._start_all()
     built.step(torch.zeros(N, 12))
     assert not built.done.any()
     return built
@@ -66,28 +68,36 @@ def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> N
     environment.episode_length_buf.copy_(torch.arange(N) * 10)
     environment.running_speed.copy_(torch.linspace(0.0, 5.0, N))
     environment.previous_action.copy_(torch.randn(N, 12))
+    environment.estimate.copy_(torch.randn(N, 8))
+    environment.draws.refill()
+    watched = (simulation.qpos, simulation.qvel, environment.previous_action, environment.estimate)
+    old = [values.clone() for values in watched]
     lengths = environment.episode_length_buf.clone()
-    old = [simulation.qpos.clone(), simulation.qvel.clone(), environment.previous_action.clone()]
-    torch.manual_seed(8)
-    draw = torch.rand(N, 4)
-    donors = environment._donors()
-    fresh = [*environment._fresh_state(draw[:, 1:]), torch.zeros(N, 12)]
+    standing = standing_starts(
+        environment._standing_qpos,
+        environment.kinematics.joint_qpos,
+        simulation.qvel.shape[1],
+        environment.upper,
+        environment.draws,
+        environment.settings.episodes,
+    )
+    fresh = [*standing, torch.zeros(N, 12), torch.zeros(N, 8)]
     expected, copies = [values.clone() for values in old], []
     for row in torch.nonzero(mask)[:, 0].tolist():
-        donor = int(donors[row])
-        copies.append(bool(not mask[donor] and lengths[donor] > 50 and draw[row, 0] < 0.5))
+        one, other = (environment.draws["donor"][row] * N).long().tolist()
+        donor = one if environment.running_speed[one] > environment.running_speed[other] else other
+        chance = float(environment.draws["clone"][row, 0])
+        copies.append(bool(not mask[donor] and lengths[donor] > 50 and chance < 0.5))
         for result, before, new in zip(expected, old, fresh, strict=True):
             result[row] = before[donor] if copies[-1] else new[row]
         if copies[-1]:
             expected[0][row, :2] = 0.0
-    torch.manual_seed(8)
-    copied = environment._reset(mask)
-    assert copied[mask].tolist() == copies
+    restarted = environment._restart(mask)
+    assert (~restarted[mask]).tolist() == copies
     assert any(copies)
     assert not all(copies)
-    torch.testing.assert_close(simulation.qpos, expected[0])
-    torch.testing.assert_close(simulation.qvel, expected[1])
-    torch.testing.assert_close(environment.previous_action, expected[2])
+    for values, wanted in zip(watched, expected, strict=True):
+        torch.testing.assert_close(values, wanted)
     assert torch.equal(environment.episode_length_buf, torch.where(mask, 0, lengths))
 
 
@@ -116,14 +126,70 @@ def test_nan_ends_only_its_own_environment(environment: SprintEnvironment) -> No
         assert not done.any()
 
 
+def failures(environment: SprintEnvironment, body: BodyState) -> list[int]:
+    ends = find_ends(
+        body,
+        environment.simulation.qvel,
+        environment.episode_length_buf,
+        environment.episode_limit,
+        environment.settings.episodes,
+    )
+    return torch.nonzero(ends.failed)[:, 0].tolist()
+
+
 def test_legs_too_close_end_an_episode(environment: SprintEnvironment) -> None:
     body = environment.kinematics.read()
     limit = environment.settings.episodes.leg_distance_limit
-    assert not environment._failed(body).any()
+    assert failures(environment, body) == []
     distance = body.leg_distance.clone()
     distance[3, 1], distance[4, 1] = 0.9 * limit, 1.1 * limit
-    failed = environment._failed(body._replace(leg_distance=distance))
-    assert torch.nonzero(failed)[:, 0].tolist() == [3]
+    assert failures(environment, body._replace(leg_distance=distance)) == [3]
+
+
+def test_a_held_target_opens_the_grid_around_it(environment: SprintEnvironment) -> None:
+    grid = environment.grid
+    assert grid is not None
+    before = environment.grid_weights.clone()
+    environment.commands.time_to_target.fill_(1.0)
+    environment.commands.time_to_target[4:6] = 0.01
+    environment.commands.target_speed[4:6] = 3.1
+    environment.commands.command[:, 2] = 0.0
+    environment.running_yaw_rate.zero_()
+    environment.running_speed.fill_(3.2)
+    environment.running_speed[5] = 0.0
+    environment._learn_grid(Ends(*(torch.zeros(N, dtype=torch.bool) for _ in range(3))))
+    gained = environment.grid_weights - before
+    row, column = (int(values) for values in grid.bins(torch.tensor(3.1), torch.tensor(0.0)))
+    assert gained[row, column] == pytest.approx(2 * grid.gain)
+    assert gained[row + 1, column - 1] == pytest.approx(grid.gain)
+    assert torch.count_nonzero(gained) == 9
+
+
+def test_state_is_all_that_a_step_needs(environment: SprintEnvironment) -> None:
+    saved = {name: value.clone() for name, value in environment.state().items()}
+    action = 0.1 * torch.randn(N, 12)
+    runs = []
+    for _ in range(2):
+        environment.load_state(saved)
+        torch.manual_seed(12)
+        for _ in range(3):
+            environment.step(action)
+        runs.append({name: value.clone() for name, value in environment.state().items()})
+    for name, value in runs[0].items():
+        assert torch.equal(value, runs[1][name]), name
+
+
+def test_the_delay_varies_from_step_to_step_and_stays_within_a_step() -> None:
+    settings = TrainingSettings(simulation=SIMULATION)
+    environment = SprintEnvironment(settings, "cpu")
+    seen = []
+    for _ in range(6):
+        environment.step(torch.zeros(N, 12))
+        seen.append(environment.simulation.delay.clone())
+    delays = torch.stack(seen)
+    assert (delays.float().std(0) > 0).any()
+    assert delays.min() >= 0
+    assert delays.max() <= settings.simulation.substeps
 
 
 def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironment) -> None:
@@ -144,6 +210,7 @@ FIELDS: dict[str, Callable[[BatchSimulation], torch.Tensor]] = {
     "voltage": lambda s: s.voltage,
     "resistance": lambda s: s.resistance_factor,
     "dry friction": lambda s: s.friction_factor,
+    "delay": lambda s: s.mean_delay,
 }
 
 

@@ -54,12 +54,29 @@ def test_resume_goes_on_with_count_curriculum_and_networks(runner: Runner, check
     resumed.load(read_checkpoint(checkpoint))
     assert resumed.growth.upper == 3.7
     assert float(resumed.environment.upper) == pytest.approx(3.7)
-    saved, loaded = runner.learner.save(), resumed.learner.save()
-    for name, weight in saved["actor_state_dict"].items():
-        assert torch.equal(weight, loaded["actor_state_dict"][name]), name
+    saved, loaded = runner.learner.state_dict(), resumed.learner.state_dict()
+    for name, weight in saved["actor"].items():
+        assert torch.equal(weight, loaded["actor"][name]), name
     row = resumed.iterate()
     assert row["iteration"] == 3
     assert row["range_upper"] >= 3.7
+
+
+def test_a_resumed_run_is_the_run_that_never_stopped(tmp_path: Path) -> None:
+    straight = Runner(SETTINGS, "cpu", "one")
+    straight.iterate()
+    straight.save(tmp_path / "checkpoint.pt")
+    straight.iterate()
+    resumed = Runner(SETTINGS, "cpu", "two")
+    resumed.load(read_checkpoint(tmp_path / "checkpoint.pt"))
+    resumed.iterate()
+    for name, value in straight.environment.state().items():
+        assert torch.equal(value, resumed.environment.state()[name]), name
+    for name, value in straight.learner._networks().items():
+        assert torch.equal(value, resumed.learner._networks()[name]), name
+    timing = {"seconds", "steps_per_second"}
+    kept = [{k: v for k, v in run.progress.log[-1].items() if k not in timing} for run in (straight, resumed)]
+    assert kept[0] == kept[1]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])

@@ -125,9 +125,9 @@ class CommandGrid:
         return linear & (xp.exp(-(yaw_error**2)) > self.angular_success)
 
     def learn(self, weights: Array, bins: GridBins, success: Array) -> Array:
-        """Weights after the successes ``(n,)`` of targets in ``bins``: a bin and its neighbours gain, up to 1.
+        """Weights after the successes ``(n,)`` of targets in ``bins``: bins and neighbours gain, up to 1.
 
-        However many robots succeed in a bin at once, it gains once: the rule does not depend on their number.
+        However many robots succeed in a bin at once, it gains once: their number does not matter.
         """
         xp = namespace(weights)
         rows = xp.abs(bins.row[:, None] - xp.arange(self.rows, device=weights.device))

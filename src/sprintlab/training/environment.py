@@ -2,8 +2,8 @@
 
 A step is two graph launches on CUDA: the substeps (``BatchSimulation``) and everything after them
 (``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
-All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code runs
-plainly, without graphs and compilation: the reference.
+All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code
+runs plainly, without graphs and compilation: the reference.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """What the networks are trained on: advantages, PPO's losses and the estimator's, as pure functions.
 
 PPO is Schulman et al. 2017 with the details of rsl_rl 5.4: clipped value loss, time-outs bootstrapped with
-the value before the step, advantages normalized over the whole rollout, learning rate adapted to the divergence.
+the value before the step, advantages normalized over the whole rollout, learning rate adapted to the
+divergence.
 """
 
 from __future__ import annotations

@@ -178,11 +178,11 @@ class Runner:
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
         self.progress = state["progress"]
-        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
         if state["environment"] is not None:
             self.environment.load_state(state["environment"])
         elif state["grid_weights"].shape == self.environment.grid_weights.shape:
             self.environment.grid_weights.copy_(state["grid_weights"])
+        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
         generators = state["generators"]
         torch.set_rng_state(generators["torch"].cpu())
         np.random.set_state(generators["numpy"])

@@ -208,8 +208,8 @@ class RandomizationSettings:
         """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
         return replace(
             self, friction=(0.9, 0.9), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
-            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0), delay_jitter=0.0,
-            angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
+            bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
+            delay_jitter=0.0, angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
             joint_velocity_noise=0.0, push_speed=0.0,
         )  # fmt: skip
 

@@ -202,7 +202,8 @@ class BatchSimulation:
         """What a step reads and changes, and what was randomized, by name: the tensors themselves."""
         names = (
             "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
-            "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor", "voltage",
+            "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor",
+            "voltage",
         )  # fmt: skip
         supply = ("state_of_charge", "winding_temperature")
         return {

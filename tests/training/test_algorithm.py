@@ -1,0 +1,191 @@
+"""PPO's parts against rsl_rl, and what the fast path must not break."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+pytest.importorskip("rsl_rl")
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from sprintlab.robots import load_robot
+from sprintlab.training.algorithm import EstimatorPpo, build_actor
+from sprintlab.training.distributed import Workers
+from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.losses import (
+    adapted_learning_rate,
+    generalized_advantages,
+    log_probability,
+    policy_losses,
+)
+from sprintlab.training.networks import Critic
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.storage import Rollout
+
+ROBOTS, STEPS, HIDDEN = 6, 5, (32, 16)
+PPO_SETTINGS = PpoSettings(steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN, learning_rate=1e-3)
+SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=ROBOTS), ppo=PPO_SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def learner() -> EstimatorPpo:
+    return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
+
+
+def rsl_model(name: str, inputs: int, outputs: int, distribution: dict | None) -> MLPModel:
+    example = TensorDict({name: torch.zeros(ROBOTS, inputs)}, batch_size=[ROBOTS])
+    return MLPModel(
+        example, {name: [name]}, name, outputs, hidden_dims=list(HIDDEN), activation="elu",
+        obs_normalization=False, distribution_cfg=distribution,
+    )  # fmt: skip
+
+
+def copy_layers(target: torch.nn.Module, source: torch.nn.Module) -> None:
+    with torch.no_grad():
+        for theirs, ours in zip(linear_layers(target), linear_layers(source), strict=True):
+            theirs.weight.copy_(ours.weight)
+            theirs.bias.copy_(ours.bias)
+
+
+def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
+    return [layer for layer in module.modules() if isinstance(layer, torch.nn.Linear)]
+
+
+def test_an_update_is_rsl_rl_s_update() -> None:
+    """Same networks, same rollout, one mini-batch an epoch: the parameters end up the same."""
+    torch.manual_seed(4)
+    actor, critic = build_actor(SETTINGS, load_robot("bp2")), Critic(PPO_SETTINGS)
+    inputs = actor.policy[0].in_features
+    noise = {"class_name": "GaussianDistribution", "init_std": 0.8, "std_type": "scalar"}
+    their_actor, their_critic = rsl_model("actor", inputs, 12, noise), rsl_model("critic", 53, 1, None)
+    copy_layers(their_actor, actor.policy)
+    copy_layers(their_critic, critic.value)
+    rollout = Rollout(ROBOTS, STEPS, 225, 16, 12, "cpu")
+    observation = TensorDict(
+        {"actor": torch.zeros(ROBOTS, inputs), "critic": torch.zeros(ROBOTS, 53)}, batch_size=[ROBOTS]
+    )
+    storage = RolloutStorage("rl", ROBOTS, STEPS, observation, [12], "cpu")
+    theirs = PPO(
+        their_actor, their_critic, storage, num_learning_epochs=2, num_mini_batches=1, clip_param=0.2,
+        gamma=PPO_SETTINGS.discount, lam=PPO_SETTINGS.gae, value_loss_coef=1.0, entropy_coef=0.005,
+        learning_rate=1e-3, max_grad_norm=1.0, schedule="adaptive", desired_kl=0.01, device="cpu",
+    )  # fmt: skip
+    seen = None
+    for _ in range(STEPS):
+        seen = TensorDict(
+            {"actor": torch.randn(ROBOTS, inputs), "critic": torch.randn(ROBOTS, 53)}, batch_size=[ROBOTS]
+        )
+        rewards, ends = torch.randn(ROBOTS), (torch.rand(ROBOTS) < 0.2).long()
+        time_outs = ends * (torch.rand(ROBOTS) < 0.5)
+        action = theirs.act(seen)
+        written = {
+            "perceived": seen["actor"],
+            "truth": seen["critic"],
+            "action": action,
+            "mean": theirs.transition.distribution_params[0],
+            "log_probability": theirs.transition.actions_log_prob.squeeze(-1),
+            "value": theirs.transition.values[:, 0],
+            "reward": rewards,
+            "end": ends.float(),
+            "time_out": time_outs.float(),
+        }
+        for name, values in written.items():
+            rollout.write(name, values)
+        rollout.step.add_(1)
+        theirs.process_env_step(seen, rewards, ends, {"time_outs": time_outs})
+    assert seen is not None
+    theirs.compute_returns(seen)
+    last = critic.value(seen["critic"])[:, 0].detach()
+    advantage = generalized_advantages(
+        rollout.reward, rollout.value, rollout.end, rollout.time_out, last, PPO_SETTINGS
+    )
+    rollout.returns.copy_(advantage + rollout.value)
+    rollout.advantage.copy_(Workers().normalized(advantage))
+    torch.testing.assert_close(rollout.returns.T, storage.returns[..., 0])
+    torch.testing.assert_close(rollout.advantage.T, storage.advantages[..., 0])
+    theirs.update()
+    ours = TestedUpdate(actor, critic, rollout)
+    ours.run()
+    for mine, other in ((actor.policy, their_actor), (critic.value, their_critic)):
+        for one, two in zip(linear_layers(mine), linear_layers(other), strict=True):
+            torch.testing.assert_close(one.weight, two.weight, rtol=1e-4, atol=2e-6)
+    assert float(ours.rate) == pytest.approx(theirs.learning_rate)
+
+
+class TestedUpdate:
+    """Our losses with one optimizer, as ``EstimatorPpo`` applies them, without normalization."""
+
+    __test__ = False
+
+    def __init__(self, actor: torch.nn.Module, critic: torch.nn.Module, rollout: Rollout) -> None:
+        self.actor, self.critic, self.rollout = actor, critic, rollout
+        self.rate = torch.tensor(1e-3)
+        # The normalizers add 0.01 to a unit deviation: taken back here, rsl_rl normalizes nothing.
+        for normalizer in (actor.normalizer, critic.normalizer):
+            normalizer.variance.fill_(0.99**2)
+
+    def run(self) -> None:
+        groups = ([*self.actor.policy.parameters(), self.actor.std], list(self.critic.parameters()))
+        optimizer = torch.optim.Adam([p for group in groups for p in group], lr=self.rate)
+        old_std = self.actor.std.detach().clone()
+        for _ in range(PPO_SETTINGS.epochs):
+            batch = self.rollout.policy_batch(0, ROBOTS)
+            loss, parts = policy_losses(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
+            self.rate.copy_(adapted_learning_rate(self.rate, parts[3], PPO_SETTINGS.desired_kl))
+            optimizer.zero_grad()
+            loss.backward()
+            for group in groups:
+                torch.nn.utils.clip_grad_norm_(group, 1.0)
+            optimizer.step()
+
+
+def test_log_probability_is_torch_s() -> None:
+    mean, std, action = torch.randn(7, 12), torch.rand(12) + 0.1, torch.randn(7, 12)
+    expected = torch.distributions.Normal(mean, std).log_prob(action).sum(1)
+    torch.testing.assert_close(log_probability(action, mean, std), expected)
+
+
+def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorPpo) -> None:
+    environment, rollout = learner.environment, learner.rollout
+    seen, rewards = [], []
+    for _ in range(STEPS):
+        seen.append(environment.actor_observation.clone())
+        learner.act()
+        environment.advance()
+        learner.record()
+        rewards.append(environment.reward.clone())
+    assert torch.equal(rollout.history, torch.stack(seen, 1))
+    assert torch.equal(rollout.reward, torch.stack(rewards, 1))
+    assert torch.equal(rollout.next_frame[:, 0], seen[1][:, -45:])
+    assert int(rollout.step) == 0
+
+
+def test_a_mini_batch_is_a_view(learner: EstimatorPpo) -> None:
+    batch = learner.rollout.policy_batch(2, 5)
+    assert (
+        batch.perceived.untyped_storage().data_ptr() == learner.rollout.perceived.untyped_storage().data_ptr()
+    )
+    assert batch.perceived.shape == (3 * STEPS, learner.rollout.perceived.shape[-1])
+
+
+def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:
+    for _ in range(STEPS):
+        learner.act()
+        learner.environment.advance()
+        learner.record()
+    before = {name: value.clone() for name, value in learner._networks().items()}
+    learner.statistics()
+    learner.rollout.reward[1, 2] = float("nan")
+    learner.update()
+    for name, value in learner._networks().items():
+        assert torch.equal(value, before[name]), name
+    assert learner.statistics()["rolled_back"] == 1.0
+    learner.rollout.reward[1, 2] = 0.0
+    learner.update()
+    assert learner.statistics()["rolled_back"] == 1.0
+    assert any(not torch.equal(value, before[name]) for name, value in learner._networks().items())

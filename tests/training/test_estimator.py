@@ -1,0 +1,158 @@
+"""The estimator does what the paper says, and none of what other implementations got wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import torch
+
+from sprintlab.robots import load_robot
+from sprintlab.training.algorithm import build_actor
+from sprintlab.training.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
+from sprintlab.training.networks import COMMAND, ESTIMATE_SIZE, Actor, Critic, Normalizer
+from sprintlab.training.settings import EstimatorSettings, TrainingSettings
+
+SETTINGS = TrainingSettings()
+HISTORY = SETTINGS.observation.input_size
+SAMPLES = 64
+
+
+@pytest.fixture
+def actor() -> Actor:
+    torch.manual_seed(0)
+    return build_actor(SETTINGS, load_robot("bp2"))
+
+
+def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
+    generator = torch.Generator().manual_seed(1)
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator)
+
+    truth = torch.cat((normal(SAMPLES, 4), (normal(SAMPLES, 4) > 0).float()), 1)
+    batch = EstimatorBatch(
+        history=normal(SAMPLES, HISTORY),
+        truth=truth,
+        next_frame=normal(SAMPLES, 45),
+        valid=torch.ones(SAMPLES),
+        noise=normal(SAMPLES, SETTINGS.estimator.latent),
+    )
+    return batch._replace(**changes)
+
+
+def policy_batch(actor: Actor) -> PolicyBatch:
+    perceived, _ = actor.perceive(torch.randn(SAMPLES, HISTORY), torch.zeros(SAMPLES, ESTIMATE_SIZE))
+    flat = torch.randn(SAMPLES)
+    actions = torch.randn(SAMPLES, 12)
+    return PolicyBatch(
+        perceived.detach(), torch.randn(SAMPLES, 53), actions, 0.5 * actions, flat, flat, flat, flat
+    )
+
+
+def test_the_log_variance_has_a_head_of_its_own(actor: Actor) -> None:
+    history = torch.randn(3, HISTORY)
+    before = actor.estimator(history)
+    with torch.no_grad():
+        actor.estimator.mean_head.bias += 1.0
+    after = actor.estimator(history)
+    assert torch.equal(before.log_variance, after.log_variance)
+    torch.testing.assert_close(after.mean, before.mean + 1.0)
+
+
+def test_a_pair_across_an_episode_s_end_teaches_the_decoder_nothing(actor: Actor) -> None:
+    valid = torch.ones(SAMPLES)
+    valid[::2] = 0.0
+    batch = estimator_batch(valid=valid)
+    nonsense = batch.next_frame.clone()
+    nonsense[::2] = 1e3
+    parts = [
+        estimator_losses(actor, batch._replace(next_frame=frames), SETTINGS.estimator)[1]
+        for frames in (batch.next_frame, nonsense)
+    ]
+    assert torch.equal(*parts)
+    everything = batch._replace(next_frame=nonsense, valid=torch.ones(SAMPLES))
+    assert estimator_losses(actor, everything, SETTINGS.estimator)[1][2] > 2 * parts[0][2]
+
+
+def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
+    history, zeros = torch.randn(3, HISTORY), torch.zeros(3, ESTIMATE_SIZE)
+    first, second = (actor(history, zeros)[0] for _ in range(2))
+    assert torch.equal(first, second)
+    perceived, _ = actor.perceive(history, zeros)
+    latent = actor.estimator(actor.normalized_frames(history)).mean
+    assert torch.equal(perceived[:, -SETTINGS.estimator.latent :], latent)
+
+
+def test_the_policy_s_loss_leaves_the_estimator_alone_and_the_other_way_round(actor: Actor) -> None:
+    critic = Critic(SETTINGS.ppo)
+    loss, _ = policy_losses(actor, critic, policy_batch(actor), actor.std.detach().clone(), SETTINGS.ppo)
+    loss.backward()
+    assert all(parameter.grad is None for parameter in actor.estimator.parameters())
+    assert all(parameter.grad is not None for parameter in actor.policy.parameters())
+    actor.zero_grad(set_to_none=True)
+    estimator_losses(actor, estimator_batch(), SETTINGS.estimator)[0].backward()
+    assert all(parameter.grad is not None for parameter in actor.estimator.parameters())
+    assert all(parameter.grad is None for parameter in [*actor.policy.parameters(), actor.std])
+
+
+def test_the_estimator_does_not_see_the_command_unless_told_so() -> None:
+    history = torch.randn(4, HISTORY)
+    other = history.clone().view(4, -1, 45)
+    other[..., COMMAND] += 3.0
+    other = other.view(4, HISTORY)
+    robot = load_robot("bp2")
+    blind = build_actor(SETTINGS, robot)
+    seeing = build_actor(replace(SETTINGS, estimator=EstimatorSettings(sees_command=True)), robot)
+    zeros = torch.zeros(4, ESTIMATE_SIZE)
+    assert torch.equal(blind.perceive(history, zeros)[1], blind.perceive(other, zeros)[1])
+    assert not torch.equal(seeing.perceive(history, zeros)[1], seeing.perceive(other, zeros)[1])
+    assert not torch.equal(blind(history, zeros)[0], blind(other, zeros)[0])  # the policy does see it
+
+
+def test_the_estimate_is_low_passed_from_its_last_value(actor: Actor) -> None:
+    history = torch.randn(5, HISTORY)
+    with torch.no_grad():
+        value = actor.estimator.physical(actor.estimator(actor.normalized_frames(history)).raw)
+        estimate = torch.zeros(5, ESTIMATE_SIZE)
+        first = actor.perceive(history, estimate)[1]
+        for _ in range(40):
+            estimate = actor.perceive(history, estimate)[1]
+    torch.testing.assert_close(first / value, torch.full_like(value, 0.3141), rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(estimate, value, rtol=1e-4, atol=1e-4)
+
+
+def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
+    """On histories that hold the answer, a hundred steps bring the losses down several times."""
+    truth = torch.cat((torch.randn(SAMPLES, 4), (torch.randn(SAMPLES, 4) > 0).float()), 1)
+    truth[:, 3] = 0.5 + 0.05 * truth[:, 3]
+    history = 0.1 * torch.randn(SAMPLES, HISTORY)
+    history[:, -12:-4] = truth
+    batch = estimator_batch(history=history, truth=truth)
+    optimizer = torch.optim.Adam(actor.estimator.parameters(), lr=3e-3)
+    losses = []
+    for _ in range(150):
+        optimizer.zero_grad()
+        loss, parts = estimator_losses(actor, batch, SETTINGS.estimator)
+        loss.backward()
+        optimizer.step()
+        losses.append(parts)
+    assert losses[-1][0] < 0.2 * losses[0][0]
+    assert losses[-1][1] < 0.2 * losses[0][1]
+    with torch.no_grad():
+        value = actor.estimator.physical(actor.estimator(actor.normalized_frames(history)).raw)
+    assert (value[:, :3] - truth[:, :3]).abs().mean() < 0.3
+    assert ((value[:, 4:] > 0.5) == (truth[:, 4:] > 0.5)).float().mean() > 0.95
+
+
+def test_running_moments_are_those_of_all_samples() -> None:
+    normalizer = Normalizer(3)
+    parts = [torch.randn(size, 3) * 2 + 1 for size in (10, 500, 33)]
+    for part in parts:
+        normalizer.update(part.mean(0), part.var(0, correction=0), part.shape[0])
+    everything = torch.cat(parts)
+    torch.testing.assert_close(normalizer.mean, everything.mean(0))
+    torch.testing.assert_close(normalizer.variance, everything.var(0, correction=0))
