@@ -63,11 +63,11 @@ class EstimatorPpo:
 
     def __init__(self, environment: SprintEnvironment, fused: bool, workers: Workers) -> None:
         self.environment, self.settings = environment, environment.settings
-        self.device, self._workers = environment.device, workers
+        self.device, self._workers = str(environment.device), workers
         self._build(environment)
         self._policy_losses: Callable[..., Any] = policy_losses
         self._estimator_losses: Callable[..., Any] = estimator_losses
-        if fused and str(self.device).startswith("cuda"):
+        if fused and self.device.startswith("cuda"):
             self._policy_losses = torch.compile(policy_losses, dynamic=False)
             self._estimator_losses = torch.compile(estimator_losses, dynamic=False)
         self.act, self.record, self.update = self._act, self._record, self._update
@@ -100,7 +100,7 @@ class EstimatorPpo:
 
     def _adam(self, parameters: list[nn.Parameter], rate: torch.Tensor) -> torch.optim.Adam:
         """Adam whose whole step runs on the device; its state exists from the start."""
-        on_gpu = str(self.device).startswith("cuda")
+        on_gpu = self.device.startswith("cuda")
         optimizer = torch.optim.Adam(parameters, lr=rate, fused=on_gpu, foreach=False, capturable=on_gpu)
         for parameter in parameters:
             parameter.grad = torch.zeros_like(parameter)
@@ -114,7 +114,7 @@ class EstimatorPpo:
 
     def _capture(self) -> None:
         """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did."""
-        if not str(self.device).startswith("cuda"):
+        if not self.device.startswith("cuda"):
             return
         kept = {name: value.clone() for name, value in self._networks().items()}
         moments = [tensor.clone() for tensor in self._moments()]
