@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import distributed
@@ -50,6 +52,23 @@ class Workers:
             for tensor in tensors:
                 distributed.broadcast(tensor.data, src=0)
 
+    def any_of(self, flags: Sequence[bool]) -> list[bool]:
+        """Each flag, raised if any process raises it: all of them stop and save at the same iteration."""
+        if not self.several:
+            return list(flags)
+        on_gpu = distributed.get_backend() == "nccl"
+        values = torch.tensor(flags, dtype=torch.int32, device=f"cuda:{self.local_rank}" if on_gpu else "cpu")
+        distributed.all_reduce(values, distributed.ReduceOp.MAX)
+        return [bool(value) for value in values.tolist()]
+
+    def gather(self, value: Any) -> list[Any]:
+        """What every process has, in the order of their ranks, for the leader; nothing for the others."""
+        if not self.several:
+            return [value]
+        gathered: list[Any] | None = [None] * self.count if self.leads else None
+        distributed.gather_object(value, gathered)
+        return gathered or []
+
     def moments(self, mean: torch.Tensor, variance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean and variance over all processes' samples, from each one's own."""
         if not self.several:
@@ -74,4 +93,5 @@ def join_workers() -> Workers:
         torch.cuda.set_device(local_rank)
     if not distributed.is_initialized():
         distributed.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+        atexit.register(distributed.destroy_process_group)
     return Workers(count=count, rank=distributed.get_rank(), local_rank=local_rank)

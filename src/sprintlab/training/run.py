@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,8 +12,10 @@ import torch
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.distributed import join_workers
+from sprintlab.training.distributed import Workers, join_workers
+from sprintlab.training.guard import StopRequest, exclusive
 from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.progress import Board, Reporter
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -23,7 +26,7 @@ class TrainOptions:
 
     Attributes:
         method: one of the paper's six.
-        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``.
+        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``tensorboard/``.
         minutes: stop after this much time in this sitting.
         iterations: stop at this iteration of the run.
         environments: robots side by side.
@@ -37,6 +40,8 @@ class TrainOptions:
         keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
             if it had not stopped. Without, robots start from standing when it is taken up.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
+        tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
+        figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
     Raises:
@@ -57,6 +62,8 @@ class TrainOptions:
     keep_motor_model: bool = False
     keep_robots: bool = True
     fused: bool = True
+    tensorboard: bool = True
+    figures: bool = False
     settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
@@ -84,15 +91,38 @@ def pick_device(wanted: str) -> str:
     return wanted
 
 
-def train(options: TrainOptions) -> Path:
-    """Train until the time or the iterations are used up; returns the checkpoint's path."""
+def train(options: TrainOptions, wait: bool = False) -> Path:
+    """Train until the time or the iterations are used up; returns the checkpoint's path.
+
+    Args:
+        options: what to train, where to and for how long.
+        wait: where another process still trains in ``output``, until it is gone, instead of refusing.
+
+    Raises:
+        SprintlabError: there is a checkpoint and ``resume`` is off, or the other way round; the folder is in
+            use; the disk refuses. The last checkpoint stays as it is.
+        KeyboardInterrupt: Ctrl-C; the iteration was finished and saved.
+        SystemExit: 143 on SIGTERM, finished and saved likewise.
+    """
+    workers = join_workers()
+    checkpoint = options.output / "checkpoint.pt"
+    if not workers.leads:
+        _sit(options, open_run(options, workers), checkpoint)
+        return checkpoint
+    with exclusive(options.output, wait):
+        _remove_halves(options.output)
+        _sit(options, open_run(options, workers), checkpoint)
+    return checkpoint
+
+
+def open_run(options: TrainOptions, workers: Workers) -> Runner:
+    """The run, new or as its checkpoint has it, ready to iterate; errors as ``train`` has them."""
     checkpoint = options.output / "checkpoint.pt"
     saved = read_checkpoint(checkpoint) if options.resume else None
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
     typed = saved["command_line"] if saved else command_line()
-    workers = join_workers()
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
@@ -101,42 +131,77 @@ def train(options: TrainOptions) -> Path:
         runner.load(saved)
     elif options.start_from is not None:
         runner.load(read_checkpoint(options.start_from))
-    try:
-        _loop(runner, options, checkpoint)
-    finally:
-        if runner.progress.iteration:
-            _save(runner, options, checkpoint)
-    return checkpoint
+    return runner
 
 
-def _loop(runner: Runner, options: TrainOptions, checkpoint: Path) -> None:
-    deadline = time.monotonic() + 60.0 * options.minutes
-    saved = printed = time.monotonic()
-    while runner.progress.iteration < options.iterations and time.monotonic() < deadline:
+def _sit(options: TrainOptions, runner: Runner, checkpoint: Path) -> None:
+    """One sitting: iterations, checkpoints, and an orderly end on a signal."""
+    progress, leads = runner.progress, runner.workers.leads
+    wanted = options.tensorboard and leads
+    board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
+    reporter = Reporter(
+        iterations=options.iterations,
+        seconds=60.0 * options.minutes,
+        started_at=progress.iteration,
+        board=board,
+        rolled_back=float(runner.learner.rolled_back),
+        quiet=not leads,
+    )
+    if leads and progress.iteration:
+        with _stopping_cleanly(runner):  # rows after the checkpoint will be done once more
+            runner.save_log(options.output / "log.jsonl")
+    with StopRequest().listening() as stop, reporter:
+        _loop(runner, options, checkpoint, stop, reporter)
+        if stop:
+            reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
+        stop.leave()
+    if options.figures and leads:
+        from sprintlab.training.figures import learning_figures
+
+        learning_figures(checkpoint, options.output)
+
+
+def _loop(
+    runner: Runner, options: TrainOptions, checkpoint: Path, stop: StopRequest, reporter: Reporter
+) -> None:
+    """Iterate; every process stops and saves at the same iteration as the others."""
+    started = saved = time.monotonic()
+    first = runner.progress.iteration
+    ended = first >= options.iterations
+    while not ended:
         row = runner.iterate()
+        reporter.show(row)
         now = time.monotonic()
-        if now - saved > options.save_seconds:
+        over = now - started >= 60.0 * options.minutes or row["iteration"] >= options.iterations
+        due = now - saved >= options.save_seconds
+        ended, due = runner.workers.any_of([over or bool(stop), due])
+        if ended or due:
             _save(runner, options, checkpoint)
-            saved = now
-        if runner.workers.leads and (now - printed > 10.0 or row["iteration"] <= 2):
-            print(progress_line(row), file=sys.stderr, flush=True)
-            printed = now
+            saved = time.monotonic()
 
 
 def _save(runner: Runner, options: TrainOptions, checkpoint: Path) -> None:
-    """Checkpoint and log, by the leading process."""
-    if runner.workers.leads:
+    """Checkpoint and log."""
+    with _stopping_cleanly(runner):
         runner.save(checkpoint, options.keep_robots)
-        runner.save_log(options.output / "log.jsonl")
+        if runner.workers.leads:
+            runner.save_log(options.output / "log.jsonl")
 
 
-def progress_line(row: dict[str, float]) -> str:
-    """One iteration in one line."""
-    return (
-        f"it {row['iteration']:.0f}  {row['seconds']:.0f} s  {row['steps_per_second'] / 1e3:.0f}k/s  "
-        f"range {row['range_upper']:.1f}  stage {row['stage']:.2f}  v {row['speed']:.2f}  "
-        f"p95 {row['speed_p95']:.2f}  p99.9 {row['speed_p999']:.2f}  error {row['command_error']:.2f}  "
-        f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  "
-        f"limit {row['on_limit']:.2f}  power {row['power']:.0f}  std {row['action_std']:.2f}  "
-        f"lr {row['learning_rate']:.0e}"
-    )
+@contextmanager
+def _stopping_cleanly(runner: Runner) -> Iterator[None]:
+    """Say what a disk that refuses means for the run."""
+    try:
+        yield
+    except SprintlabError as error:
+        raise SprintlabError(
+            f"training stopped at iteration {runner.progress.iteration}: {error}; "
+            "the last good checkpoint is untouched: make room and go on with --resume"
+        ) from error
+
+
+def _remove_halves(folder: Path) -> None:
+    """Delete what writes that were killed have left; nobody else writes here."""
+    for name in ("checkpoint.pt", "log.jsonl"):
+        for half in folder.glob(f".{name}.*"):
+            half.unlink(missing_ok=True)

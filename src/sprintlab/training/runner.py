@@ -122,6 +122,7 @@ class Runner:
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
             **statistics,
+            "broken": round(statistics["broken"] * steps),  # a count: one in a million steps should be seen
         }
         self.progress.log.append(row)
         return row
@@ -131,10 +132,32 @@ class Runner:
     def state(self, with_robots: bool = True) -> dict[str, Any]:
         """Everything that a run needs to go on, and that an export needs to write a contract.
 
+        Where several processes train together, all of them must call this; only the leader's answer holds
+        everything.
+
         Args:
             with_robots: also the state of every robot and its command; without it, robots start from
                 standing when the run is taken up.
         """
+        first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
+        return {
+            "format": CHECKPOINT_FORMAT,
+            "settings": self.settings,
+            "learner": self.learner.state_dict(),
+            **(first or {}),
+            "others": others,
+            "grid_weights": self.environment.grid_weights,
+            "growth": self.growth.state_dict(),
+            "blend": self.blend.state_dict(),
+            "progress": self.progress,
+            "command_line": self.command_line,
+            "device": device_description(self.device),
+            "versions": package_versions(),
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        }
+
+    def _own_state(self, with_robots: bool) -> dict[str, Any]:
+        """What each process has of its own: its robots and its random generators."""
         generators = {
             "torch": torch.get_rng_state(),
             "numpy": np.random.get_state(),
@@ -142,26 +165,22 @@ class Runner:
         }
         if self.device.startswith("cuda"):
             generators["cuda"] = torch.cuda.get_rng_state(self.device)
-        return {
-            "format": CHECKPOINT_FORMAT,
-            "settings": self.settings,
-            "learner": self.learner.state_dict(),
-            "environment": self.environment.state() if with_robots else None,
-            "grid_weights": self.environment.grid_weights,
-            "growth": self.growth.state_dict(),
-            "blend": self.blend.state_dict(),
-            "progress": self.progress,
-            "generators": generators,
-            "command_line": self.command_line,
-            "device": device_description(self.device),
-            "versions": package_versions(),
-            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        }
+        robots = self.environment.state() if with_robots else None
+        if robots is not None and self.workers.several:
+            robots = {name: value.cpu() for name, value in robots.items()}
+        return {"environment": robots, "generators": generators}
 
     def save(self, path: Path, with_robots: bool = True) -> None:
-        """Write the checkpoint in one step. Raises ``SprintlabError`` if the disk refuses."""
+        """Write the checkpoint in one step, by the leader; all processes must call this.
+
+        Raises:
+            SprintlabError: the disk refuses; the checkpoint that was there stays.
+        """
+        state = self.state(with_robots)
+        if not self.workers.leads:
+            return
         buffer = io.BytesIO()
-        torch.save(self.state(with_robots), buffer)
+        torch.save(state, buffer)
         atomic_write_bytes(path, buffer.getvalue())
 
     def save_log(self, path: Path) -> None:
@@ -172,17 +191,27 @@ class Runner:
         """Take up a run where its checkpoint left it.
 
         With the robots' states in it, and on the same device and versions, the run goes on as if it had not
-        stopped; without them, robots start anew from standing.
+        stopped. Robots that are not in it (saved without, another number of robots, more processes than
+        before) start anew from standing.
         """
         self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
         self.progress = state["progress"]
-        if state["environment"] is not None:
-            self.environment.load_state(state["environment"])
-        elif state["grid_weights"].shape == self.environment.grid_weights.shape:
+        if state["grid_weights"].shape == self.environment.grid_weights.shape:
             self.environment.grid_weights.copy_(state["grid_weights"])
+        saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]
+        rank = self.workers.rank
+        if rank < len(saved):
+            self._load_own(saved[rank])
+        else:  # a newcomer: random numbers that no process has had
+            torch.manual_seed(self.settings.seed + 1_000_003 * rank + self.progress.iteration)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
+
+    def _load_own(self, state: dict[str, Any]) -> None:
+        robots = state["environment"]
+        if robots is not None and len(robots["action"]) == self.environment.num_envs:
+            self.environment.load_state(robots)
         generators = state["generators"]
         torch.set_rng_state(generators["torch"].cpu())
         np.random.set_state(generators["numpy"])

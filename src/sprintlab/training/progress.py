@@ -1,0 +1,162 @@
+"""What a training shows while it runs: a progress line, warnings, and curves for TensorBoard."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from torch.utils.tensorboard import SummaryWriter
+
+PRINT_SECONDS = 10.0
+BOARD_SECONDS = 1.0
+"""Least time between two points in TensorBoard: the log has every iteration, and curves need no more."""
+_CONTEXT = ("iteration", "seconds", "environment_steps")
+
+
+def progress_line(row: dict[str, float]) -> str:
+    """One iteration in one line."""
+    return (
+        f"it {row['iteration']:.0f}  {row['seconds']:.0f} s  {row['steps_per_second'] / 1e3:.3g}k/s  "
+        f"range {row['range_upper']:.1f}  stage {row['stage']:.2f}  v {row['speed']:.2f}  "
+        f"held p95 {row['speed_p95']:.2f} p99.9 {row['speed_p999']:.2f}  "
+        f"grid {100 * row['grid_open']:.0f} %  error {row['command_error']:.2f}  "
+        f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  limit {row['on_limit']:.2f}  power {row['power']:.0f}  "
+        f"std {row['action_std']:.2f}  lr {row['learning_rate']:.0e}"
+    )
+
+
+def time_to_go(iteration: int, iterations: int, started_at: int, elapsed: float, allowed: float) -> float:
+    """Seconds until the iterations or the time of this sitting are used up, at the pace so far.
+
+    Args:
+        iteration: reached.
+        iterations: at which the run ends.
+        started_at: iteration at which this sitting began.
+        elapsed: time of this sitting [s].
+        allowed: time of this sitting [s].
+    """
+    left = max(0.0, allowed - elapsed)
+    done = iteration - started_at
+    if done < 1:
+        return left
+    return min(left, (iterations - iteration) * elapsed / done)
+
+
+def clock(seconds: float) -> str:
+    """``1:02:03`` or ``2:03``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+class Board:
+    """Curves for TensorBoard in a folder; at most one point a second.
+
+    Args:
+        folder: of the event files.
+        iteration: reached already: later points of a sitting that was killed are hidden.
+    """
+
+    def __init__(self, folder: Path, iteration: int) -> None:
+        self._writer = SummaryWriter(str(folder), purge_step=iteration + 1 if iteration else None)
+        self._last = float("-inf")
+
+    def add(self, row: dict[str, float]) -> None:
+        """A point on every curve, unless the last is less than a second old."""
+        now = time.monotonic()
+        if now - self._last < BOARD_SECONDS:
+            return
+        self._last = now
+        for name, value in row.items():
+            if name not in _CONTEXT:
+                tag = name if "/" in name else f"run/{name}"
+                self._writer.add_scalar(tag, value, int(row["iteration"]))
+
+    def close(self) -> None:
+        """Write out what is buffered."""
+        self._writer.close()
+
+
+class Reporter:
+    """Progress on stderr: a bar on a terminal, else a line every ten seconds.
+
+    Args:
+        iterations: at which the run ends.
+        seconds: of this sitting.
+        started_at: iteration at which it begins.
+        board: curves to fill, too.
+        rolled_back: updates taken back before this sitting.
+        quiet: print nothing: for the processes that do not lead.
+    """
+
+    def __init__(
+        self,
+        *,
+        iterations: int,
+        seconds: float,
+        started_at: int,
+        board: Board | None,
+        rolled_back: float = 0.0,
+        quiet: bool = False,
+    ) -> None:
+        self._iterations, self._seconds, self._first = iterations, seconds, started_at
+        self._board, self._rolled_back, self._broken = board, rolled_back, 0
+        self._console = Console(stderr=True, highlight=False, quiet=quiet)
+        self._live = self._console.is_terminal and not quiet
+        columns = (BarColumn(bar_width=16), TextColumn("{task.description}"))
+        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._live)
+        self._task = self._bar.add_task("starting", total=1.0)
+        self._began = time.monotonic()
+        self._printed = float("-inf")
+
+    def __enter__(self) -> Reporter:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+        if self._board is not None:
+            self._board.close()
+
+    def say(self, text: str) -> None:
+        """A remark on a line of its own."""
+        self._console.print(text, soft_wrap=True, markup=False)
+
+    def show(self, row: dict[str, float]) -> None:
+        """One iteration has been done."""
+        if self._board is not None:
+            self._board.add(row)
+        self._warn(row)
+        now = time.monotonic()
+        to_go = time_to_go(
+            int(row["iteration"]), self._iterations, self._first, now - self._began, self._seconds
+        )
+        broken = f"  broken {self._broken}" if self._broken else ""
+        line = f"{progress_line(row)}{broken}  to go {clock(to_go)}"
+        if self._live:
+            elapsed = now - self._began
+            share = elapsed / max(elapsed + to_go, 1e-9)
+            self._bar.update(self._task, description=line, completed=share)
+        elif now - self._printed > PRINT_SECONDS or row["iteration"] <= 2:
+            self.say(line)
+            self._printed = now
+
+    def _warn(self, row: dict[str, float]) -> None:
+        if row["rolled_back"] > self._rolled_back:
+            self._rolled_back = row["rolled_back"]
+            self.say(
+                f"warning: update {row['iteration']:.0f} diverged and was taken back "
+                f"({self._rolled_back:.0f} so far)"
+            )
+        if row["broken"]:
+            if not self._broken:
+                self.say(
+                    f"warning: iteration {row['iteration']:.0f} had {row['broken']:.0f} robots with broken "
+                    "physics (NaN or impossible speeds); they were reset and are counted as 'broken'"
+                )
+            self._broken += int(row["broken"])

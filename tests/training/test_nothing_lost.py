@@ -1,0 +1,197 @@
+"""Killed, interrupted, out of disk, out of numbers: what a training run keeps.
+
+The command is run whole, in processes forked from this one after the imports, which take seconds.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+if not hasattr(os, "fork"):
+    pytest.skip("needs os.fork", allow_module_level=True)
+
+import torch
+
+from sprintlab.cli.main import main
+from sprintlab.core import files
+from sprintlab.core.errors import SprintlabError
+from sprintlab.training.guard import exclusive
+from sprintlab.training.run import TrainOptions, train
+from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+
+ITERATIONS = 24
+TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,))
+SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY)
+FLAGS = (
+    "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
+    "--settings.ppo.steps", "2", "--settings.ppo.epochs", "1", "--settings.ppo.mini-batches", "2",
+    "--settings.ppo.hidden", "16", "--no-tensorboard",
+)  # fmt: skip
+TIMING = {"seconds", "steps_per_second"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def warm() -> None:
+    """Load every kernel before the first fork, and keep to one thread: pools do not survive a fork."""
+    torch.set_num_threads(1)
+    Runner(SETTINGS, "cpu", "warm").environment.advance()
+
+
+def start(*arguments: str) -> int:
+    """``sprintlab`` in a process of its own; returns its id."""
+    child = os.fork()
+    if child:
+        return child
+    status = 1
+    try:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+        status = main(arguments)
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+    finally:
+        os._exit(status)
+
+
+def finish(child: int) -> int:
+    """Exit status of a process; minus the signal that killed it."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def rows(folder: Path) -> list[dict[str, float]]:
+    lines = (folder / "log.jsonl").read_text().splitlines()
+    return [{k: v for k, v in json.loads(line).items() if k not in TIMING} for line in lines]
+
+
+def options(folder: Path, **changes) -> TrainOptions:
+    given = {"environments": 16, "device": "cpu", "tensorboard": False, "settings": SETTINGS}
+    return TrainOptions(output=folder, **(given | changes))
+
+
+def test_killed_twenty_times_the_run_is_the_run_that_was_never_killed(tmp_path: Path) -> None:
+    straight, killed = tmp_path / "straight", tmp_path / "killed"
+    limit = ("--iterations", str(ITERATIONS))
+    assert finish(start(*FLAGS, *limit, "--output", str(straight))) == 0
+    generator, kills, reached = random.Random(0), 0, []
+    while kills < 20:
+        checkpoint = killed / "checkpoint.pt"
+        resume = ("--resume",) if checkpoint.exists() else ()
+        child = start(*FLAGS, "--iterations", str(ITERATIONS - 1), "--output", str(killed), *resume)
+        time.sleep(generator.uniform(0.05, 0.8))
+        os.kill(child, signal.SIGKILL)
+        assert finish(child) in (-signal.SIGKILL, 0)
+        kills += 1
+        if checkpoint.exists():
+            reached.append(read_checkpoint(checkpoint)["progress"].iteration)
+            iterations = [row["iteration"] for row in rows(killed)]
+            assert iterations == list(range(1, len(iterations) + 1))
+    assert reached == sorted(reached)
+    assert len(set(reached)) > 2  # the kills fell into the run, not all before it or after it
+    assert finish(start(*FLAGS, *limit, "--output", str(killed), "--resume")) == 0
+    assert rows(killed) == rows(straight)
+    assert {path.name for path in killed.iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+    first, second = (read_checkpoint(folder / "checkpoint.pt") for folder in (straight, killed))
+    for name, value in first["learner"]["actor"].items():
+        assert torch.equal(value, second["learner"]["actor"][name]), name
+    for name, value in first["environment"].items():
+        assert torch.equal(value, second["environment"][name]), name
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_request_to_stop_saves_first(tmp_path: Path, number: int, status: int) -> None:
+    child = start(*FLAGS, "--save-seconds", "1000", "--output", str(tmp_path))
+    lock = tmp_path / ".lock"
+    while not (lock.exists() and lock.read_text()):
+        time.sleep(0.02)
+    time.sleep(1.5)  # into the iterations; nothing is saved by itself
+    assert not (tmp_path / "checkpoint.pt").exists()
+    os.kill(child, number)
+    assert finish(child) == status
+    assert read_checkpoint(tmp_path / "checkpoint.pt")["progress"].iteration == len(rows(tmp_path))
+
+
+@pytest.mark.parametrize("fitting", [0, 1, 2])
+def test_a_full_disk_stops_with_the_last_checkpoint_intact(
+    tmp_path: Path, monkeypatch, capsys, fitting: int
+) -> None:
+    train(options(tmp_path, iterations=1))
+    before = (tmp_path / "checkpoint.pt").read_bytes()
+    written = []
+
+    def full(_handle: int) -> None:
+        written.append(1)
+        if len(written) > fitting:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "fsync", full)
+        assert main([*FLAGS, "--iterations", "3", "--output", str(tmp_path), "--resume"]) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith("sprintlab: training stopped at iteration")
+    assert "No space left on device" in message
+    assert {path.name for path in tmp_path.iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+    if fitting < 2:  # the third write is the log, after a checkpoint that fitted
+        assert (tmp_path / "checkpoint.pt").read_bytes() == before
+    train(options(tmp_path, iterations=3, resume=True))
+    assert [row["iteration"] for row in rows(tmp_path)] == [1, 2, 3]
+
+
+def test_two_processes_never_train_in_one_folder(tmp_path: Path) -> None:
+    with exclusive(tmp_path), pytest.raises(SprintlabError, match=f"process {os.getpid()}"):
+        train(options(tmp_path, iterations=1))
+    train(options(tmp_path, iterations=1))
+
+
+def test_broken_physics_is_reset_counted_and_reported(tmp_path: Path, monkeypatch, capfd) -> None:
+    class Struck(Runner):
+        """Two robots become NaN before the second iteration."""
+
+        def iterate(self) -> dict[str, float]:
+            if self.progress.iteration == 1:
+                self.environment.simulation.qvel[3:5] = float("nan")
+            return super().iterate()
+
+    monkeypatch.setattr("sprintlab.training.run.Runner", Struck)
+    train(options(tmp_path, iterations=3))
+    assert [row["broken"] for row in rows(tmp_path)] == [0, 2, 0]
+    assert all(value == value for row in rows(tmp_path) for value in row.values())
+    assert "2 robots with broken physics" in " ".join(capfd.readouterr().err.split())
+    state = read_checkpoint(tmp_path / "checkpoint.pt")["environment"]
+    assert all(bool(torch.isfinite(value).all()) for value in state.values())
+
+
+def test_a_diverged_update_is_taken_back_and_reported(tmp_path: Path, monkeypatch, capfd) -> None:
+    kept = {}
+
+    class Struck(Runner):
+        """The second update learns from a reward that no number is."""
+
+        def iterate(self) -> dict[str, float]:
+            if self.progress.iteration == 1:
+                kept.update({name: value.clone() for name, value in self.learner.actor.state_dict().items()})
+                advance = self.environment.advance
+
+                def poisoned() -> None:
+                    advance()
+                    self.environment.reward[0] = float("nan")
+
+                self.environment.advance = poisoned
+            return super().iterate()
+
+    monkeypatch.setattr("sprintlab.training.run.Runner", Struck)
+    train(options(tmp_path, iterations=2))
+    assert "update 2 diverged and was taken back" in " ".join(capfd.readouterr().err.split())
+    learner = read_checkpoint(tmp_path / "checkpoint.pt")["learner"]
+    assert float(learner["rolled_back"]) == 1.0
+    for name, value in kept.items():
+        assert torch.equal(value, learner["actor"][name]), name

@@ -1,0 +1,109 @@
+"""Two processes under torchrun: identical networks, normalizers and curriculum; resumed, bit for bit."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import torch
+
+from sprintlab.training.distributed import Workers
+from sprintlab.training.run import TrainOptions, open_run
+from sprintlab.training.runner import read_checkpoint
+
+PROGRAM = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+import torch
+torch.set_num_threads(1)
+from sprintlab.training import run
+from sprintlab.training.settings import PpoSettings, TrainingSettings
+
+folder, runners = Path(sys.argv[1]), []
+tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
+straight = run.TrainOptions(
+    output=folder / "straight", environments=8, iterations=4, device="cpu", tensorboard=False, settings=tiny
+)
+halves = replace(straight, output=folder / "halves", iterations=2)
+opened = run.open_run
+run.open_run = lambda *a: runners.append(opened(*a)) or runners[-1]
+for options in (straight, halves, replace(halves, iterations=4, resume=True)):
+    run.train(options)
+    run.join_workers().any_of([False])  # the leader has written before the others read
+rank = runners[0].workers.rank
+for name, runner in (("straight", runners[0]), ("halves", runners[2])):
+    log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
+    own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
+    own |= {"growth": runner.growth.state_dict(), "robots": runner.environment.state()}
+    torch.save(own, folder / f"{name}-{rank}.pt")
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("several")
+    (folder / "program.py").write_text(PROGRAM)
+    environment = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
+    command = ("torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+    done = subprocess.run(
+        [sys.executable, "-m", *command, folder / "program.py", folder],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return folder
+
+
+def read(folder: Path, name: str) -> dict:
+    return torch.load(folder / f"{name}.pt", weights_only=False)
+
+
+def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) -> None:
+    first, second = read(folder, "straight-0"), read(folder, "straight-1")
+    for name, value in first["networks"].items():  # normalizers are among them
+        assert torch.equal(value, second["networks"][name]), name
+    assert all(torch.equal(a, b) for a, b in zip(first["moments"], second["moments"], strict=True))
+    assert first["log"] == second["log"]
+    assert first["growth"] == second["growth"]
+    for name in ("grid_weights", "upper", "stage"):
+        assert torch.equal(first["robots"][name], second["robots"][name]), name
+    assert not torch.equal(first["robots"]["action"], second["robots"]["action"])
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_resumed_each_process_goes_on_with_its_own_robots(folder: Path, rank: int) -> None:
+    straight, resumed = read(folder, f"straight-{rank}"), read(folder, f"halves-{rank}")
+    assert straight["log"] == resumed["log"]
+    for part in ("networks", "robots"):
+        for name, value in straight[part].items():
+            assert torch.equal(value, resumed[part][name]), name
+
+
+def test_one_checkpoint_holds_every_process(folder: Path) -> None:
+    state = read_checkpoint(folder / "straight" / "checkpoint.pt")
+    assert state["progress"].environment_steps == 2 * 8 * 2 * 4
+    assert len(state["others"]) == 1
+    assert torch.equal(
+        state["others"][0]["environment"]["action"], read(folder, "straight-1")["robots"]["action"]
+    )
+    assert {path.name for path in (folder / "straight").iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+
+
+def test_one_process_takes_up_the_run_of_two_and_three_do_too(folder: Path) -> None:
+    options = TrainOptions(output=folder / "straight", device="cpu", resume=True)
+    alone = open_run(options, Workers())
+    assert alone.iterate()["iteration"] == 5
+    third = open_run(options, Workers(count=1, rank=2))
+    leader = read(folder, "straight-0")["robots"]
+    assert not torch.equal(third.environment.actor_observation, leader["actor_observation"])
+    assert third.iterate()["iteration"] == 5
