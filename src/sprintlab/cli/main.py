@@ -28,6 +28,7 @@ from sprintlab.cli.report import Report
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
+from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
 
@@ -48,6 +49,7 @@ Command = (
     | Annotated[Report, tyro.conf.subcommand(name="report")]
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]
     | Annotated[Train, tyro.conf.subcommand(name="train")]
+    | Annotated[Sweep, tyro.conf.subcommand(name="sweep")]
     | Annotated[Export, tyro.conf.subcommand(name="export")]
     | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
 )

@@ -23,8 +23,9 @@ def progress_line(row: dict[str, float]) -> str:
         f"range {row['range_upper']:.1f}  stage {row['stage']:.2f}  v {row['speed']:.2f}  "
         f"held p95 {row['speed_p95']:.2f} p99.9 {row['speed_p999']:.2f}  "
         f"grid {100 * row['grid_open']:.0f} %  error {row['command_error']:.2f}  "
-        f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  limit {row['on_limit']:.2f}  power {row['power']:.0f}  "
-        f"std {row['action_std']:.2f}  lr {row['learning_rate']:.0e}"
+        f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  "
+        f"limit {row['on_limit']:.2f}  power {row['power']:.0f}  std {row['action_std']:.2f}  "
+        f"lr {row['learning_rate']:.0e}"
     )
 
 

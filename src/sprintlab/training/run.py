@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -91,12 +91,15 @@ def pick_device(wanted: str) -> str:
     return wanted
 
 
-def train(options: TrainOptions, wait: bool = False) -> Path:
+def train(options: TrainOptions, restartable: bool = False, typed: str | None = None) -> Path:
     """Train until the time or the iterations are used up; returns the checkpoint's path.
 
     Args:
         options: what to train, where to and for how long.
-        wait: where another process still trains in ``output``, until it is gone, instead of refusing.
+        restartable: for schedulers, which start a lost training again with the same words: go on from the
+            checkpoint where there is one, count ``minutes`` over all sittings, and where another process
+            still trains in ``output``, wait until it is gone.
+        typed: the command line, for the policy's contract; that of this process when left out.
 
     Raises:
         SprintlabError: there is a checkpoint and ``resume`` is off, or the other way round; the folder is in
@@ -106,27 +109,29 @@ def train(options: TrainOptions, wait: bool = False) -> Path:
     """
     workers = join_workers()
     checkpoint = options.output / "checkpoint.pt"
-    if not workers.leads:
-        _sit(options, open_run(options, workers), checkpoint)
-        return checkpoint
-    with exclusive(options.output, wait):
-        _remove_halves(options.output)
-        _sit(options, open_run(options, workers), checkpoint)
+    with exclusive(options.output, restartable) if workers.leads else nullcontext():
+        if workers.leads:
+            _remove_halves(options.output)
+        if restartable:
+            options = replace(options, resume=checkpoint.exists())
+        runner = open_run(options, workers, typed)
+        spent = runner.progress.seconds if restartable else 0.0
+        _sit(options, runner, 60.0 * options.minutes - spent)
     return checkpoint
 
 
-def open_run(options: TrainOptions, workers: Workers) -> Runner:
+def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) -> Runner:
     """The run, new or as its checkpoint has it, ready to iterate; errors as ``train`` has them."""
     checkpoint = options.output / "checkpoint.pt"
     saved = read_checkpoint(checkpoint) if options.resume else None
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
-    typed = saved["command_line"] if saved else command_line()
+    words = str(saved["command_line"]) if saved else typed or command_line()
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
-    runner = Runner(settings, device, typed, options.fused, workers)
+    runner = Runner(settings, device, words, options.fused, workers)
     if saved:
         runner.load(saved)
     elif options.start_from is not None:
@@ -134,14 +139,14 @@ def open_run(options: TrainOptions, workers: Workers) -> Runner:
     return runner
 
 
-def _sit(options: TrainOptions, runner: Runner, checkpoint: Path) -> None:
+def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
     """One sitting: iterations, checkpoints, and an orderly end on a signal."""
     progress, leads = runner.progress, runner.workers.leads
     wanted = options.tensorboard and leads
     board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
     reporter = Reporter(
         iterations=options.iterations,
-        seconds=60.0 * options.minutes,
+        seconds=seconds,
         started_at=progress.iteration,
         board=board,
         rolled_back=float(runner.learner.rolled_back),
@@ -151,39 +156,38 @@ def _sit(options: TrainOptions, runner: Runner, checkpoint: Path) -> None:
         with _stopping_cleanly(runner):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
     with StopRequest().listening() as stop, reporter:
-        _loop(runner, options, checkpoint, stop, reporter)
+        _loop(runner, options, seconds, stop, reporter)
         if stop:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
         stop.leave()
     if options.figures and leads:
         from sprintlab.training.figures import learning_figures
 
-        learning_figures(checkpoint, options.output)
+        learning_figures(options.output / "checkpoint.pt", options.output)
 
 
 def _loop(
-    runner: Runner, options: TrainOptions, checkpoint: Path, stop: StopRequest, reporter: Reporter
+    runner: Runner, options: TrainOptions, seconds: float, stop: StopRequest, reporter: Reporter
 ) -> None:
     """Iterate; every process stops and saves at the same iteration as the others."""
     started = saved = time.monotonic()
-    first = runner.progress.iteration
-    ended = first >= options.iterations
+    ended = seconds <= 0.0 or runner.progress.iteration >= options.iterations
     while not ended:
         row = runner.iterate()
         reporter.show(row)
         now = time.monotonic()
-        over = now - started >= 60.0 * options.minutes or row["iteration"] >= options.iterations
+        over = now - started >= seconds or row["iteration"] >= options.iterations
         due = now - saved >= options.save_seconds
         ended, due = runner.workers.any_of([over or bool(stop), due])
         if ended or due:
-            _save(runner, options, checkpoint)
+            _save(runner, options)
             saved = time.monotonic()
 
 
-def _save(runner: Runner, options: TrainOptions, checkpoint: Path) -> None:
+def _save(runner: Runner, options: TrainOptions) -> None:
     """Checkpoint and log."""
     with _stopping_cleanly(runner):
-        runner.save(checkpoint, options.keep_robots)
+        runner.save(options.output / "checkpoint.pt", options.keep_robots)
         if runner.workers.leads:
             runner.save_log(options.output / "log.jsonl")
 

@@ -1,0 +1,259 @@
+"""What a sweep consists of: methods x seeds x settings, each run with a folder of its own.
+
+Nothing here needs PyTorch: planning and watching a sweep start at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shlex
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.settings import TrainingSettings
+
+RECORD_NAME = "run.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunPlan:
+    """One training of a sweep.
+
+    Attributes:
+        method: one of the paper's six.
+        seed: of every random generator.
+        folder: ``<sweep>/<method>/seed-<seed>``, below a folder of the varied settings if there are any.
+        overrides: dotted names of settings to their values, e.g. ``ppo.steps`` to 16.
+        iterations: at which the run ends.
+        minutes: after which the run ends, over all sittings.
+        environments: robots side by side.
+        device: ``cuda:0``, ``cpu`` or ``auto``.
+        save_seconds: time between checkpoints: what a lost worker costs at most.
+
+    Raises:
+        InvalidValueError: an unknown method or setting, or a number out of range.
+    """
+
+    method: str
+    seed: int
+    folder: Path
+    overrides: Mapping[str, Any]
+    iterations: int
+    minutes: float
+    environments: int
+    device: str
+    save_seconds: float
+
+    def __post_init__(self) -> None:
+        check_choice("method", self.method, tuple(METHODS))
+        check_range("seed", self.seed, 0, 2**31)
+        check_range("iterations", self.iterations, 1, 10**9)
+        check_positive("minutes", self.minutes, "min")
+        check_range("environments", self.environments, 2, 10**6)
+        self.base_settings()
+
+    @property
+    def name(self) -> str:
+        """The run in words: its varied settings, method and seed."""
+        variant = self.folder.parent.parent.name if self.overrides else ""
+        return f"{variant} {self.method} {self.seed}" if "=" in variant else f"{self.method} {self.seed}"
+
+    def base_settings(self) -> TrainingSettings:
+        """The default settings with the overrides in place."""
+        settings = TrainingSettings()
+        for name, value in self.overrides.items():
+            settings = override(settings, name, value)
+        return settings
+
+    def digest(self) -> str:
+        """Hash of the settings that this run is trained with."""
+        base = self.base_settings()
+        simulation = replace(base.simulation, environments=self.environments)
+        return method_settings(self.method, replace(base, simulation=simulation, seed=self.seed)).digest()
+
+    def command_line(self) -> str:
+        """The ``sprintlab train`` that trains the same, for the policy's contract."""
+        words = ["sprintlab", "train", self.method, "--seed", self.seed, "--environments", self.environments]
+        words += ["--iterations", self.iterations, "--minutes", self.minutes]
+        for name, value in self.overrides.items():
+            words += [f"--settings.{name}", *(value if isinstance(value, list) else [value])]
+        return shlex.join(
+            str(word).replace("_", "-") if str(word)[:2] == "--" else str(word) for word in words
+        )
+
+    def asked(self) -> dict[str, Any]:
+        """What the run's record says about what was wanted."""
+        wanted = {name: value for name, value in asdict(self).items() if name not in ("folder", "device")}
+        return {**wanted, "overrides": dict(self.overrides), "config_hash": self.digest()}
+
+    # --- the record in the run's folder ------------------------------------------------------------------
+
+    def record(self) -> dict[str, Any] | None:
+        """What ``run.json`` says; ``None`` where the run has not been begun.
+
+        Raises:
+            SprintlabError: the file is damaged.
+        """
+        path = self.folder / RECORD_NAME
+        if not path.is_file():
+            return None
+        try:
+            return dict(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError) as error:
+            raise SprintlabError(f"{path} is damaged: {error}") from error
+
+    def finished(self) -> bool:
+        """Whether the run has been trained as far as this plan wants, and exported."""
+        record = self.record() or {}
+        far_enough = all(record.get(name) == self.asked()[name] for name in ("iterations", "minutes"))
+        return bool(record.get("finished")) and far_enough
+
+    def begin(self) -> None:
+        """Write down what is about to be trained here.
+
+        Raises:
+            SprintlabError: other settings have been trained here, or the disk refuses.
+        """
+        record = self.record() or {}
+        if record.get("config_hash", self.digest()) != self.digest():
+            raise SprintlabError(f"{self.folder} holds a run with other settings: choose another folder")
+        if not record and (self.folder / "checkpoint.pt").exists():
+            raise SprintlabError(f"{self.folder} holds a checkpoint of another run: choose another folder")
+        if not self.finished():
+            atomic_write_json(self.folder / RECORD_NAME, {**self.asked(), "finished": False})
+
+    def last_row(self) -> dict[str, float]:
+        """The newest saved row of the log; empty where there is none yet."""
+        try:
+            with open(self.folder / "log.jsonl", "rb") as file:
+                file.seek(0, 2)
+                file.seek(max(0, file.tell() - 8192))
+                return json.loads(file.read().splitlines()[-1])
+        except (OSError, ValueError, IndexError):
+            return {}
+
+    def share(self) -> float:
+        """How much of the run is done, 0 to 1."""
+        row = self.last_row()
+        if not row:
+            return 0.0
+        return min(1.0, max(row["iteration"] / self.iterations, row["seconds"] / (60.0 * self.minutes)))
+
+
+def plan_sweep(
+    folder: Path,
+    methods: Sequence[str],
+    seeds: Sequence[int],
+    fixed: Mapping[str, Any],
+    varied: Mapping[str, Sequence[Any]],
+    **limits: Any,
+) -> list[RunPlan]:
+    """Every combination, method by method.
+
+    Args:
+        folder: of the sweep.
+        methods: to train.
+        seeds: of each.
+        fixed: settings that differ from the defaults in every run.
+        varied: settings and their values; each combination gets a folder, ``name=value,name=value``.
+        limits: the remaining attributes of ``RunPlan``.
+    """
+    plans: list[RunPlan] = []
+    for values in itertools.product(*varied.values()):
+        variant = dict(zip(varied, values, strict=True))
+        place = folder / ",".join(f"{name}={_word(value)}" for name, value in variant.items())
+        plans += [
+            RunPlan(
+                method=method,
+                seed=seed,
+                folder=place / method / f"seed-{seed}",
+                overrides={**fixed, **variant},
+                **limits,
+            )
+            for method in methods
+            for seed in seeds
+        ]
+    return plans
+
+
+def _word(value: Any) -> str:
+    return json.dumps(value).replace(" ", "").replace('"', "").replace("/", "_")
+
+
+def parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
+    """``["ppo.steps=16"]`` as a mapping; a value is read as JSON, else as text.
+
+    Raises:
+        SprintlabError: an assignment without ``=``.
+    """
+    return {name: _value(text) for name, text in map(_split, assignments)}
+
+
+def parse_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
+    """``["ppo.steps=8,16"]`` as a mapping to lists; errors as in ``parse_assignments``."""
+    return {name: [_value(each) for each in _pieces(text)] for name, text in map(_split, variations)}
+
+
+def _split(assignment: str) -> tuple[str, str]:
+    name, equals, text = assignment.partition("=")
+    if not (equals and name and text):
+        raise SprintlabError(f"{assignment!r} is no assignment; expected e.g. ppo.steps=16")
+    return name, text
+
+
+def _pieces(text: str) -> list[str]:
+    """Cut at the commas that stand outside brackets."""
+    pieces, depth = [""], 0
+    for letter in text:
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == "," and depth == 0:
+            pieces.append("")
+        else:
+            pieces[-1] += letter
+    return pieces
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def override(settings: Any, name: str, value: Any) -> Any:
+    """``settings`` with the setting of a dotted name replaced.
+
+    Raises:
+        SprintlabError: there is no such setting, or the value is of another kind.
+        InvalidValueError: the settings refuse the value.
+    """
+    first, _, rest = name.partition(".")
+    known = [field.name for field in fields(settings)]
+    if first not in known:
+        raise SprintlabError(f"there is no setting {first!r} here (there is: {', '.join(known)})")
+    present = getattr(settings, first)
+    if rest:
+        if not is_dataclass(present):
+            raise SprintlabError(f"setting {first!r} has no parts, so {name!r} names nothing")
+        return replace(settings, **{first: override(present, rest, value)})
+    return replace(settings, **{first: _same_kind(first, present, value)})
+
+
+def _same_kind(name: str, present: Any, value: Any) -> Any:
+    """``value`` as the kind of number, text or tuple that stands there now."""
+    if isinstance(value, list):
+        value = tuple(value)
+    if isinstance(present, float) and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if is_dataclass(present) or isinstance(present, types.NoneType) or type(value) is not type(present):
+        kind = type(present).__name__
+        raise SprintlabError(f"setting {name!r} is {present!r} ({kind}) and cannot become {value!r}")
+    return value

@@ -1,0 +1,260 @@
+"""Sweeps: the plan, the handing out, and a real worker that is killed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.sweep import LocalCluster, RunStatus, Sweep, curve_text, last_line, summary
+from sprintlab.training.sweep_plan import (
+    RunPlan,
+    override,
+    parse_assignments,
+    parse_variations,
+    plan_sweep,
+)
+
+LIMITS = {"iterations": 3, "minutes": 5.0, "environments": 8, "device": "cpu", "save_seconds": 0.0}
+TINY = {"ppo.steps": 2, "ppo.epochs": 1, "ppo.mini_batches": 2, "ppo.hidden": [16]}
+
+
+def plans(folder: Path, methods=("sprint",), seeds=(0, 1), varied=None, **changes) -> list[RunPlan]:
+    return plan_sweep(folder, methods, seeds, TINY, varied or {}, **(LIMITS | changes))
+
+
+# --- the plan --------------------------------------------------------------------------------------------
+
+
+def test_every_combination_has_a_folder_and_settings_of_its_own(tmp_path: Path) -> None:
+    varied = {"ppo.discount": [0.98, 0.99], "ppo.hidden": [[16], [32, 16]]}
+    made = plans(tmp_path, ("sprint", "baseline"), varied=varied)
+    assert len(made) == 16 == len({plan.folder for plan in made}) == len({plan.digest() for plan in made})
+    assert made[0].folder == tmp_path / "ppo.discount=0.98,ppo.hidden=[16]" / "sprint" / "seed-0"
+    assert made[-1].base_settings().ppo.hidden == (32, 16)
+    assert made[-1].base_settings().ppo.steps == 2
+
+
+def test_without_variations_the_folders_are_those_of_ablate(tmp_path: Path) -> None:
+    from sprintlab.evaluation.ablation.runs import find_runs
+
+    for plan in plans(tmp_path, ("sprint", "baseline")):
+        plan.begin()
+    assert {(run.method, run.seed) for run in find_runs(tmp_path)} == {
+        (method, seed) for method in ("sprint", "baseline") for seed in (0, 1)
+    }
+
+
+def test_assignments_are_read_as_numbers_lists_and_words() -> None:
+    assert parse_assignments(["a.b=1e-3", "c=[1, 2]", "d=word"]) == {"a.b": 1e-3, "c": [1, 2], "d": "word"}
+    assert parse_variations(["a=1,2", "b=[1,2],[3]"]) == {"a": [1, 2], "b": [[1, 2], [3]]}
+    for bad in ("a", "a=", "=3"):
+        with pytest.raises(SprintlabError, match="no assignment"):
+            parse_assignments([bad])
+
+
+def test_an_override_keeps_the_kind_of_what_it_replaces() -> None:
+    settings = TrainingSettings()
+    assert override(settings, "ppo.learning_rate", 1).ppo.learning_rate == 1.0
+    assert override(settings, "randomization.friction", [0.5, 0.9]).randomization.friction == (0.5, 0.9)
+    assert override(settings, "rewards.grounded.first", -0.5).rewards.grounded.first == -0.5
+    for name, value, message in (
+        ("ppo.nothing", 1, "there is no setting 'nothing'"),
+        ("ppo.steps", 1.5, "cannot become 1.5"),
+        ("ppo.steps", "many", "cannot become 'many'"),
+        ("ppo.steps.more", 1, "has no parts"),
+        ("ppo", 3, "cannot become 3"),
+        ("ppo.steps", 0, "steps"),
+    ):
+        with pytest.raises(SprintlabError, match=message):
+            override(settings, name, value)
+
+
+def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco_warp")
+    import shlex
+
+    import tyro
+
+    from sprintlab.cli.train import method_as_option
+    from sprintlab.training.run import TrainOptions
+
+    plan = plans(tmp_path, seeds=(3,))[0]
+    words = shlex.split(plan.command_line())
+    assert words[:3] == ["sprintlab", "train", "sprint"]
+    typed = tyro.cli(TrainOptions, args=method_as_option(words[2:]))
+    assert typed.full_settings().digest() == plan.digest()
+
+
+def test_a_folder_with_other_settings_is_refused(tmp_path: Path) -> None:
+    plans(tmp_path)[0].begin()
+    with pytest.raises(SprintlabError, match="other settings"):
+        plans(tmp_path, environments=16)[0].begin()
+    plans(tmp_path, iterations=9)[0].begin()  # longer is the same run
+    (tmp_path / "sprint" / "seed-1").mkdir(parents=True)
+    (tmp_path / "sprint" / "seed-1" / "checkpoint.pt").write_bytes(b"someone's")
+    with pytest.raises(SprintlabError, match="checkpoint of another run"):
+        plans(tmp_path)[1].begin()
+
+
+def test_a_damaged_record_is_refused(tmp_path: Path) -> None:
+    plan = plans(tmp_path)[0]
+    plan.begin()
+    (plan.folder / "run.json").write_text("{")
+    with pytest.raises(SprintlabError, match=r"run\.json is damaged"):
+        plan.finished()
+
+
+def test_a_curve_is_thinned_and_keeps_its_end() -> None:
+    log = [{"iteration": float(k), "seconds": 0.1 * k, "speed_p999": 1.0} for k in range(1, 1204)]
+    rows = list(csv.DictReader(curve_text(log).splitlines()))
+    assert 400 <= len(rows) <= 500
+    assert float(rows[-1]["iteration"]) == 1203
+    assert len(list(csv.DictReader(curve_text(log[:7]).splitlines()))) == 7
+
+
+# --- handing out -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class FakeJob:
+    """Ends at the second look; whether its runs are finished then is decided by the cluster."""
+
+    cluster: FakeCluster
+    plans: Sequence[RunPlan]
+    looks: int = 0
+    cancelled: bool = False
+
+    def done(self, force_check: bool = False) -> bool:
+        self.looks += 1
+        if self.looks == 2:
+            for plan in self.plans:
+                if self.cluster.losses.get(plan.seed, 0) > 0:
+                    self.cluster.losses[plan.seed] -= 1
+                else:
+                    atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
+        return self.looks >= 2
+
+    def cancel(self, check: bool = True) -> None:
+        self.cancelled = True
+
+    def stderr(self) -> str | None:
+        return "Traceback\nOutOfMemoryError: no room\n\n"
+
+
+@dataclass
+class FakeCluster:
+    slots: int | None = 2
+    bundle: int = 1
+    keeps_jobs: bool = False
+    losses: dict[int, int] = field(default_factory=dict)
+    jobs: list[FakeJob] = field(default_factory=list)
+    taken: list[int] = field(default_factory=list)
+    busiest: int = 0
+
+    def submit(self, plans: Sequence[RunPlan], slot: int) -> FakeJob:
+        self.jobs.append(FakeJob(self, plans))
+        self.taken.append(slot)
+        self.busiest = max(self.busiest, sum(job.looks < 2 for job in self.jobs))
+        return self.jobs[-1]
+
+
+def test_no_more_jobs_than_slots_and_every_run_once(tmp_path: Path) -> None:
+    cluster, seen = FakeCluster(slots=2), []
+    sweep = Sweep(plans(tmp_path, seeds=range(5)), cluster)
+    sweep.run(lambda runs: seen.append([run.state for run in runs]), pause=0.0)
+    assert cluster.busiest == 2
+    assert set(cluster.taken) == {0, 1}
+    assert sorted(job.plans[0].seed for job in cluster.jobs) == [0, 1, 2, 3, 4]
+    assert seen[0] == ["running"] * 2 + ["waiting"] * 3
+    assert {run.state for run in sweep.runs} == {"finished"}
+
+
+def test_a_lost_worker_is_replaced_and_finished_runs_are_skipped(tmp_path: Path) -> None:
+    cluster = FakeCluster(losses={1: 2})
+    sweep = Sweep(plans(tmp_path), cluster)
+    sweep.run(lambda runs: None, pause=0.0)
+    assert [run.restarts for run in sweep.runs] == [0, 2]
+    assert len(cluster.jobs) == 4
+    again = FakeCluster()
+    Sweep(plans(tmp_path, seeds=(0, 1, 2)), again).run(lambda runs: None, pause=0.0)
+    assert [job.plans[0].seed for job in again.jobs] == [2]
+
+
+def test_a_run_that_fails_again_and_again_is_reported_and_the_rest_goes_on(tmp_path: Path) -> None:
+    sweep = Sweep(plans(tmp_path), FakeCluster(losses={0: 99}), retries=1)
+    with pytest.raises(SprintlabError, match=r"1 of 2 runs failed: sprint 0: OutOfMemoryError: no room"):
+        sweep.run(lambda runs: None, pause=0.0)
+    assert [run.state for run in sweep.runs] == ["failed", "finished"]
+    assert [row["state"] for row in summary(sweep.runs)] == ["failed", "finished"]
+
+
+def test_jobs_that_share_a_gpu_are_bundled(tmp_path: Path) -> None:
+    cluster = FakeCluster(slots=None, bundle=2)
+    Sweep(plans(tmp_path, seeds=range(5)), cluster).run(lambda runs: None, pause=0.0)
+    assert [len(job.plans) for job in cluster.jobs] == [2, 2, 1]
+
+
+@pytest.mark.parametrize("keeps_jobs", [False, True])
+def test_interrupted_local_workers_end_and_those_of_a_scheduler_do_not(tmp_path, keeps_jobs) -> None:
+    cluster = FakeCluster(keeps_jobs=keeps_jobs)
+
+    def interrupt(_runs: Sequence[RunStatus]) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Sweep(plans(tmp_path), cluster).run(interrupt)
+    assert [job.cancelled for job in cluster.jobs] == [not keeps_jobs] * 2
+
+
+def test_a_job_without_words_is_described(tmp_path: Path) -> None:
+    job = FakeJob(FakeCluster(), plans(tmp_path))
+    assert last_line(job) == "OutOfMemoryError: no room"
+    job.stderr = lambda: None
+    assert "vanished" in last_line(job)
+
+
+# --- a real worker ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco_warp")
+    pytest.importorskip("submitit")
+    made = plans(tmp_path, seeds=(0,), iterations=6)
+    victim = made[0].folder
+    killed: list[int] = []
+
+    def kill() -> None:
+        while not (victim / "checkpoint.pt").exists():
+            time.sleep(0.02)
+        killed.append(int((victim / ".lock").read_text()))
+        os.kill(killed[0], signal.SIGKILL)
+
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    sweep = Sweep(made, LocalCluster(tmp_path / ".jobs", 2, [], 10.0))
+    sweep.run(lambda runs: None, pause=0.2)
+    killer.join()
+    assert [run.restarts for run in sweep.runs] == [1]
+    assert int((victim / ".lock").read_text()) != killed[0]
+    for plan in made:
+        rows = [json.loads(line) for line in (plan.folder / "log.jsonl").read_text().splitlines()]
+        assert [row["iteration"] for row in rows] == list(range(1, 7))
+        files = {path.name for path in plan.folder.iterdir()}
+        assert {"checkpoint.pt", "curve.csv", "policy.onnx", "run.json", "tensorboard"} <= files
+        record = plan.record()
+        assert record is not None
+        assert record["reached_iterations"] == 6
+        assert record["command_line"] == plan.command_line()
