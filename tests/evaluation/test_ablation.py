@@ -269,6 +269,16 @@ def test_a_failed_audit_is_named():
     assert cells["audit"] == "deepest foot penetration"
 
 
+def test_a_fall_behind_the_line_is_named():
+    fallen = msgspec.structs.replace(record().sprint, fell=True)
+    unfinished = msgspec.structs.replace(fallen, time=None)
+    cells = dict(zip(SEED_COLUMNS, seed_cells(record(sprint=fallen)), strict=True))
+    assert cells["100 m raw"] == "10.00, fell" and cells["100 m self-paced"] == "10.00"
+    assert (
+        dict(zip(SEED_COLUMNS, seed_cells(record(sprint=unfinished)), strict=True))["100 m raw"] == "-, fell"
+    )
+
+
 def test_runs_are_found_in_the_papers_order(tmp_path):
     for name in ("sprint/seed-10", "sprint/seed-2", "baseline/seed-0", "gallop/seed-1", "sprint/notes"):
         (tmp_path / name).mkdir(parents=True)

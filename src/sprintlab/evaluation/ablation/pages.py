@@ -123,7 +123,10 @@ TABLE_NOTE = (
     "Speeds in m/s, times in s; mean ± standard deviation over the seeds. Ours is a surrogate robot: compare "
     f"orders and ratios. Collapse: less than {COLLAPSE_SPEED:g} m/s held."
 )
-SEED_NOTE = "v*: the highest commanded speed that enough trials completed. Audit: what failed, if anything."
+SEED_NOTE = (
+    "v*: the highest commanded speed that enough trials completed; the 100 m are run at it, and a fall after a "
+    "time came behind the line. Audit: what failed, if anything."
+)
 ESTIMATE_NOTE = (
     "Root mean square errors of the filtered estimate, as the policy used it, against the simulator; raw "
     "trials at the best speed of each seed, by the true forward speed."

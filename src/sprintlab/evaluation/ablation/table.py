@@ -236,11 +236,17 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
         *_search_cells(record.raw),
         *_search_cells(record.self_paced),
         _text(record.raw.angular_cost, 2),
-        _text(_time(record.sprint), 2),
-        _text(_time(record.sprint_self_paced), 2),
+        _sprint_text(record.sprint),
+        _sprint_text(record.sprint_self_paced),
         f"{float(record.training.get('environment_steps', 'nan')) / 1e6:.0f}",
         "-" if record.raw.best is None else marks or "passed",
     )
+
+
+def _sprint_text(sprint: SprintRecord | None) -> str:
+    """The time, and whether the run ended in a fall all the same: behind the line, where there is a time."""
+    fell = sprint is not None and sprint.fell
+    return _text(_time(sprint), 2) + (", fell" if fell else "")
 
 
 def _search_cells(search: Any) -> tuple[str, str]:
