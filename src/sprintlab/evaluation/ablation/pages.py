@@ -124,8 +124,8 @@ TABLE_NOTE = (
     f"orders and ratios. Collapse: less than {COLLAPSE_SPEED:g} m/s held."
 )
 SEED_NOTE = (
-    "v*: the highest commanded speed that enough trials completed; the 100 m are run at it, and a fall after a "
-    "time came behind the line. Audit: what failed, if anything."
+    "v*: the highest commanded speed that enough trials completed; the 100 m are run at it. "
+    "A time with a fall: it fell behind the line. Audit: what failed, if anything."
 )
 ESTIMATE_NOTE = (
     "Root mean square errors of the filtered estimate, as the policy used it, against the simulator; raw "
