@@ -47,12 +47,6 @@ def test_robot_list(call):
     assert json.loads(call("robot", "list", "--json").out) == ["bp2"]
 
 
-def test_doctor_prints_json_only(call, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "no-such-backend")
-    found = json.loads(call("doctor", "--json").out)
-    assert found["mujoco"] and found["OpenGL backend for videos"] is None
-
-
 def test_piped_output_has_no_colours(call):
     assert "\x1b" not in call("robot", "show").out
 

@@ -19,6 +19,7 @@ from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
 from sprintlab.cli.figures import Figures
+from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
@@ -50,6 +51,7 @@ Command = (
     | Annotated[Motor, tyro.conf.subcommand(name="motor")]
     | Annotated[Train, tyro.conf.subcommand(name="train")]
     | Annotated[Sweep, tyro.conf.subcommand(name="sweep")]
+    | Annotated[Learning, tyro.conf.subcommand(name="learning")]
     | Annotated[Export, tyro.conf.subcommand(name="export")]
     | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
 )

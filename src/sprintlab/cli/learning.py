@@ -1,0 +1,75 @@
+"""``sprintlab learning``: how a training run went, as numbers and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
+from sprintlab.cli.train import require_training
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """Say how far a training run has come, and draw its curves, curriculum and speeds.
+
+    It reads the run's checkpoint, also while the run goes on.
+
+    Attributes:
+        run_folder: folder of the run, with its checkpoint.pt.
+        output: folder for the pictures; the run's own when left out.
+        json: print JSON only.
+    """
+
+    run_folder: tyro.conf.Positional[Path]
+    output: Path | None = None
+    json: tyro.conf.FlagCreatePairsOff[bool] = False
+
+    def run(self) -> int:
+        """Print and draw.
+
+        Raises:
+            SprintlabError: there is no checkpoint, it is damaged, or the extra is not installed.
+        """
+        require_training()
+        checkpoint = self.run_folder / "checkpoint.pt" if self.run_folder.is_dir() else self.run_folder
+        with progress_bar(quiet=self.json) as report:
+            report("reading the run", None)
+            from sprintlab.training.figures import learning_figures
+            from sprintlab.training.runner import read_checkpoint
+
+            numbers = learning_numbers(read_checkpoint(checkpoint))
+            report("drawing", None)
+            pictures = learning_figures(checkpoint, self.output or checkpoint.parent)
+        if self.json:
+            print_json({**numbers, "figures": [str(path) for path in pictures]})
+            return 0
+        table = plain_table(f"{checkpoint}", "what", "value", numbers=("value",))
+        for name, value in numbers.items():
+            table.add_row(name.replace("_", " "), f"{value:.6g}" if isinstance(value, float) else str(value))
+        stdout_console().print(table)
+        for path in pictures:
+            stdout_console().print(path, soft_wrap=True)
+        return 0
+
+
+def learning_numbers(state: dict[str, Any]) -> dict[str, Any]:
+    """How far a run has come: counts, speeds [m/s], time [s], from the state of its checkpoint."""
+    progress, log = state["progress"], state["progress"].log
+    last = log[-1] if log else {}
+    kept = ("speed_median", "speed_p95", "speed_p999", "range_upper", "stage", "grid_open", "falls")
+    return {
+        "method": state["settings"].method,
+        "seed": state["settings"].seed,
+        "iterations": progress.iteration,
+        "environment_steps": progress.environment_steps,
+        "seconds": round(progress.seconds, 1),
+        **{name: last[name] for name in kept if name in last},
+        "updates_taken_back": round(float(state["learner"]["rolled_back"])),
+        "broken_physics": round(sum(row["broken"] for row in log)),
+        "device": state["device"],
+        "saved": state["date"],
+    }

@@ -1,0 +1,118 @@
+"""What a run shows: the progress line, the time to go, TensorBoard's curves, pictures and numbers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco_warp")
+pytest.importorskip("tensorboard")
+
+import torch
+from tensorboard.backend.event_processing import event_accumulator
+
+from sprintlab.cli.main import main
+from sprintlab.commands import CommandGrid, UniformSchedule
+from sprintlab.training.figures import grid_figure, learning_figures, robot_speeds, speed_figure
+from sprintlab.training.progress import Board, clock, time_to_go
+from sprintlab.training.run import TrainOptions, train
+from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+
+TINY = TrainingSettings(
+    simulation=SimulationSettings(environments=8),
+    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("run")
+    options = TrainOptions(
+        output=folder, environments=8, iterations=3, device="cpu", figures=True, settings=TINY
+    )
+    train(options)
+    return folder
+
+
+def test_the_pictures_are_there_and_are_pictures(folder: Path) -> None:
+    for name in ("learning", "curriculum", "speeds"):
+        picture = matplotlib.image.imread(folder / f"{name}.png")
+        assert picture.shape[0] > 400 and picture.shape[1] > 500
+        assert picture[..., :3].std() > 0.02, "an empty picture"
+
+
+def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path, capsys) -> None:
+    assert main(["learning", str(folder), "--output", str(tmp_path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["iterations"], said["environment_steps"], said["broken_physics"]) == (3, 3 * 2 * 8, 0)
+    assert said["figures"] == [str(tmp_path / f"{n}.png") for n in ("learning", "curriculum", "speeds")]
+    assert main(["learning", str(tmp_path / "nothing")]) == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+def test_the_grid_is_drawn_as_it_is() -> None:
+    grid = CommandGrid()
+    weights = np.zeros((grid.rows, grid.yaw_bins))
+    weights[:8] = 0.5
+    axes = grid_figure(grid, weights, {"upper": 3.0}).axes[0]
+    np.testing.assert_array_equal(axes.images[0].get_array(), weights)
+    assert axes.get_ylim() == grid.speed
+    assert axes.lines[0].get_ydata()[0] == 3.0
+    assert axes.get_title().startswith("25 %")
+
+
+def test_the_histogram_counts_every_robot_of_every_process(folder: Path) -> None:
+    state = read_checkpoint(folder / "checkpoint.pt")
+    running, _ = robot_speeds({**state, "others": [state, state]})
+    assert len(running) == 24
+    figure = speed_figure(np.array([0.1, 0.2, 3.0]), np.array([1.0, 1.0, -0.4]))
+    assert sum(patch.get_height() for patch in figure.axes[0].patches[:-1]) == 3
+    assert robot_speeds({"environment": None}) is None
+
+
+def test_a_schedule_without_grid_and_a_checkpoint_without_robots_have_fewer_pictures(tmp_path: Path) -> None:
+    runner = Runner(replace(TINY, schedule=UniformSchedule()), "cpu", "plain")
+    runner.iterate()
+    runner.save(tmp_path / "checkpoint.pt", with_robots=False)
+    assert [path.name for path in learning_figures(tmp_path / "checkpoint.pt", tmp_path)] == ["learning.png"]
+
+
+def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
+    tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.setattr("sprintlab.training.progress.BOARD_SECONDS", 0.0)
+    row = {"iteration": 1.0, "seconds": 0.1, "environment_steps": 16.0, "speed": 1.0, "loss/value": 2.0}
+    killed = Board(tmp_path, 0)
+    for iteration in range(1, 6):
+        killed.add({**row, "iteration": float(iteration)})
+    killed.close()
+    resumed = Board(tmp_path, 3)
+    resumed.add({**row, "iteration": 4.0, "speed": 9.0})
+    resumed.close()
+    events = event_accumulator.EventAccumulator(str(tmp_path))
+    events.Reload()
+    assert set(events.Tags()["scalars"]) == {"run/speed", "loss/value"}
+    assert [(point.step, point.value) for point in events.Scalars("run/speed")] == [
+        (1, 1.0), (2, 1.0), (3, 1.0), (4, 9.0),
+    ]  # fmt: skip
+
+
+def test_training_fills_tensorboard(folder: Path) -> None:
+    events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
+    events.Reload()
+    assert {"run/speed_p999", "run/grid_open", "run/falls", "loss/value"} <= set(events.Tags()["scalars"])
+
+
+def test_time_to_go_follows_what_ends_first() -> None:
+    assert time_to_go(50, 100, 0, elapsed=10.0, allowed=100.0) == pytest.approx(10.0)
+    assert time_to_go(50, 100, 0, elapsed=10.0, allowed=12.0) == pytest.approx(2.0)
+    assert time_to_go(60, 100, 50, elapsed=10.0, allowed=1e9) == pytest.approx(40.0)  # resumed at 50
+    assert time_to_go(0, 100, 0, elapsed=0.0, allowed=60.0) == 60.0
+    assert (clock(5), clock(125), clock(3723)) == ("0:05", "2:05", "1:02:03")
