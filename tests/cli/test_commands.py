@@ -43,8 +43,8 @@ def test_robot_table_has_a_row_for_every_parameter(call):
 
 
 def test_robot_list(call):
-    assert call("robot", "list").out.split() == ["bp2"]
-    assert json.loads(call("robot", "list", "--json").out) == ["bp2"]
+    assert call("robot", "list").out.split() == ["bp2", "go1"]
+    assert json.loads(call("robot", "list", "--json").out) == ["bp2", "go1"]
 
 
 def test_piped_output_has_no_colours(call):

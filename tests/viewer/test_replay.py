@@ -103,12 +103,12 @@ def test_page_plays_scrubs_and_slows_down(tab, page_file):
 def test_scene_is_drawn_and_moves(tab, page_file):
     tab.goto(page_file.as_uri())
     tab.wait_for_function("window.replay !== undefined")
-    pictures = set()
+    picture = "document.getElementById('scene').toDataURL()"
+    before = tab.evaluate(picture)
     for moment in (0.2, 1.0, 1.4):
         tab.evaluate(GO_TO, moment)
-        tab.wait_for_timeout(150)
-        pictures.add(tab.evaluate("document.getElementById('scene').toDataURL()"))
-    assert len(pictures) == 3
+        tab.wait_for_function(f"before => {picture} !== before", arg=before, timeout=20_000)
+        before = tab.evaluate(picture)
 
 
 # --- command ------------------------------------------------------------------------------------------------
