@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.machinery
 import json
+import sys
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +21,7 @@ from tensorboard.backend.event_processing import event_accumulator
 
 from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.figures import grid_figure, learning_figures, robot_speeds, speed_figure
 from sprintlab.training.progress import Board, clock, time_to_go
 from sprintlab.training.run import TrainOptions, train
@@ -102,6 +106,25 @@ def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
     assert [(point.step, point.value) for point in events.Scalars("run/speed")] == [
         (1, 1.0), (2, 1.0), (3, 1.0), (4, 9.0),
     ]  # fmt: skip
+
+
+def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypatch) -> None:
+    calls = []
+    fake = types.ModuleType("wandb")
+    fake.__spec__ = importlib.machinery.ModuleSpec("wandb", None)
+    fake.init = lambda **words: calls.append(words)
+    monkeypatch.setitem(sys.modules, "wandb", fake)
+    options = TrainOptions(
+        output=tmp_path, environments=8, iterations=1, device="cpu", wandb="running", settings=TINY
+    )
+    train(options)
+    train(replace(options, iterations=2, resume=True))
+    assert [call["project"] for call in calls] == ["running"] * 2
+    assert calls[0]["sync_tensorboard"] is True
+    assert calls[0]["id"] == calls[1]["id"]
+    assert calls[0]["config"]["ppo"]["steps"] == 2
+    with pytest.raises(SprintlabError, match="without tensorboard"):
+        replace(options, tensorboard=False)
 
 
 def test_training_fills_tensorboard(folder: Path) -> None:

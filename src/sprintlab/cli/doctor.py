@@ -222,22 +222,27 @@ def _driver() -> Finding:
     )
 
 
+def _has_gpu() -> bool:
+    """Whether anything here looks like a GPU of NVIDIA's: its tool, its device file, or that of WSL."""
+    devices = (Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"), Path("/dev/dxg"))
+    return shutil.which("nvidia-smi") is not None or any(device.exists() for device in devices)
+
+
 def _cuda() -> Finding:
     """CUDA in PyTorch."""
     use = "training on a GPU"
     if not _installed("torch"):
         advice = "pip install 'sprintlab[train]'"
         return Finding(name="CUDA", state="missing", found="no PyTorch", needed_for=use, advice=advice)
+    if not _has_gpu():
+        advice = "needs a GPU and its driver, see above"
+        return Finding(name="CUDA", state="missing", found="no GPU", needed_for=use, advice=advice)
     wrong = _probe("import torch; torch.zeros(1, device='cuda:0').add_(1)")
-    if wrong is None:
-        version = _output("import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))")
-        return Finding(name="CUDA", state="ok", found=version, needed_for=use)
-    has_gpu = shutil.which("nvidia-smi") is not None
-    advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
-    return Finding(
-        name="CUDA", state="broken" if has_gpu else "missing", found=wrong, needed_for=use,
-        advice=advice if has_gpu else "needs a GPU and its driver, see above",
-    )  # fmt: skip
+    if wrong is not None:
+        advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
+        return Finding(name="CUDA", state="broken", found=wrong, needed_for=use, advice=advice)
+    version = _output("import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))")
+    return Finding(name="CUDA", state="ok", found=version, needed_for=use)
 
 
 def _output(code: str) -> str:
@@ -246,7 +251,11 @@ def _output(code: str) -> str:
 
 
 def _has_cuda() -> bool:
-    return _installed("torch") and _probe("import torch; assert torch.cuda.is_available()") is None
+    return (
+        _installed("torch")
+        and _has_gpu()
+        and _probe("import torch; assert torch.cuda.is_available()") is None
+    )
 
 
 def _graph_capture() -> Finding:

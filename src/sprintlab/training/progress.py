@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import time
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from torch.utils.tensorboard import SummaryWriter
+
+from sprintlab.core.errors import SprintlabError
 
 PRINT_SECONDS = 10.0
 BOARD_SECONDS = 1.0
@@ -79,6 +84,33 @@ class Board:
     def close(self) -> None:
         """Write out what is buffered."""
         self._writer.close()
+
+
+def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> None:
+    """Send what TensorBoard gets to Weights & Biases, too; must be called before the board is made.
+
+    Args:
+        project: there.
+        folder: of the run; its name becomes the run's, and a resumed run goes on there.
+        settings: of the run.
+
+    Raises:
+        SprintlabError: the package is not installed.
+    """
+    if importlib.util.find_spec("wandb") is None:
+        raise SprintlabError("Weights & Biases is not installed: pip install 'sprintlab[wandb]'")
+    import wandb
+
+    name = "-".join(folder.absolute().parts[1:][-3:])
+    wandb.init(
+        project=project,
+        dir=str(folder),
+        name=name,
+        id=hashlib.sha256(name.encode()).hexdigest()[:16],
+        resume="allow",
+        config=settings,
+        sync_tensorboard=True,
+    )
 
 
 class Reporter:

@@ -11,11 +11,11 @@ from pathlib import Path
 import torch
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.distributed import Workers, join_workers
 from sprintlab.training.guard import StopRequest, exclusive
 from sprintlab.training.methods import METHODS, method_settings
-from sprintlab.training.progress import Board, Reporter
+from sprintlab.training.progress import Board, Reporter, follow_on_wandb
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -41,6 +41,7 @@ class TrainOptions:
             if it had not stopped. Without, robots start from standing when it is taken up.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
         tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
+        wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
         figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
@@ -63,6 +64,7 @@ class TrainOptions:
     keep_robots: bool = True
     fused: bool = True
     tensorboard: bool = True
+    wandb: str | None = None
     figures: bool = False
     settings: TrainingSettings = TrainingSettings()
 
@@ -71,6 +73,8 @@ class TrainOptions:
         check_positive("minutes", self.minutes, "min")
         check_range("iterations", self.iterations, 1, 10**9)
         check_range("environments", self.environments, 2, 10**6)
+        if self.wandb is not None and not self.tensorboard:
+            raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
 
     def full_settings(self) -> TrainingSettings:
         """The settings with method, environments and seed in place."""
@@ -143,6 +147,8 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
     """One sitting: iterations, checkpoints, and an orderly end on a signal."""
     progress, leads = runner.progress, runner.workers.leads
     wanted = options.tensorboard and leads
+    if wanted and options.wandb is not None:
+        follow_on_wandb(options.wandb, options.output, runner.settings.as_dict())
     board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
     reporter = Reporter(
         iterations=options.iterations,
