@@ -3,7 +3,8 @@
     python recipes/bp2_sprint.py --output runs/bp2-sprint
     sprintlab export runs/bp2-sprint/checkpoint.pt runs/bp2-sprint/sprint.onnx
 
-The settings are the method's defaults, but for the delay's jitter from step to step, which came later.
+The settings are the defaults of that day: without jitter of the delay and without holding the heading, and
+with fewer targets at rest.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import tyro
 
+from sprintlab.commands import AdaptiveSchedule, TargetSampling
 from sprintlab.training.run import TrainOptions, train
 from sprintlab.training.settings import TrainingSettings
 
@@ -32,7 +34,12 @@ class Options:
 def shipped_settings() -> TrainingSettings:
     """The settings whose hash the shipped policy's contract carries."""
     defaults = TrainingSettings()
-    return replace(defaults, randomization=replace(defaults.randomization, delay_jitter=0.0))
+    return replace(
+        defaults,
+        schedule=AdaptiveSchedule(targets=TargetSampling(zero_share=0.04)),
+        heading_hold=False,
+        randomization=replace(defaults.randomization, delay_jitter=0.0),
+    )
 
 
 def main(options: Options) -> Path:
@@ -45,6 +52,7 @@ def main(options: Options) -> Path:
             device=options.device,
             resume=options.resume,
             settings=shipped_settings(),
+            keep_schedule=True,
         )
     )
 

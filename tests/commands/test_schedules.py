@@ -139,7 +139,7 @@ def test_target_distribution():
     random = np.random.default_rng(8).random((100_000, 8))
     speed = targets.speed(random, -2.0, 10.0)
     assert speed.min() >= -2.0 and speed.max() <= 10.0
-    assert np.mean(speed == 0.0) == pytest.approx(0.04, abs=0.003)
+    assert np.mean(speed == 0.0) == pytest.approx(targets.zero_share, abs=0.003)
     uniform_share = 1.0 - targets.top_share - targets.zero_share
     top = 10.0 * (1.0 - targets.top_fraction)
     wanted = targets.top_share + uniform_share * (10.0 - top) / 12

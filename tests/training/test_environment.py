@@ -12,6 +12,7 @@ pytest.importorskip("rsl_rl")
 
 import torch
 
+from sprintlab.commands import heading_angle
 from sprintlab.robots import load_robot
 from sprintlab.training.environment import SprintEnvironment
 from sprintlab.training.episodes import Ends, find_ends, standing_starts
@@ -239,3 +240,20 @@ def test_one_draw_is_repeatable() -> None:
         drawn.append(randomize(BatchSimulation(ROBOT, SIMULATION, "refined", "cpu"), settings))
     assert torch.equal(*drawn)
     assert ((drawn[0] >= 0.7) & (drawn[0] <= 0.8)).all()
+
+
+def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironment) -> None:
+    environment._start_all()
+    environment.commands.time_to_target.fill_(3.0)
+    environment.commands.target_yaw_rate.zero_()
+    environment.commands.target_yaw_rate[1] = 0.4
+    environment.commands.command[:, 0] = environment.running_speed.fill_(2.0)
+    environment.commands.target_speed.fill_(2.0)
+    environment.course.copy_(heading_angle(environment.simulation.qpos[:, 3:7]) + 0.1)
+    course = environment.course.clone()
+    environment._advance_commands(torch.arange(N) == 2)
+    yaw_rate = environment.commands.command[:, 2]
+    assert yaw_rate[0] == pytest.approx(0.2, abs=1e-3)  # gain 2 1/s, 0.1 rad to go
+    assert yaw_rate[1] == pytest.approx(0.4)
+    assert environment.course[2] == pytest.approx(float(course[2]) - 0.1, abs=1e-5)
+    assert torch.equal(environment.course[3:], course[3:])

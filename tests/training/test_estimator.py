@@ -156,3 +156,14 @@ def test_running_moments_are_those_of_all_samples() -> None:
     everything = torch.cat(parts)
     torch.testing.assert_close(normalizer.mean, everything.mean(0))
     torch.testing.assert_close(normalizer.variance, everything.var(0, correction=0))
+
+
+def test_bfloat16_moves_the_loss_by_little(actor: Actor) -> None:
+    critic, batch = Critic(SETTINGS.ppo), policy_batch(actor)
+    std = actor.std.detach().clone()
+    losses = [
+        policy_losses(actor, critic, batch, std, replace(SETTINGS.ppo, precision=precision))[0]
+        for precision in ("tf32", "bfloat16")
+    ]
+    assert losses[0] != losses[1]
+    torch.testing.assert_close(*losses, rtol=0.1, atol=0.02)

@@ -36,7 +36,7 @@ def heading_command(
     heading_gain: float = HEADING_GAIN,
     lateral_gain: float = LATERAL_GAIN,
     limit: float = 1.0,
-    friction: float = 0.7,
+    friction: Array | float = 0.7,
 ) -> Array:
     """Yaw-rate command [rad/s] that brings heading and lateral offset to zero.
 

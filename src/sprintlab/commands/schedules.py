@@ -57,7 +57,7 @@ class TargetSampling:
     persistence: tuple[float, float] = (3.0, 7.0)
     top_share: float = 0.65
     top_fraction: float = 0.25
-    zero_share: float = 0.04
+    zero_share: float = 0.1
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     grid: CommandGrid | None = CommandGrid()

@@ -15,7 +15,13 @@ import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
-from sprintlab.commands import CommandState, fastest_speed, initial_state
+from sprintlab.commands import (
+    CommandState,
+    fastest_speed,
+    heading_angle,
+    heading_command,
+    initial_state,
+)
 from sprintlab.control import (
     LowPass,
     Proprioception,
@@ -115,7 +121,7 @@ class SprintEnvironment(VecEnv):
         layout = self.settings.observation
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
-        self.running_yaw_rate = zeros(n)
+        self.running_yaw_rate, self.course = zeros(n), zeros(n)
         self.filtered, self.estimate = zeros(n, 30), zeros(n, _ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
@@ -138,8 +144,8 @@ class SprintEnvironment(VecEnv):
         """Everything that a step reads and changes, by name: the tensors themselves."""
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
-            "running_yaw_rate", "filtered", "estimate", "history", "grid_weights", "episode_length_buf",
-            "episode_limit", "lower", "upper", "stage", "weights", "reward", "time_out", "done",
+            "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
+            "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward", "time_out", "done",
             "actor_observation", "critic_observation",
         )  # fmt: skip
         named = {name: getattr(self, name) for name in own}
@@ -322,7 +328,7 @@ class SprintEnvironment(VecEnv):
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
-        for buffer in (self.filtered, self.history, *self.commands):
+        for buffer in (self.filtered, self.history, self.course, *self.commands):
             self._put(buffer, starts.copied, buffer[starts.donors])
         self.episode_length_buf.mul_((~mask).long())
         return starts.restarted
@@ -362,6 +368,7 @@ class SprintEnvironment(VecEnv):
     # --- commands and observations -----------------------------------------------------------------------
 
     def _advance_commands(self, fresh: torch.Tensor) -> None:
+        before = self.commands.time_to_target
         advanced = self.settings.schedule.advance(
             self.commands,
             speed=self.running_speed,
@@ -373,8 +380,20 @@ class SprintEnvironment(VecEnv):
             random=self.draws["command"],
             weights=self.grid_weights,
         )
+        if self.settings.heading_hold:
+            advanced = self._hold_heading(advanced, fresh | (advanced.time_to_target > before))
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
+
+    def _hold_heading(self, commands: CommandState, renewed: torch.Tensor) -> CommandState:
+        """Where no turn is wanted: the yaw rate back to the heading at which the target was drawn."""
+        heading = heading_angle(self.simulation.qpos[:, 3:7])
+        self.course.copy_(torch.where(renewed, heading, self.course))
+        speed, turn = commands.command[:, 0], commands.command[:, 2]
+        back = heading_command(heading - self.course, torch.zeros_like(speed), speed, friction=self.friction)
+        straight = commands.target_yaw_rate == 0.0
+        yaw_rate = torch.where(straight, torch.nan_to_num(back), turn)
+        return commands._replace(command=torch.stack((speed, commands.command[:, 1], yaw_rate), 1))
 
     def _observe(self, fresh: torch.Tensor) -> None:
         """Noise, filter, frame, history for the actor; the clean truth for the critic."""

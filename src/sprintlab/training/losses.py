@@ -98,7 +98,9 @@ def policy_losses(
     actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient."""
-    mean, value = actor.decide(batch.perceived), critic(batch.truth)
+    with torch.autocast(batch.truth.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
+        mean, value = actor.decide(batch.perceived), critic(batch.truth)
+    mean, value = mean.float(), value.float()
     ratio = torch.exp(log_probability(batch.action, mean, actor.std) - batch.log_probability)
     limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
     surrogate = torch.maximum(-batch.advantage * ratio, -batch.advantage * limited).mean()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
 from sprintlab.control import ObservationLayout
@@ -12,6 +13,10 @@ from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
+PRECISIONS = ("tf32", "bfloat16")
+LATER_FIELDS = {"heading_hold": False, "precision": "tf32"}
+"""Fields that came after the first published hash, with the value that means what was done before they came:
+at that value they do not count in the hash, so that a policy's settings keep theirs."""
 AGGREGATIONS = ("exponential", "clipped", "sum")
 
 
@@ -293,9 +298,11 @@ class PpoSettings:
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
         hidden: widths of actor and critic.
+        precision: of the matrix products in the update, ``"tf32"`` or ``"bfloat16"`` (faster; the likelihood
+            ratio then carries a noise of a few per cent).
 
     Raises:
-        InvalidValueError: a count below one or a number out of range.
+        InvalidValueError: a count below one, a number out of range, or an unknown precision.
     """
 
     steps: int = 8
@@ -311,8 +318,10 @@ class PpoSettings:
     initial_std: float = 0.8
     least_std: float = 0.3
     hidden: tuple[int, ...] = (512, 256, 128)
+    precision: str = "tf32"
 
     def __post_init__(self) -> None:
+        check_choice("precision", self.precision, PRECISIONS)
         for name in ("steps", "epochs", "mini_batches"):
             check_range(name, getattr(self, name), 1, 10000)
         for name in ("learning_rate", "desired_kl", "clip", "initial_std", "least_std"):
@@ -376,6 +385,8 @@ class TrainingSettings:
         robot: name of the robot.
         actuator_model: motor model in training.
         schedule: how commands evolve.
+        heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
+            evaluation closes; without it nothing teaches the robot to run straight.
         seed: of every random generator.
     """
 
@@ -383,6 +394,7 @@ class TrainingSettings:
     robot: str = "bp2"
     actuator_model: MotorModel = "refined"
     schedule: Schedule = AdaptiveSchedule()
+    heading_hold: bool = True
     simulation: SimulationSettings = SimulationSettings()
     rewards: RewardSettings = RewardSettings()
     randomization: RandomizationSettings = RandomizationSettings()
@@ -402,5 +414,14 @@ class TrainingSettings:
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        text = json.dumps(self.as_dict(), sort_keys=True)
+        text = json.dumps(_without_later(self.as_dict()), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_later(values: dict[str, Any]) -> dict[str, Any]:
+    """Nested settings without the ``LATER_FIELDS`` that change nothing."""
+    kept = {key: value for key, value in values.items() if LATER_FIELDS.get(key, _COUNTS) != value}
+    return {key: _without_later(value) if isinstance(value, dict) else value for key, value in kept.items()}
+
+
+_COUNTS = object()
