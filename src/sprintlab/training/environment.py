@@ -145,7 +145,8 @@ class SprintEnvironment(VecEnv):
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
             "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
-            "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward", "time_out", "done",
+            "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
+            "time_out", "done",
             "actor_observation", "critic_observation",
         )  # fmt: skip
         named = {name: getattr(self, name) for name in own}
