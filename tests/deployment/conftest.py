@@ -55,11 +55,17 @@ class StraightSource:
 
 
 def check_safe(
-    command: JointCommand, state: RobotState | None, robot: RobotDescription, *, fresh: bool = True
+    command: JointCommand,
+    state: RobotState | None,
+    robot: RobotDescription,
+    *,
+    fresh: bool = True,
+    age: float = 0.0,
 ) -> None:
     """What must hold for every command that leaves a controller, whatever has happened before.
 
-    Nobody knows the torque of a damper on a robot that is no longer heard of: not ``fresh``.
+    Nobody knows the torque of a damper on a robot that is no longer heard of: not ``fresh``. ``age`` is that
+    of the state when the command acts [s]: the envelope is that of the speeds that a motor can reach in it.
     """
     for part in (command.target_position, command.stiffness, command.damping, command.feedforward_torque):
         assert part.shape == (12,) and np.isfinite(part).all()
@@ -76,7 +82,12 @@ def check_safe(
         torque += command.stiffness * (command.target_position - position) + command.feedforward_torque
         assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
     ratio, voltage = np.asarray(robot.gear.ratio), min(state.bus_voltage, 1.25 * robot.bus_voltage)
-    least, greatest = (ratio * limit for limit in torque_limits(robot.motors, velocity * ratio, voltage))
+    reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+    least, greatest = (
+        ratio * limit
+        for limit in torque_limits(robot.motors, velocity * ratio + np.linspace(-reach, reach, 41), voltage)
+    )
+    least, greatest = least.min(axis=0), greatest.max(axis=0)
     if command.mode == JointMode.DAMPING and not fresh:
         return
     if command.mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
@@ -104,6 +115,7 @@ class Rig:
     ticks: list[ControlTick] = field(default_factory=list)
     last_state: RobotState | None = None
     heard: float = 0.0
+    sent: dict[int, int] = field(default_factory=dict)
 
     @property
     def speed(self) -> float:
@@ -116,7 +128,9 @@ class Rig:
         tick = self.controller.step(self.now, states, self.on_fix(self.simulated.fix(self.now)))
         if self.last_state is not tick.state:
             self.last_state, self.heard = tick.state, tick.time
-        check_safe(tick.command, tick.state, self.robot, fresh=tick.time - self.heard < 0.0285)
+        fresh = tick.time - self.heard < 0.0285
+        check_safe(tick.command, tick.state, self.robot, fresh=fresh, age=self.age(tick.state))
+        self.sent[tick.command.sequence] = self.now
         assert np.isfinite(tick.velocity).all()
         command = self.on_command(tick.command)
         if command is not None:
@@ -127,6 +141,11 @@ class Rig:
         self.now += pause * MILLISECOND
         self.ticks.append(tick)
         return tick
+
+    def age(self, state: RobotState | None) -> float:
+        """How old a state is when the answer to it acts [s], from the command that it names."""
+        left = None if state is None else self.sent.get(state.command_sequence)
+        return 0.0 if left is None else 1e-9 * (self.now - left) - 0.001
 
     def run(self, seconds: float) -> ControlTick:
         """Step for some time; the last tick."""
@@ -158,6 +177,7 @@ class Snapshot:
     controller: Controller
     source: Any
     now: int
+    sent: dict[int, int]
 
     @classmethod
     def take(cls, rig: Rig, policy: Policy) -> Snapshot:
@@ -167,7 +187,7 @@ class Snapshot:
         attributes = {key: value for key, value in vars(rig.simulated).items() if key != "plant"}
         controller, source = _copy_controller(rig.controller, rig.source, policy)
         motor_steps = plant._motor_steps
-        return cls(rig, policy, physics, attributes, motor_steps, controller, source, rig.now)
+        return cls(rig, policy, physics, attributes, motor_steps, controller, source, rig.now, dict(rig.sent))
 
     def restore(self) -> Rig:
         simulated, plant = self.rig.simulated, self.rig.simulated.plant
@@ -175,7 +195,7 @@ class Snapshot:
         mujoco.mj_setState(plant.model, plant.data, self.physics, mujoco.mjtState.mjSTATE_INTEGRATION)
         plant._motor_steps, plant.fall_reason = self.motor_steps, ""
         controller, source = _copy_controller(self.controller, self.source, self.policy)
-        return Rig(self.rig.robot, simulated, controller, source, self.now)
+        return Rig(self.rig.robot, simulated, controller, source, self.now, sent=dict(self.sent))
 
 
 def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tuple[Controller, Any]:

@@ -476,9 +476,11 @@ def test_a_lesser_fault_brings_the_robot_to_a_stand(running, name):
     assert running.controller.fault_counts[fault] > 0
     commanded = running.ticks[-1].velocity[0]
     running.run_until(lambda tick: tick.mode == "stand", commanded / 4.0 + 3.0)
+    place = running.simulated.plant.data.qpos[:2].copy()
     running.run(0.5)
     assert running.controller.mode.value == "stand"  # the source asks to run again, and is not obeyed
-    assert abs(running.speed) < 0.3 and running.simulated.fall_reason == ""
+    moved = np.abs(running.simulated.plant.data.qpos[:2] - place)
+    assert moved.max() < 0.2 and running.simulated.fall_reason == ""  # the policy sways while it stands
 
 
 @pytest.mark.parametrize("wish", [(1e6, 0.0, 0.0), (-50.0, 3.0, 90.0), (0.0, 0.0, -1e9)])

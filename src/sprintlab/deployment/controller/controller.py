@@ -37,6 +37,7 @@ from sprintlab.deployment.safety import (
     BodyMonitor,
     CommandGuard,
     Fault,
+    LinkAge,
     Reaction,
     SafetySettings,
     SourceMonitor,
@@ -125,6 +126,7 @@ class Controller:
         self._states = StateMonitor(robot, self._safety)
         self._body = BodyMonitor(robot, self._safety)
         self._guard = CommandGuard(robot)
+        self._link = LinkAge()
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
         self._folded = folded_pose(robot)
@@ -146,6 +148,7 @@ class Controller:
         self._run_started = 0.0
         self._brake_started: float | None = None
         self._held = False
+        self._balancing = False
         self._override: Request | None = None
         self.mode = Mode.PASSIVE
         self.fault_counts: Counter[Fault] = Counter()
@@ -212,7 +215,7 @@ class Controller:
             command=command,
             velocity=self._velocity,
             targets=self._targets,
-            policy_step=policy_step and self.mode is Mode.RUN,
+            policy_step=policy_step and self._policy_drives,
             fix=fix,
             faults=tuple(fault.value for fault in self._faults),
             compute_time=(clock.perf_counter_ns() - begin) * 1e-9,
@@ -223,7 +226,8 @@ class Controller:
         still = _standing_state(self._robot)
         for _ in range(_WARM_UP_STEPS):
             self._runtime.step(_measurement(still), self._velocity)
-            self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still)
+            for age in (0.0, 1e-3):
+                self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still, age)
             self._guard.damping(self._robot.damping, still)
             self._body.check(still, 0.0, carried=True)
             self._states.accept(still, 0.0)
@@ -323,8 +327,13 @@ class Controller:
         request, faults = self._operator.accept(self._read_source(state, time), time)
         self._note(*faults)
         self._obey(request if self._override is None else self._override, state, time)
-        if self.mode is Mode.RUN:
+        if self._policy_drives:
             self._run_policy(state, time)
+
+    @property
+    def _policy_drives(self) -> bool:
+        """In a run, and in the stand after it: there the policy keeps the balance."""
+        return self.mode is Mode.RUN or (self.mode is Mode.STAND and self._balancing)
 
     def _watch_lateness(self, late: bool) -> None:
         self._late.append(late)
@@ -388,10 +397,10 @@ class Controller:
 
     def _run_policy(self, state: RobotState, time: float) -> None:
         dt = POLICY_PERIOD_NS * 1e-9
-        if self._operator.lost(time) and not self.braking:
+        if self.mode is Mode.RUN and self._operator.lost(time) and not self.braking:
             self._note(Fault.SOURCE_LOST)
             self._react(time)
-        if self.braking:
+        if self.braking or self.mode is Mode.STAND:
             offset, _ = self._course.offset_and_speed(self._fresh_fix(time))
             heading = self._course.relative_heading(state)
             yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
@@ -418,20 +427,20 @@ class Controller:
         standing = np.array(self._robot.default_pose)
         here = self._bumpless_start(state)
         if mode is Mode.STAND_UP:
-            self._held = False
+            self._held = self._balancing = False
             self._motion = JointMotion(
                 here, time, Waypoint(self._folded, _FOLD_TIME), Waypoint(standing, _RISE_TIME)
             )
         elif mode is Mode.STAND:
             self._brake_started = None
-            self._velocity = np.zeros(3)
-            # After a run the feet stand where they stand: any other pose would brace the legs.
-            pose = here if ran else standing
-            self._motion = JointMotion(here, time, Waypoint(pose, _SETTLE_TIME))
+            self._balancing = ran
+            self._motion = JointMotion(here, time, Waypoint(standing, _SETTLE_TIME))
         elif mode is Mode.LIE_DOWN:
             self._brake_started = None
             self._velocity = np.zeros(3)
-            self._motion = SinkMotion(self._robot, here, time, _SINK_TIME)
+            # Where a run has left the feet, only the policy keeps the balance: no slow sinking, damp at once.
+            sinking = SinkMotion(self._robot, here, time, _SINK_TIME)
+            self._motion = JointMotion(here, time) if self._balancing else sinking
         elif mode is Mode.RUN:
             self._start_run(state, time)
         else:
@@ -464,7 +473,7 @@ class Controller:
             self._end_stand_up(state, time)
         elif self.mode is Mode.LIE_DOWN and time >= self._motion.end_time + _DAMP_TIME:
             self.mode = Mode.PASSIVE
-        if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN):
+        if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN) and not self._policy_drives:
             self._targets = self._motion.target(time)
 
     def _end_stand_up(self, state: RobotState, time: float) -> None:
@@ -498,7 +507,8 @@ class Controller:
         if self.mode is Mode.PASSIVE or state is None:
             return self._send(now, JointMode.OFF, self._zeros, self._zeros, self._zeros, self._zeros)
         if self.mode is not Mode.STOP and not self._damps_after_sinking():
-            servo = self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, state)
+            age = self._link.both_ways(state.command_sequence, now)
+            servo = self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, state, age)
             if all(math.isfinite(float(part.sum())) for part in servo):
                 return self._send(now, JointMode.SERVO, *servo)
             self._note(Fault.POLICY_INVALID)
@@ -530,6 +540,7 @@ class Controller:
         feedforward: FloatArray,
     ) -> JointCommand:
         self._sequence += 1
+        self._link.sent(self._sequence, now)
         self._last_command = JointCommand(
             sequence=self._sequence,
             timestamp=now,

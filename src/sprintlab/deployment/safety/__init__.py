@@ -1,5 +1,6 @@
 """What keeps the robot, and those around it, whole: monitors, limits, reactions."""
 
+from sprintlab.deployment.safety.age import LinkAge
 from sprintlab.deployment.safety.body import BodyMonitor, trunk_tilt
 from sprintlab.deployment.safety.faults import RESPONSES, Fault, Reaction, Response
 from sprintlab.deployment.safety.guard import CommandGuard, GuardedServo, implied_torque
@@ -13,6 +14,7 @@ __all__ = [
     "CommandGuard",
     "Fault",
     "GuardedServo",
+    "LinkAge",
     "Reaction",
     "Response",
     "SafetySettings",

@@ -21,6 +21,9 @@ class GuardedServo(NamedTuple):
     feedforward_torque: FloatArray
 
 
+_BAND = np.array([[-1.0], [0.0], [1.0]])
+
+
 class CommandGuard:
     """Keeps what is asked of the joints within their limits.
 
@@ -30,6 +33,10 @@ class CommandGuard:
     a damper about the same target, so that on a robot that has moved on since it never pushes the other way,
     as a shifted torque would. Position: in the last ``zone`` before a limit the torque towards the limit
     fades to zero, and targets beyond a limit are moved to it, their torque being carried as feedforward.
+
+    An old state: within its ``age`` a motor alone can change its joint's speed by ``age`` times peak torque
+    over reflected inertia. The envelope is then the hull of what is allowed at the measured speed and at both
+    ends of that band, never beyond the peak torque; the robot's drives clip at the speed of the moment.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -38,23 +45,43 @@ class CommandGuard:
         self._lower, self._upper = np.ascontiguousarray(robot.position_limits.T)
         self._zone = robot.soft_stop.zone
         self._highest_voltage = 1.25 * robot.bus_voltage
+        self._acceleration = np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
 
-    def torque_interval(self, state: RobotState) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest joint torque [N m] ``(12,)`` that may be asked for at ``state``."""
-        voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
-        lower, upper = torque_limits(self._motors, state.joint_velocity * self._ratio, voltage)
+    def torque_interval(self, state: RobotState, age: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest joint torque [N m] ``(12,)`` that may be asked for.
+
+        Args:
+            state: the last one.
+            age: of the state when the command acts [s].
+        """
+        lower, upper = self._envelope(state, age)
         above = np.clip((self._upper - state.joint_position) / self._zone, 0.0, 1.0)
         below = np.clip((state.joint_position - self._lower) / self._zone, 0.0, 1.0)
-        lower, upper = lower * self._ratio, upper * self._ratio
         # Above its no-load speed a motor brakes whatever it is told: then the envelope overrules the stop.
         least = np.minimum(np.where(lower < 0.0, lower * below, lower), upper)
         return least, np.maximum(np.where(upper > 0.0, upper * above, upper), lower)
 
+    def _envelope(self, state: RobotState, age: float) -> tuple[FloatArray, FloatArray]:
+        """Joint torques [N m] ``(12,)`` that the motors allow at the speeds within reach in ``age`` [s]."""
+        voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
+        speed = state.joint_velocity * self._ratio
+        if age > 0.0:
+            speed = speed + age * self._acceleration * _BAND
+        lower, upper = torque_limits(self._motors, speed, voltage)
+        if age > 0.0:
+            lower, upper = lower.min(axis=0), upper.max(axis=0)
+        return lower * self._ratio, upper * self._ratio
+
     def servo(
-        self, target: FloatArray, stiffness: FloatArray, damping: FloatArray, state: RobotState
+        self,
+        target: FloatArray,
+        stiffness: FloatArray,
+        damping: FloatArray,
+        state: RobotState,
+        age: float = 0.0,
     ) -> GuardedServo:
         """The nearest command to a wanted one that keeps every limit at ``state``; all ``(12,)``."""
-        lower, upper = self.torque_interval(state)
+        lower, upper = self.torque_interval(state, age)
         wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
         allowed = np.minimum(np.maximum(wanted, lower), upper)
         same_sign = wanted * allowed > 0.0

@@ -49,7 +49,7 @@ class SimulatedRobot:
     Attributes:
         accepted: commands acted on.
         dropped: commands refused: old, duplicated, damaged, or a servo command to a latched watchdog.
-        watchdog_trips: how often the watchdog took over from a controller.
+        watchdog_trips: how often the watchdog took over from a controller that drove the joints.
         fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
             or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
             commands.
@@ -154,7 +154,8 @@ class SimulatedRobot:
         silence = self.time - self._command_time
         if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
             self._expired = True
-            self.watchdog_trips += 1
+            driven = self._command is not None and self._command.mode != JointMode.OFF
+            self.watchdog_trips += driven
 
     def _wanted(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint torques asked of the motors [N m] and, for the record, joint targets [rad]."""
