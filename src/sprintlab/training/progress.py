@@ -10,12 +10,17 @@ from types import TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
 from torch.utils.tensorboard import SummaryWriter
 
 from sprintlab.core.errors import SprintlabError
 
 PRINT_SECONDS = 10.0
+LIVE_SECONDS = 0.25
+"""Least time between two looks of the progress on a terminal; drawing it takes a millisecond or two."""
 BOARD_SECONDS = 1.0
 """Least time between two points in TensorBoard: the log has every iteration, and curves need no more."""
 _CONTEXT = ("iteration", "seconds", "environment_steps")
@@ -139,20 +144,19 @@ class Reporter:
         self._board, self._rolled_back, self._broken = board, rolled_back, 0
         self._console = Console(stderr=True, highlight=False, quiet=quiet)
         self._live = self._console.is_terminal and not quiet
-        columns = (BarColumn(bar_width=16), TextColumn("{task.description}"))
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._live)
-        self._task = self._bar.add_task("starting", total=1.0)
+        self._display = Live(console=self._console, transient=True, auto_refresh=False)
         self._began = time.monotonic()
         self._printed = float("-inf")
 
     def __enter__(self) -> Reporter:
-        self._bar.start()
+        if self._live:
+            self._display.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        self._display.stop()
         if self._board is not None:
             self._board.close()
 
@@ -166,18 +170,22 @@ class Reporter:
             self._board.add(row)
         self._warn(row)
         now = time.monotonic()
-        to_go = time_to_go(
-            int(row["iteration"]), self._iterations, self._first, now - self._began, self._seconds
-        )
+        pause = LIVE_SECONDS if self._live else PRINT_SECONDS
+        if now - self._printed > pause or row["iteration"] <= 2:
+            self._printed = now
+            self._print(row, now - self._began)
+
+    def _print(self, row: dict[str, float], elapsed: float) -> None:
+        to_go = time_to_go(int(row["iteration"]), self._iterations, self._first, elapsed, self._seconds)
         broken = f"  broken {self._broken}" if self._broken else ""
         line = f"{progress_line(row)}{broken}  to go {clock(to_go)}"
-        if self._live:
-            elapsed = now - self._began
-            share = elapsed / max(elapsed + to_go, 1e-9)
-            self._bar.update(self._task, description=line, completed=share)
-        elif now - self._printed > PRINT_SECONDS or row["iteration"] <= 2:
+        if not self._live:
             self.say(line)
-            self._printed = now
+            return
+        lines = Table.grid()
+        lines.add_row(ProgressBar(total=1.0, completed=elapsed / max(elapsed + to_go, 1e-9), width=60))
+        lines.add_row(Text(line))
+        self._display.update(lines, refresh=True)
 
     def _warn(self, row: dict[str, float]) -> None:
         if row["rolled_back"] > self._rolled_back:

@@ -113,6 +113,8 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
     """
     workers = join_workers()
     checkpoint = options.output / "checkpoint.pt"
+    if options.resume and not checkpoint.is_file():
+        raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
     with exclusive(options.output, restartable) if workers.leads else nullcontext():
         if workers.leads:
             _remove_halves(options.output)
