@@ -6,6 +6,8 @@ import csv
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -17,7 +19,15 @@ import pytest
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.sweep import LocalCluster, RunStatus, Sweep, curve_text, last_line, summary
+from sprintlab.training.sweep import (
+    LocalCluster,
+    RunStatus,
+    Sweep,
+    curve_text,
+    last_line,
+    summary,
+    visible_gpus,
+)
 from sprintlab.training.sweep_plan import (
     RunPlan,
     override,
@@ -134,7 +144,6 @@ class FakeJob:
     cluster: FakeCluster
     plans: Sequence[RunPlan]
     looks: int = 0
-    cancelled: bool = False
 
     def done(self, force_check: bool = False) -> bool:
         self.looks += 1
@@ -146,8 +155,9 @@ class FakeJob:
                     atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
         return self.looks >= 2
 
-    def cancel(self, check: bool = True) -> None:
-        self.cancelled = True
+    @property
+    def job_id(self) -> str:
+        return "1"
 
     def stderr(self) -> str | None:
         return "Traceback\nOutOfMemoryError: no room\n\n"
@@ -157,11 +167,14 @@ class FakeJob:
 class FakeCluster:
     slots: int | None = 2
     bundle: int = 1
-    keeps_jobs: bool = False
     losses: dict[int, int] = field(default_factory=dict)
     jobs: list[FakeJob] = field(default_factory=list)
     taken: list[int] = field(default_factory=list)
+    left: list[FakeJob] = field(default_factory=list)
     busiest: int = 0
+
+    def leave(self, jobs: Sequence[FakeJob]) -> None:
+        self.left.extend(jobs)
 
     def submit(self, plans: Sequence[RunPlan], slot: int) -> FakeJob:
         self.jobs.append(FakeJob(self, plans))
@@ -206,16 +219,56 @@ def test_jobs_that_share_a_gpu_are_bundled(tmp_path: Path) -> None:
     assert [len(job.plans) for job in cluster.jobs] == [2, 2, 1]
 
 
-@pytest.mark.parametrize("keeps_jobs", [False, True])
-def test_interrupted_local_workers_end_and_those_of_a_scheduler_do_not(tmp_path, keeps_jobs) -> None:
-    cluster = FakeCluster(keeps_jobs=keeps_jobs)
+def test_an_interrupted_sweep_leaves_its_jobs_to_the_cluster_and_goes_on_later(tmp_path: Path) -> None:
+    cluster = FakeCluster()
 
     def interrupt(_runs: Sequence[RunStatus]) -> None:
         raise KeyboardInterrupt
 
+    sweep = Sweep(plans(tmp_path), cluster)
     with pytest.raises(KeyboardInterrupt):
-        Sweep(plans(tmp_path), cluster).run(interrupt)
-    assert [job.cancelled for job in cluster.jobs] == [not keeps_jobs] * 2
+        sweep.run(interrupt)
+    assert cluster.left == cluster.jobs
+    assert [run.state for run in sweep.runs] == ["waiting"] * 2
+    Sweep(plans(tmp_path), cluster).run(lambda runs: None, pause=0.0)
+    assert cluster.left == cluster.jobs[:2]
+
+
+class Stubborn:
+    """A process that hears the third request; what ``LocalCluster.leave`` has to do with."""
+
+    def __init__(self, hears: int) -> None:
+        code = (
+            "import signal, sys, time\nheard = []\n"
+            "def hear(*_):\n heard.append(1)\n if len(heard) >= int(sys.argv[1]): sys.exit(143)\n"
+            "signal.signal(signal.SIGTERM, hear)\nprint('ready', flush=True)\nwhile True: time.sleep(1)"
+        )
+        self.process = subprocess.Popen([sys.executable, "-c", code, str(hears)], stdout=subprocess.PIPE)
+        assert self.process.stdout is not None
+        self.process.stdout.readline()
+        self.job_id = str(self.process.pid)
+
+    def done(self, force_check: bool = False) -> bool:
+        return self.process.poll() is not None
+
+    def stderr(self) -> str | None:
+        return None
+
+
+def test_local_workers_are_asked_until_they_end_and_then_killed(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("sprintlab.training.sweep.LEAVE_SECONDS", 4)
+    jobs = [Stubborn(2), Stubborn(1000)]
+    LocalCluster(tmp_path, 1, [], 1.0).leave(jobs)
+    assert [job.process.wait(5) for job in jobs] == [143, -signal.SIGKILL]
+
+
+def test_slots_are_gpus_times_trainings_on_each(tmp_path: Path, monkeypatch) -> None:
+    assert LocalCluster(tmp_path, 2, [0, 3], 1.0).slots == 4
+    assert LocalCluster(tmp_path, 3, [], 1.0).slots == 3
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "2,5")
+    assert visible_gpus() == [2, 5]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert visible_gpus() == []
 
 
 def test_a_job_without_words_is_described(tmp_path: Path) -> None:

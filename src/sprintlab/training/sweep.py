@@ -11,10 +11,13 @@ import csv
 import io
 import os
 import shutil
+import signal
 import subprocess
+import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,6 +29,8 @@ from sprintlab.training.sweep_plan import RECORD_NAME, RunPlan
 
 CURVE_ROWS = 500
 """Rows that a curve keeps at most: enough to draw, small enough to commit."""
+LEAVE_SECONDS = 60
+"""For which a sweep that was interrupted waits for its local workers to save and end."""
 _SPARE_MINUTES = 30.0
 """Start-up, checkpoints and export, on top of the training time that a job asks for."""
 
@@ -105,8 +110,9 @@ class Job(Protocol):
         """Whether it has ended, well or not."""
         ...
 
-    def cancel(self, check: bool = True) -> None:
-        """End it."""
+    @property
+    def job_id(self) -> str:
+        """Its number; for a local job that of the process that watches over it."""
         ...
 
     def stderr(self) -> str | None:
@@ -120,15 +126,17 @@ class Cluster(Protocol):
     Attributes:
         slots: jobs at a time; ``None`` where the scheduler has its own queue.
         bundle: trainings in one job.
-        keeps_jobs: whether jobs go on without the sweep.
     """
 
     slots: int | None
     bundle: int
-    keeps_jobs: bool
 
     def submit(self, plans: Sequence[RunPlan], slot: int) -> Job:
         """Start a job."""
+        ...
+
+    def leave(self, jobs: Sequence[Job]) -> None:
+        """Do with running jobs what is to be done when the sweep ends before them."""
         ...
 
 
@@ -153,7 +161,7 @@ class LocalCluster:
         minutes: that a job may take.
     """
 
-    bundle, keeps_jobs = 1, False
+    bundle = 1
 
     def __init__(self, folder: Path, per_gpu: int, gpus: Sequence[int], minutes: float) -> None:
         check_range("per_gpu", per_gpu, 1, 64)
@@ -169,7 +177,31 @@ class LocalCluster:
         executor.update_parameters(
             timeout_min=self._minutes, gpus_per_node=len(gpu), visible_gpus=gpu, tasks_per_node=1
         )
-        return executor.submit(work, list(plans))
+        with _interrupts_ignored():  # a child inherits that: Ctrl-C is for the sweep, which ends its jobs
+            return executor.submit(work, list(plans))
+
+    def leave(self, jobs: Sequence[Job]) -> None:
+        """Ask them to save and end; again each second, since a worker that is starting does not listen."""
+        for second in range(LEAVE_SECONDS):
+            running = [job for job in jobs if not job.done()]
+            if not running:
+                return
+            for job in running:
+                last = second == LEAVE_SECONDS - 1
+                os.kill(int(job.job_id), signal.SIGKILL if last else signal.SIGTERM)
+            time.sleep(1.0)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 class SlurmCluster:
@@ -182,7 +214,6 @@ class SlurmCluster:
         partition: of the cluster; its default when ``None``.
     """
 
-    keeps_jobs = True
     slots: int | None = None
 
     def __init__(self, folder: Path, per_gpu: int, minutes: float, partition: str | None) -> None:
@@ -203,6 +234,9 @@ class SlurmCluster:
         if self._partition is not None:
             executor.update_parameters(slurm_partition=self._partition)
         return executor.submit(work, list(plans))
+
+    def leave(self, jobs: Sequence[Job]) -> None:
+        """Let them run: Slurm keeps them, and the next sweep finds what they have done."""
 
 
 def job_minutes(minutes: float) -> float:
@@ -280,13 +314,17 @@ class Sweep:
                 if self._active:
                     time.sleep(pause)
         finally:
-            if not self.cluster.keeps_jobs:
-                for active in self._active:
-                    active.job.cancel(check=False)
+            self._leave()
         failed = [run for run in self.runs if run.state == "failed"]
         if failed:
             reasons = "; ".join(f"{run.plan.name}: {run.reason}" for run in failed)
             raise SprintlabError(f"{len(failed)} of {len(self.runs)} runs failed: {reasons}")
+
+    def _leave(self) -> None:
+        """The sweep ends with jobs still running: it was interrupted."""
+        self.cluster.leave([active.job for active in self._active])
+        for run in (run for active in self._active for run in active.runs):
+            run.state = "finished" if run.plan.finished() else "waiting"
 
     def _hand_out(self) -> None:
         taken = {active.slot for active in self._active}
