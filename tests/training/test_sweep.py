@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import types
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,11 +23,13 @@ from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.sweep import (
     LocalCluster,
     RunStatus,
+    SlurmCluster,
     Sweep,
     curve_text,
     last_line,
     summary,
     visible_gpus,
+    work,
 )
 from sprintlab.training.sweep_plan import (
     RunPlan,
@@ -276,6 +279,51 @@ def test_a_job_without_words_is_described(tmp_path: Path) -> None:
     assert last_line(job) == "OutOfMemoryError: no room"
     job.stderr = lambda: None
     assert "vanished" in last_line(job)
+
+
+# --- Slurm -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def slurm(tmp_path: Path, monkeypatch) -> Path:
+    """A folder with a ``sbatch`` that keeps the script it is given."""
+    pytest.importorskip("submitit")
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "sbatch").write_text(f"#!/bin/sh\ncp $1 {folder}/script.sh\necho Submitted batch job 17\n")
+    for name in ("srun", "sacct", "scancel"):
+        (folder / name).write_text("#!/bin/sh\n")
+    for program in folder.iterdir():
+        program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+    return folder
+
+
+def test_a_slurm_job_has_one_gpu_and_a_task_for_each_training(slurm: Path, tmp_path: Path) -> None:
+    cluster = SlurmCluster(tmp_path / "jobs", 2, 50.0, "fast")
+    assert cluster.bundle == 2 and cluster.slots is None
+    job = cluster.submit(plans(tmp_path), 0)
+    assert job.job_id == "17"
+    script = (slurm / "script.sh").read_text()
+    for line in ("--gpus-per-node=1", "--ntasks-per-node=2", "--partition=fast", "--time=50"):
+        assert f"#SBATCH {line}" in script
+
+
+def test_each_task_of_a_job_trains_its_own_run(tmp_path: Path, monkeypatch) -> None:
+    submitit = pytest.importorskip("submitit")
+    trained: list[int] = []
+    monkeypatch.setattr("sprintlab.training.sweep.train_run", lambda plan: trained.append(plan.seed))
+    for rank in (1, 0):
+        environment = types.SimpleNamespace(local_rank=rank)
+        monkeypatch.setattr(submitit, "JobEnvironment", lambda environment=environment: environment)
+        work(plans(tmp_path, seeds=(4, 5)))
+    assert trained == [5, 4]
+
+
+def test_without_slurm_it_is_refused(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(SprintlabError, match="no Slurm here"):
+        SlurmCluster(tmp_path, 1, 50.0, None)
 
 
 # --- a real worker ---------------------------------------------------------------------------------------
