@@ -10,7 +10,8 @@ both read the same clock, so that logs can show latencies.)
 Duties of the robot's end, whatever robot it is:
 
 1. It applies ``stiffness (target - position) - damping velocity + feedforward`` in ``SERVO``, only
-   ``-damping velocity`` in ``DAMPING``, nothing in ``OFF``, at 1 kHz or faster, within its own torque limits.
+   ``-damping velocity`` in ``DAMPING``, nothing in ``OFF``, at 1 kHz or faster, clipped to the motors'
+   envelope at the speed and bus voltage of the moment: the controller knows those of its last state only.
 2. It drops a command whose sequence is not above the last accepted one, or that ``check_command`` refuses;
    a dropped command does not feed the watchdog.
 3. **Watchdog**: ``WATCHDOG_TIMEOUT`` after the last accepted command (and from power-up on) it applies

@@ -8,14 +8,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sprintlab.deployment.interface import JointCommand, JointMode, RobotState
-from sprintlab.deployment.safety import CommandGuard, implied_torque
+from sprintlab.deployment.controller import Controller
+from sprintlab.deployment.interface import JointCommand, JointMode, OperatorCommand, Request, RobotState
+from sprintlab.deployment.safety import CommandGuard, LinkAge, implied_torque
+from sprintlab.deployment.simulator import LinkOptions, SimulatedWorld, SimulatorOptions
 from sprintlab.motors import torque_limits
 from sprintlab.robots import load_robot
 
 BP2 = load_robot("bp2")
 GUARD = CommandGuard(BP2)
 LOWER, UPPER = BP2.position_limits.T
+
+
+class StandUp:
+    """Asks to stand up, for ever."""
+
+    def __init__(self):
+        self.sequence = 0
+
+    def read(self, view):
+        self.sequence += 1
+        return OperatorCommand(
+            sequence=self.sequence, timestamp=0, velocity=np.zeros(3), request=Request.STAND
+        )
+
+    def close(self):
+        pass
 
 
 def joints(low: float, high: float) -> st.SearchStrategy:
@@ -92,6 +110,63 @@ def test_a_clipped_command_stays_a_spring_about_the_same_target():
     moved_on = state_of(target, np.zeros(12))
     reachable = (target > LOWER) & (target < UPPER)
     assert (implied_torque(command_of(servo), moved_on)[reachable] == 0.0).all()
+
+
+@settings(max_examples=100)
+@given(joints(-3.0, 3.0), joints(-60.0, 60.0), st.floats(10.0, 75.0), st.floats(0.0, 0.05))
+def test_an_old_state_widens_the_envelope_by_the_speeds_within_reach_and_no_further(
+    position, velocity, voltage, age
+):
+    state = state_of(position, velocity, voltage)
+    command = command_of(GUARD.servo(position + 3.0, BP2.stiffness, BP2.damping, state, age))
+    torque = implied_torque(command, state)
+    ratio = np.asarray(BP2.gear.ratio)
+    reach = age * np.asarray(BP2.motors.peak_torque) / np.asarray(BP2.motors.rotor_inertia)
+    speeds = velocity * ratio + np.linspace(-reach, reach, 41)
+    lower, upper = torque_limits(BP2.motors, speeds, voltage)
+    assert (torque >= ratio * lower.min(axis=0) - 1e-6).all()
+    assert (torque <= ratio * upper.max(axis=0) + 1e-6).all()
+    assert (np.abs(torque) <= ratio * np.asarray(BP2.motors.peak_torque) + 1e-6).all()
+
+
+def test_an_old_state_does_not_weaken_what_a_slower_joint_may_give():
+    pose, fast = np.asarray(BP2.default_pose), np.full(12, 35.0)
+    state = state_of(pose, fast)
+    legs = np.arange(12) % 3 > 0
+    torque = [
+        implied_torque(command_of(GUARD.servo(pose + 0.6, BP2.stiffness, np.zeros(12), state, age)), state)
+        for age in (0.0, 0.001, 0.004)
+    ]
+    assert (torque[0] < torque[1])[legs].all() and (torque[1] < torque[2])[legs].all()
+
+
+def test_the_age_of_a_state_is_counted_from_the_command_that_it_names():
+    link = LinkAge()
+    assert link.both_ways(0, 10**9) == 0.0  # nothing was sent
+    for number in range(1, 5000):
+        link.sent(number, number * 1_000_000)
+    assert link.both_ways(4999, 5000 * 1_000_000) == 0.0  # answered a millisecond later: no way at all
+    assert link.both_ways(4992, 5000 * 1_000_000) == pytest.approx(0.007)
+    assert link.both_ways(7, 5000 * 1_000_000) == 0.0  # too long ago to be known
+    assert link.both_ways(2**64 - 1, 5000 * 1_000_000) == 0.0  # never sent
+
+
+@pytest.mark.parametrize("each_way_ms", [0, 3])
+def test_the_controller_measures_the_link(bp2, sprint_policy, each_way_ms):
+    """The ages that reach the guard while a robot stands up are those of the simulated link."""
+    link = LinkOptions(delay=1e-3 * each_way_ms)
+    world = SimulatedWorld(bp2, SimulatorOptions(to_controller=link, to_robot=link, fix_rate=0.0))
+    controller = Controller(sprint_policy, bp2, StandUp())
+    ages = []
+    servo = controller._guard.servo
+    controller._guard.servo = lambda *given: ages.append(given[-1]) or servo(*given)
+    while world.time < 0.6:
+        now = round(1e9 * world.time)
+        states = [state for state in world.messages(now) if isinstance(state, RobotState)]
+        world.hand_over(controller.step(now, states).command)
+        world.step()
+    assert len(ages) > 400
+    assert ages[50:] == pytest.approx([2e-3 * each_way_ms] * len(ages[50:]), abs=1e-9)
 
 
 def test_torque_towards_a_limit_fades_in_its_last_zone():

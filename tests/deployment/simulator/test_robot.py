@@ -7,7 +7,7 @@ from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
 from sprintlab.deployment.simulator import SensorNoise, SimulatedRobot, SimulatorOptions
 from sprintlab.deployment.simulator.options import TYPICAL_NOISE
-from sprintlab.motors import Battery
+from sprintlab.motors import Battery, torque_limits
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import load_robot
 
@@ -59,6 +59,29 @@ def test_a_safe_command_wakes_it_and_silence_of_fifty_milliseconds_ends_that(sta
     assert not standing.accept(command(3))  # latched
     assert standing.accept(command(4, JointMode.OFF))
     assert standing.accept(command(5))
+
+
+def test_a_watchdog_has_nothing_to_take_over_while_the_drives_are_off(standing):
+    awake(standing)
+    standing.accept(command(2, JointMode.OFF))
+    for _ in range(100):
+        standing.step()
+    assert standing.state(0).status & RobotStatus.WATCHDOG_EXPIRED
+    assert standing.watchdog_trips == 0
+
+
+@pytest.mark.parametrize("velocity", [-30.0, 0.0, 25.0, 40.0])
+def test_the_drives_keep_to_the_envelope_at_the_speed_of_the_moment(standing, velocity):
+    """Whatever a controller on an old state asks for."""
+    standing.plant.data.qpos[2] += 1.0
+    awake(standing)
+    standing.plant.data.qvel[standing.plant._joint_velocity] = velocity
+    speed = standing.plant.joint_state()[1] * np.asarray(ROBOT.gear.ratio)
+    standing.accept(command(2, target=ROBOT.default_pose + 5.0))
+    standing.step()
+    lower, upper = torque_limits(ROBOT.motors, speed, ROBOT.bus_voltage)
+    torque = standing._drive.motor_torque
+    assert (torque >= lower - 1e-9).all() and (torque <= upper + 1e-9).all()
 
 
 def test_an_expired_watchdog_damps(standing):
