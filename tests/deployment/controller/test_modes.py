@@ -202,6 +202,25 @@ def test_coming_down_overrules_the_source(running):
     assert running.simulated.fall_reason == ""
 
 
+def test_from_the_stand_after_a_run_it_runs_again(running):
+    running.source.request = Request.STAND
+    until(running, "stand")
+    running.source.request, running.source.speed = Request.RUN, 2.0
+    until(running, "run")
+    start = running.simulated.plant.data.qpos[0]
+    running.run(2.0)
+    assert running.controller.mode.value == "run" and running.simulated.fall_reason == ""
+    assert running.simulated.plant.data.qpos[0] - start > 1.0
+
+
+def test_a_policy_that_fails_in_the_stand_after_a_run_ends_in_a_stop(running):
+    running.source.request = Request.STAND
+    until(running, "stand")
+    running.controller._runtime.step = lambda *given: np.full(12, np.nan)
+    tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
+    assert tick.mode == "stop" and running.controller.stop_reason == Fault.POLICY_INVALID.value
+
+
 def test_coming_down_at_once_damps(running):
     running.controller.come_down(at_once=True)
     running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)

@@ -11,7 +11,8 @@ class Mode(str, Enum):
     """What the controller does.
 
     ``PASSIVE``: drives off. ``STAND_UP``: fold the legs, then rise. ``STAND``: hold the standing pose, or,
-    after a run, keep the balance under the policy. ``RUN``: the policy drives. ``LIE_DOWN``: sink, then damp. ``STOP``: damp until an operator lets go.
+    after a run, keep the balance under the policy. ``RUN``: the policy drives. ``LIE_DOWN``: sink, then damp.
+    ``STOP``: damp until an operator lets go.
     """
 
     PASSIVE = "passive"
