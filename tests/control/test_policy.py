@@ -184,3 +184,16 @@ def test_a_file_for_something_else_is_refused_at_load(write_policy, contract, ro
 
 def test_the_shipped_policy_loads_for_its_robot(robot):
     assert load_policy(shipped_policy(), robot).contract.robot_name == robot.name
+
+
+def test_the_shipped_policy_estimates_without_a_look_at_the_command(robot):
+    shipped = load_policy(shipped_policy(), robot)
+    random = np.random.default_rng(3)
+    history = random.normal(scale=0.3, size=(4, shipped.layout.history_length, 45)).astype(np.float32)
+    commanded, turned = history.copy(), history.copy()
+    commanded[:, :, 6:9] += 1.0
+    turned[:, :, 0:3] += 1.0
+    plain, other, spun = (shipped.decide(each.reshape(4, -1)) for each in (history, commanded, turned))
+    np.testing.assert_array_equal(other.estimate, plain.estimate)
+    assert np.abs(other.action - plain.action).max() > 0.01
+    assert np.abs(spun.estimate - plain.estimate).max() > 0.001
