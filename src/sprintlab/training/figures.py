@@ -115,7 +115,7 @@ def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
     figure = Figure(figsize=_SIZE, layout="constrained")
     axes = figure.subplots()
     both = np.concatenate((running, commanded))
-    edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5)
+    edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5).tolist()
     axes.hist(running, edges, color=_BLUE, alpha=0.6, label="run")
     axes.hist(commanded, edges, histtype="step", color=_ORANGE, linewidth=1.6, label="commanded")
     axes.set_xlabel("forward speed [m/s]")
