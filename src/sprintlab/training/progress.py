@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -76,19 +77,30 @@ class Board:
         self._last = float("-inf")
 
     def add(self, row: dict[str, float]) -> None:
-        """A point on every curve, unless the last is less than a second old."""
+        """A point on every curve, unless the last is less than a second old.
+
+        Raises:
+            SprintlabError: the disk refuses.
+        """
         now = time.monotonic()
         if now - self._last < BOARD_SECONDS:
             return
         self._last = now
-        for name, value in row.items():
-            if name not in _CONTEXT:
-                tag = name if "/" in name else f"run/{name}"
-                self._writer.add_scalar(tag, value, int(row["iteration"]))
+        try:
+            for name, value in row.items():
+                if name not in _CONTEXT:
+                    tag = name if "/" in name else f"run/{name}"
+                    self._writer.add_scalar(tag, value, int(row["iteration"]))
+        except OSError as error:
+            raise SprintlabError(
+                f"training stopped at iteration {row['iteration']:.0f}: cannot write TensorBoard's curves: "
+                f"{error.strerror or error}; the last good checkpoint is untouched"
+            ) from error
 
     def close(self) -> None:
-        """Write out what is buffered."""
-        self._writer.close()
+        """Write out what is buffered; a disk that refuses curves hides no other message."""
+        with suppress(OSError):
+            self._writer.close()
 
 
 def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> None:
