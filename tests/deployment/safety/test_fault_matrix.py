@@ -439,7 +439,7 @@ def test_a_bad_message_is_dropped_and_the_run_goes_on(running, name):
     delay = onset_and_reaction(running, stimulus, lambda tick: fault.value in tick.faults, 0.3)
     allowed = 0.021 if name == "20 ms without a state" else RESPONSES[fault].within
     assert delay <= allowed + TOLERANCE
-    running.run(0.3)
+    running.run(0.15)
     assert running.controller.fault_counts[fault] > before
     assert {tick.mode for tick in running.ticks} == {"run"} and not running.controller.braking
     assert running.speed > 6.0 and running.simulated.fall_reason == ""
