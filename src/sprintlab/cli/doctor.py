@@ -137,7 +137,9 @@ def package_findings() -> Iterator[Finding]:
 
     yield Finding(name="sprintlab", state="ok", found=metadata.version("sprintlab"), needed_for="everything")
     seen: set[str] = set()
-    for text in metadata.requires("sprintlab") or []:
+    # What several extras bring is named for the commonest use: the base first, then training.
+    asked = sorted(metadata.requires("sprintlab") or [], key=lambda text: _extra(text) not in ("", "train"))
+    for text in asked:
         requirement = Requirement(text)
         extra = _extra(text)
         if extra in ("dev", "docs") or requirement.name in seen or requirement.name == "sprintlab":

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -60,6 +61,8 @@ def write(path, count=300):
     log = McapRunLog(path, FACTS)
     for number in range(1, count + 1):
         log.write(tick(number, fix=number % 100 == 0))
+        if number % 4 == 0:
+            time.sleep(0.002)  # twice the rate of a run: nobody promises to keep up with more
     log.close()
     log.close()
     assert log.dropped == 0
