@@ -16,6 +16,12 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "robot-bus.md"
 SPRINTLAB = [sys.executable, "-m", "sprintlab.cli.main"]
 
 
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path, monkeypatch):
+    """Runs leave their logs in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
 def start(*arguments, **options):
     return subprocess.Popen(
         [*SPRINTLAB, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options

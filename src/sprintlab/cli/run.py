@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,8 @@ class Run:
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s].
         distance: of a sprint [m].
-        log: write every step to this MCAP file.
+        log: write every step to this MCAP file; runs/run-<date>-<time>.mcap when left out.
+        no_log: write none.
         duration: come down after this time [s].
         priority: of the real-time scheduler, 1 to 99.
         no_real_time: keep the normal scheduler.
@@ -52,6 +54,7 @@ class Run:
     top_speed: float = 12.0
     distance: float = 100.0
     log: Path | None = None
+    no_log: tyro.conf.FlagCreatePairsOff[bool] = False
     duration: float | None = None
     priority: int = 50
     no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -93,7 +96,8 @@ class Run:
         return 0 if _in_order(controller, report) else 1
 
     def _log(self, policy: Any, robot: str) -> Any:
-        if self.log is None:
+        path = self._log_path()
+        if path is None:
             return None
         from sprintlab.control import encode_contract
         from sprintlab.deployment.log import LogFacts, McapRunLog
@@ -105,7 +109,21 @@ class Run:
             "bus": self.bus,
         }
         content = LogFacts(robot=robot, contract=encode_contract(policy.contract), facts=facts)
-        return McapRunLog(self.log, content, wait=self.lock_step)
+        return McapRunLog(path, content, wait=self.lock_step)
+
+    def _log_path(self) -> Path | None:
+        """The file asked for, else one of today's; none where MCAP is not installed and nobody asked."""
+        if self.log is not None:
+            return self.log
+        if self.no_log:
+            return None
+        if find_spec("mcap") is None:
+            stderr_console().print("no log is written: pip install 'sprintlab[log]'", markup=False)
+            return None
+        path = Path("runs") / f"run-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+        path.parent.mkdir(exist_ok=True)
+        stderr_console().print(f"log: {path}", soft_wrap=True)
+        return path
 
     def _drive(self, controller: Controller, bus: Any, options: Any, log: Any) -> LoopReport:
         from sprintlab.deployment.controller import run_loop
