@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from sprintlab.control import low_pass_coefficient
+from sprintlab.control import ESTIMATE_SIZE, low_pass_coefficient
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.control.observation import FRAME_SIZE
 from sprintlab.robots import RobotDescription
@@ -29,7 +29,7 @@ from sprintlab.training.losses import (
     log_probability,
     policy_losses,
 )
-from sprintlab.training.networks import ESTIMATE_SIZE, LARGEST_STD, TRUTH_SIZE, Actor, Critic
+from sprintlab.training.networks import LARGEST_STD, Actor, Critic
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.storage import Rollout
 
@@ -254,7 +254,7 @@ class EstimatorPpo:
         known = FRAME_SIZE + ESTIMATE_SIZE
         pairs = (
             (self.actor.normalizer, self.rollout.perceived[..., :known]),
-            (self.critic.normalizer, self.rollout.truth[..., :TRUTH_SIZE]),
+            (self.critic.normalizer, self.rollout.truth),
         )
         for normalizer, values in pairs:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))

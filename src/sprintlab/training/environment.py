@@ -23,6 +23,7 @@ from sprintlab.commands import (
     initial_state,
 )
 from sprintlab.control import (
+    ESTIMATE_SIZE,
     LowPass,
     Proprioception,
     join_proprioception,
@@ -39,6 +40,7 @@ from sprintlab.training.draws import Draws
 from sprintlab.training.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.graphs import captured
 from sprintlab.training.kinematics import BodyState, Kinematics, heading_velocity
+from sprintlab.training.networks import TRUTH_SIZE
 from sprintlab.training.randomization import randomize
 from sprintlab.training.rewards import RewardInput, aggregate, penalties, tracking
 from sprintlab.training.settings import TrainingSettings
@@ -48,7 +50,6 @@ POLICY_STEP = 0.02
 SPEED_AVERAGE = 0.1
 """Weight of the newest speed in the running speed that the command schedule follows."""
 _LARGEST_OBSERVATION = 50.0
-_ESTIMATE_SIZE = 8
 _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
     "tilt", "vertical_speed", "broken",
@@ -122,7 +123,7 @@ class SprintEnvironment(VecEnv):
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
         self.running_yaw_rate, self.course = zeros(n), zeros(n)
-        self.filtered, self.estimate = zeros(n, 30), zeros(n, _ESTIMATE_SIZE)
+        self.filtered, self.estimate = zeros(n, 30), zeros(n, ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
         self.grid = self.settings.schedule.targets.grid
@@ -136,7 +137,7 @@ class SprintEnvironment(VecEnv):
         self.weights = self._first_weights.clone()
         self.reward, self.time_out = zeros(n), zeros(n)
         self.done = torch.zeros(n, dtype=torch.long, device=self.device)
-        self.actor_observation, self.critic_observation = zeros(n, layout.input_size), zeros(n, 53)
+        self.actor_observation, self.critic_observation = zeros(n, layout.input_size), zeros(n, TRUTH_SIZE)
         self._log_sums = zeros(len(_LOGGED) + len(self.weights))
         self._logged_steps = 0
 

@@ -14,14 +14,10 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
+from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.control.observation import FRAME_SIZE
 from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
 
-ESTIMATE_NAMES = (
-    "velocity_x", "velocity_y", "velocity_z", "height",
-    "contact_FL", "contact_FR", "contact_RL", "contact_RR",
-)  # fmt: skip
-ESTIMATE_SIZE = len(ESTIMATE_NAMES)
 VELOCITY_SIZE, CONTACT_START = 3, 4
 COMMAND = slice(6, 9)
 """Where a frame holds the command (``ObservationLayout.terms``)."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import torch
 
+from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.control.observation import FRAME_SIZE
 from sprintlab.training.losses import EstimatorBatch, PolicyBatch
-from sprintlab.training.networks import ESTIMATE_SIZE, TRUTH_SIZE
+from sprintlab.training.networks import TRUTH_SIZE
 
 
 class Rollout:
