@@ -7,6 +7,11 @@ from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import run_loop
 
 
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
 def assert_refused(outcome, *words):
     """One sentence on stderr, status 2, nothing on stdout."""
     assert (outcome.status, outcome.out) == (2, "")

@@ -15,18 +15,22 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_run_is_logged_into_a_file_of_its_own(monkeypatch, capsys):
+def test_a_run_is_logged_into_a_file_of_its_own(monkeypatch):
     monkeypatch.setattr(run, "find_spec", lambda name: object())
-    path = Run()._log_path()
+    path = Run(bus="zenoh://bp2@10.0.0.7:7447")._log_path()
     assert path is not None
     assert path.parent == Path("runs")
-    assert path.parent.is_dir()
-    assert path.match("run-????????-??????.mcap")
-    assert str(path) in capsys.readouterr().err
+    assert path.match("bp2-10-0-0-7-7447-????????-??????.mcap")
 
 
 def test_a_file_that_was_asked_for_is_taken():
+    pytest.importorskip("mcap")
     assert Run(log=Path("mine.mcap"))._log_path() == Path("mine.mcap")
+
+
+def test_where_no_robot_runs_no_log_is_left_behind(call):
+    assert call("run", "sprint", "shm://nobody-is-here").status == 2
+    assert not list(Path().rglob("*.mcap"))
 
 
 def test_no_log_means_none():

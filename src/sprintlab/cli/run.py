@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import shlex
 import signal
@@ -38,7 +39,7 @@ class Run:
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s].
         distance: of a sprint [m].
-        log: write every step to this MCAP file; runs/run-<date>-<time>.mcap when left out.
+        log: write every step to this MCAP file; runs/<bus name>-<date>-<time>.mcap when left out.
         no_log: write none.
         duration: come down after this time [s].
         priority: of the real-time scheduler, 1 to 99.
@@ -87,18 +88,15 @@ class Run:
             source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)
             stack.enter_context(closing(source))
             controller = Controller(policy, robot, source, limits=limits)
-            log = self._log(policy, robot.name)
-            if log is not None:
-                stack.enter_context(closing(log))
+            path = self._log_path()
+            # The bus before the log: who finds no robot leaves no empty file behind.
             bus = stack.enter_context(closing(open_bus(self.bus)))
+            log = None if path is None else stack.enter_context(closing(self._log(path, policy, robot.name)))
             report = self._drive(controller, bus, options, log)
         self._show(controller, report, _sprint_time(controller, source))
         return 0 if _in_order(controller, report) else 1
 
-    def _log(self, policy: Any, robot: str) -> Any:
-        path = self._log_path()
-        if path is None:
-            return None
+    def _log(self, path: Path, policy: Any, robot: str) -> Any:
         from sprintlab.control import encode_contract
         from sprintlab.deployment.log import LogFacts, McapRunLog
 
@@ -109,21 +107,28 @@ class Run:
             "bus": self.bus,
         }
         content = LogFacts(robot=robot, contract=encode_contract(policy.contract), facts=facts)
-        return McapRunLog(path, content, wait=self.lock_step)
+        log = McapRunLog(path, content, wait=self.lock_step)
+        stderr_console().print(f"log: {path}", soft_wrap=True)
+        return log
 
     def _log_path(self) -> Path | None:
-        """The file asked for, else one of today's; none where MCAP is not installed and nobody asked."""
+        """The file asked for, else a new one; none where MCAP is not installed and nobody asked.
+
+        Raises:
+            SprintlabError: the file asked for exists, or no log can be written there.
+        """
         if self.log is not None:
+            from sprintlab.deployment.log import check_new_log
+
+            check_new_log(self.log)
             return self.log
         if self.no_log:
             return None
         if find_spec("mcap") is None:
             stderr_console().print("no log is written: pip install 'sprintlab[log]'", markup=False)
             return None
-        path = Path("runs") / f"run-{datetime.now():%Y%m%d-%H%M%S}.mcap"
-        path.parent.mkdir(exist_ok=True)
-        stderr_console().print(f"log: {path}", soft_wrap=True)
-        return path
+        robot = re.sub(r"[^A-Za-z0-9]+", "-", self.bus.split("://")[-1])
+        return Path("runs") / f"{robot}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
 
     def _drive(self, controller: Controller, bus: Any, options: Any, log: Any) -> LoopReport:
         from sprintlab.deployment.controller import run_loop

@@ -52,6 +52,20 @@ class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
     facts: dict[str, str] = {}
 
 
+def check_new_log(path: Path) -> None:
+    """That a log can be written to a file; leaves nothing behind but the file's folder.
+
+    Raises:
+        LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
+    """
+    if find_spec("mcap") is None:
+        raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
+    if path.exists():
+        raise LogError(f"{path} exists already; choose another file for the log")
+    atomic_write_bytes(path, b"")
+    path.unlink()
+
+
 class McapRunLog:
     """A ``RunLog`` that becomes an MCAP file.
 
@@ -68,16 +82,10 @@ class McapRunLog:
     """
 
     def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:
-        if find_spec("mcap") is None:
-            raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
-        if path.exists():
-            raise LogError(f"{path} exists already; choose another file for the log")
+        check_new_log(path)
         self.dropped = 0
         self._path, self._wait = path, wait
         self._last_state = 0
-        # Fails now, not after the run, where the folder cannot be written.
-        atomic_write_bytes(path, b"")
-        path.unlink()
         self._writer = _start_writer(path)
         self._pipe: IO[bytes] | None = self._writer.stdin
         self._send_facts(facts)
