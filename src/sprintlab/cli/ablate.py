@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.evaluate import first_pass
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
-from sprintlab.cli.race import protocol_settings
+from sprintlab.cli.search_flags import SearchFlags
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -42,16 +41,11 @@ class Ablate:
         seeds: number of seeds a method to train.
         minutes: training time of each run.
         robot: a robot's name, or a parameter table of one's own (.toml).
-        trials: seeded trials a speed.
-        seed: decides joint noise, friction and payload of every trial.
-        start: lowest speed of the search [m/s].
-        top: highest speed of the search [m/s].
-        grid: step between speeds [m/s].
-        every_speed: walk the whole grid instead of whole m/s first.
         workers: processes; one a core when left out.
         cache: folder of finished speeds.
         out: also write the table and every record here, as JSON.
         json: print JSON only.
+        search: trials and speeds.
     """
 
     runs: tyro.conf.Positional[Path | None] = None
@@ -62,16 +56,11 @@ class Ablate:
     seeds: int = 3
     minutes: float = 20.0
     robot: str = "bp2"
-    trials: int = 10
-    seed: int = 0
-    start: float = 1.0
-    top: float = 16.0
-    grid: float = 0.25
-    every_speed: tyro.conf.FlagCreatePairsOff[bool] = False
     workers: int | None = None
     cache: Path = Path("runs/evaluation-cache")
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
+    search: SearchFlags = SearchFlags()
 
     def run(self) -> int:
         """Evaluate, print, write.
@@ -144,24 +133,16 @@ class Ablate:
 
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            step = _Progress(report, candidates, self.start, self.top)
+            step = _Progress(report, candidates, self.search)
             return evaluate_candidates(candidates, self._plan(), done=keep, step=step)
 
     def _plan(self) -> EvaluationPlan:
         from sprintlab.evaluation.ablation.measure import EvaluationPlan
         from sprintlab.evaluation.race_files import chosen_robot
 
-        protocol = protocol_settings(
-            self.trials,
-            self.seed,
-            start=self.start,
-            top=self.top,
-            grid=self.grid,
-            first_step=first_pass(self.grid, self.every_speed),
-        )
         return EvaluationPlan(
             robot=chosen_robot(self.robot),
-            protocol=protocol,
+            protocol=self.search.protocol(),
             cache=self.cache,
             workers=self.workers,
             command_line=shlex.join(["sprintlab", *sys.argv[1:]]),
@@ -171,14 +152,13 @@ class Ablate:
 class _Progress:
     """Turns finished steps of several policies into one share."""
 
-    def __init__(self, report: Report, candidates: Sequence[Candidate], start: float, top: float) -> None:
-        self._report, self._count = report, len(candidates)
-        self._start, self._span = start, max(top - start, 1e-9)
+    def __init__(self, report: Report, candidates: Sequence[Candidate], search: SearchFlags) -> None:
+        self._report, self._count, self._search = report, len(candidates), search
         self._shares: dict[str, float] = {}
 
     def __call__(self, candidate: Candidate, what: str, top_speed: float) -> None:
         way = 0.5 if what.startswith("self-paced") else 0.0
-        share = way + 0.5 * (top_speed - self._start) / self._span
+        share = way + 0.5 * self._search.share(top_speed)
         name = str(candidate)
         self._shares[name] = max(self._shares.get(name, 0.0), share)
         self._report(f"{name}: {what}", sum(self._shares.values()) / self._count)

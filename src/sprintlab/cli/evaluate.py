@@ -11,9 +11,8 @@ import tyro
 
 from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.race import policy_path, protocol_settings
-
-FIRST_PASS = 1.0  # [m/s]
+from sprintlab.cli.race import policy_path
+from sprintlab.cli.search_flags import SearchFlags
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,31 +22,21 @@ class Evaluate:
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
         robot: a robot's name, or a parameter table of one's own (.toml).
-        trials: seeded trials a speed.
-        seed: decides joint noise, friction and payload of every trial.
-        start: lowest speed [m/s].
-        top: highest speed [m/s].
-        grid: step between speeds [m/s].
-        every_speed: walk the whole grid instead of whole m/s first.
         common_speed: also report J at this speed, to compare policies [m/s].
         workers: processes; one a core when left out.
         out: also write the JSON here.
         json: print JSON only.
+        search: trials and speeds.
         drive: motor model, battery and heat.
     """
 
     policy: tyro.conf.Positional[str]
     robot: str = "bp2"
-    trials: int = 10
-    seed: int = 0
-    start: float = 1.0
-    top: float = 16.0
-    grid: float = 0.25
-    every_speed: tyro.conf.FlagCreatePairsOff[bool] = False
     common_speed: float | None = None
     workers: int | None = None
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
+    search: SearchFlags = SearchFlags()
     drive: DriveFlags = DriveFlags()
 
     def run(self) -> int:
@@ -82,15 +71,7 @@ class Evaluate:
 
         if self.common_speed is not None:
             check_positive("common_speed", self.common_speed, "m/s")
-        settings = protocol_settings(
-            self.trials,
-            self.seed,
-            start=self.start,
-            top=self.top,
-            grid=self.grid,
-            first_step=first_pass(self.grid, self.every_speed),
-            plant=self.drive.plant(),
-        )
+        settings = self.search.protocol(plant=self.drive.plant())
         results = []
         with TrialPool(policy_path(self.policy), chosen_robot(self.robot), self.workers) as pool:
             for paced, name in ((False, "raw"), (True, "self-paced")):
@@ -100,24 +81,17 @@ class Evaluate:
                         self_paced=paced,
                         settings=settings,
                         common_speed=self.common_speed,
-                        progress=_speed_progress(report, name, self.start, self.top),
+                        progress=_speed_progress(report, name, self.search),
                     )
                 )
         return results
 
 
-def first_pass(grid: float, every_speed: bool) -> float | None:
-    """Step of a search's first pass [m/s]: 1 m/s where that is on the grid; ``None`` walks the whole grid."""
-    steps = FIRST_PASS / grid if grid > 0.0 else 0.0
-    return FIRST_PASS if not every_speed and steps > 1.0 and abs(steps - round(steps)) < 1e-6 else None
-
-
 def _speed_progress(
-    report: Callable[[str, float | None], None], name: str, start: float, top: float
+    report: Callable[[str, float | None], None], name: str, search: SearchFlags
 ) -> Callable[[Any], None]:
     def show(speed: Any) -> None:
-        share = (speed.top_speed - start) / max(top - start, 1e-9)
-        report(f"{name}: {speed.top_speed:g} m/s, {speed.falls} falls", share)
+        report(f"{name}: {speed.top_speed:g} m/s, {speed.falls} falls", search.share(speed.top_speed))
 
     return show
 
