@@ -1,0 +1,97 @@
+"""Joystick devices, played by a named pipe."""
+
+import os
+import struct
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
+
+
+def event(kind, number, value):
+    return struct.pack("=IhBB", 0, value, kind, number)
+
+
+@pytest.fixture
+def pad(tmp_path):
+    device = tmp_path / "js0"
+    os.mkfifo(device)
+    keep = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+    joystick = Joystick(device)
+    writing = os.open(device, os.O_WRONLY)
+    os.close(keep)
+    yield writing, joystick
+    joystick.close()
+
+
+def test_a_press_is_told_once_and_held_until_it_is_let_go(pad):
+    writing, joystick = pad
+    os.write(writing, event(1, 3, 1) + event(1, 0, 1))
+    assert joystick.poll() == (3, 0)
+    assert joystick.poll() == ()
+    assert joystick.held == {0, 3}
+    os.write(writing, event(1, 3, 0))
+    assert joystick.poll() == ()
+    assert joystick.held == {0}
+
+
+def test_what_is_down_at_the_start_is_held_but_was_not_pressed(pad):
+    writing, joystick = pad
+    os.write(writing, event(0x81, 5, 1) + event(0x82, 1, -32767))
+    assert joystick.poll() == ()
+    assert joystick.held == {5}
+    assert joystick.axis(1) == -1.0
+
+
+@given(value=st.integers(-32768, 32767), zone=st.floats(0.0, 0.9))
+def test_an_axis_goes_from_minus_one_to_one_beyond_its_dead_zone(value, zone):
+    reading, writing = os.pipe()
+    joystick = Joystick(Path(f"/dev/fd/{reading}"))
+    os.write(writing, event(2, 4, value))
+    joystick.poll()
+    deflection = joystick.axis(4, zone)
+    for descriptor in (reading, writing):
+        os.close(descriptor)
+    joystick.close()
+    assert -1.0 <= deflection <= 1.0
+    assert deflection * value >= 0.0
+    assert (deflection == 0.0) == (min(abs(value) / 32767, 1.0) <= zone)
+    assert abs(value) < 32767 or abs(deflection) == pytest.approx(1.0)
+
+
+def test_an_unplugged_pad_is_gone_and_presses_nothing(pad):
+    writing, joystick = pad
+    assert joystick.connected
+    os.close(writing)
+    assert joystick.poll() == ()
+    assert not joystick.connected
+    joystick.close()
+
+
+def test_a_device_that_never_ends_does_not_hold_up_its_reader():
+    joystick = Joystick(Path("/dev/zero"))
+    assert joystick.poll() == ()
+    joystick.close()
+
+
+def test_a_missing_device_is_refused(tmp_path):
+    with pytest.raises(JoystickError, match=r"js7: No such file"):
+        Joystick(tmp_path / "js7")
+
+
+@pytest.mark.parametrize("thing", ["file", "folder"])
+def test_what_is_no_device_is_refused(tmp_path, thing):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("no events")
+    with pytest.raises(JoystickError, match="is no gamepad"):
+        Joystick(tmp_path / thing)
+
+
+def test_a_pad_is_named_by_the_system_or_by_its_device(tmp_path):
+    (tmp_path / "js0" / "device").mkdir(parents=True)
+    (tmp_path / "js0" / "device" / "name").write_text("Blue Pad 7\n")
+    assert joystick_name(Path("/dev/input/js0"), tmp_path) == "Blue Pad 7"
+    assert joystick_name(Path("/dev/input/js1"), tmp_path) == "js1"
