@@ -24,6 +24,12 @@ SMOKE = (
     ("replay", "race", "--json"),
     ("doctor", "--json"),
 )
+BENCH = ROOT / "examples" / "motors" / "bench.csv"
+# What the extra `analysis` brings: refused without it, with the command that installs it.
+ANALYSIS = (
+    ("limit", "--quick", "--starts", "1", "--json"),
+    ("motor", "identify", str(BENCH), "--pole-pairs", "21", "--json"),
+)
 
 
 def call(*command: str | Path, folder: Path = ROOT) -> str:
@@ -44,6 +50,28 @@ def build(folder: Path) -> tuple[Path, Path]:
     return wheel, sdist
 
 
+def try_analysis(programs: Path, wheel: Path, folder: Path) -> float:
+    """Refused without the extra, done with it; returns the seconds that the extra took to install."""
+    command = "pip install 'sprintlab[analysis]'"
+    for arguments in ANALYSIS:
+        refused = subprocess.run(
+            [str(programs / "sprintlab"), *arguments], cwd=folder, capture_output=True, text=True, check=False
+        )
+        if refused.returncode != 2 or command not in refused.stderr:
+            sys.exit(f"sprintlab {arguments[0]} without SciPy does not name the extra: {refused.stderr}")
+    started = time.perf_counter()
+    install(programs, f"{wheel}[analysis]")
+    seconds = round(time.perf_counter() - started, 1)
+    for arguments in ANALYSIS:
+        call(programs / "sprintlab", *arguments, folder=folder)
+    return seconds
+
+
+def install(programs: Path, what: Path | str) -> None:
+    """Install with every version as published in constraints.txt."""
+    call(programs / "python", "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", what)
+
+
 def environment_size(folder: Path) -> int:
     """Bytes of everything installed, pip's own files left out."""
     files = (path for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
@@ -61,7 +89,7 @@ def main() -> None:
         venv.create(folder / "env", with_pip=True)
         programs = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
         started = time.perf_counter()
-        call(programs / "python", "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", wheel)
+        install(programs, wheel)
         found = {
             "wheel_bytes": wheel.stat().st_size,
             "sdist_bytes": sdist.stat().st_size,
@@ -73,6 +101,7 @@ def main() -> None:
             started = time.perf_counter()
             call(programs / "sprintlab", *arguments, folder=folder)
             found["sprintlab " + " ".join(arguments)] = round(time.perf_counter() - started, 2)
+        found["analysis_seconds"] = try_analysis(programs, wheel, folder)
         # The sdist must hold everything that a wheel is made of.
         call(programs / "python", "-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall", sdist)
         call(programs / "sprintlab", "robot", "show", "bp2", folder=folder)

@@ -9,6 +9,7 @@ from typing import Any
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
+from sprintlab.core.extras import require_package
 
 FACTS = {
     # field of StrideFacts: (what it is, format, unit)
@@ -54,7 +55,8 @@ class Limit:
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
-        """Print the estimate; raises ``SprintlabError`` for an unknown robot or a bad option."""
+        """Print the estimate; raises ``SprintlabError`` for an unknown robot, a bad option, or no SciPy."""
+        require_package("scipy", extra="analysis", use="sprintlab limit")
         from sprintlab.limits import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
         from sprintlab.robots import load_robot
 

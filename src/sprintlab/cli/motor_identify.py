@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
     from sprintlab.motors.identification import Identification
@@ -49,7 +50,8 @@ class MotorIdentify:
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
-        """Fit and print; raises ``SprintlabError`` for an unusable bench."""
+        """Fit and print; raises ``SprintlabError`` for an unusable bench, or without SciPy."""
+        require_package("scipy", extra="analysis", use="sprintlab motor identify")
         base = self._base_motor()
         result = self._identify(base)
         if self.figure is not None:

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SimulationError
+from sprintlab.core.extras import require_package
 from sprintlab.limits.leg import GRAVITY, FloatArray
 from sprintlab.limits.stride import (
     GROUPS,
@@ -92,7 +92,9 @@ def fastest_stride(
 
     Raises:
         SimulationError: no stride is possible even at walking speed.
+        SprintlabError: SciPy, which the extra ``analysis`` brings, is not installed.
     """
+    require_package("scipy", extra="analysis", use="the speed limit")
     settings = settings or SearchSettings()
     search = _Search(runner, settings, tuple(groups), tick)
     slow, known = _first_possible(search, near)
@@ -216,6 +218,8 @@ class _Search:
 
     def _descend(self, start: FloatArray, speed: float) -> tuple[float, FloatArray]:
         """Least squares on the violations: the greatest one that is left, and the stride."""
+        from scipy.optimize import least_squares
+
         inside = np.clip(start / _SCALES, self._lower + 1e-9, self._upper - 1e-9)
         result = least_squares(
             lambda scaled: self._residuals(scaled[None], speed)[0],

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import require_package
 from sprintlab.motors.identification.bench import Bench
 from sprintlab.motors.identification.checks import check_levels, check_units, torque_flux, voltage_flux
 from sprintlab.motors.identification.model import BOUNDS, PARAMETER_UNITS, Channel, channels
@@ -33,8 +33,6 @@ OUTLIER_DISTANCE = 5.0
 """Residual in units of the noise beyond which a row is set aside."""
 CONFIDENCE = 0.95
 
-_optimize: Any = optimize  # SciPy ships no types
-_special: Any = special
 _ROUNDS = 4
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
 _LARGEST_SATURATION_WIDTH = 0.1
@@ -61,9 +59,11 @@ def identify(
         hold: parameters taken from ``base`` (gamma: 0.95) and not fitted.
 
     Raises:
-        SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other.
+        SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
+            SciPy, which the extra ``analysis`` brings, is not installed.
         InvalidValueError: a setting is not allowed.
     """
+    require_package("scipy", extra="analysis", use="identifying a motor")
     check_range("pole_pairs", pole_pairs, 1, 200)
     for name in hold:
         check_choice("hold", name, tuple(PARAMETER_UNITS))
@@ -205,9 +205,12 @@ class _Fit:
         )
 
     def _solve(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_], loss: str) -> Any:
+        from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
+
+        least_squares: Any = optimize.least_squares  # SciPy ships no types
         low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
         inside = np.clip(point, low + 1e-9, high - 1e-9)
-        solution = _optimize.least_squares(
+        solution = least_squares(
             self._residuals,
             inside,
             bounds=(low, high),
@@ -269,6 +272,9 @@ class _Fit:
         The noise of a channel is known only as well as its rows allow: the quantile of Student's t takes the
         effective degrees of freedom of each parameter (Welch and Satterthwaite).
         """
+        from scipy import special  # pyright: ignore[reportMissingTypeStubs]
+
+        student_t: Any = special.stdtrit  # SciPy ships no types
         decomposition = _Decomposition(solution.jac)
         ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
         shares = np.array(
@@ -277,7 +283,7 @@ class _Fit:
         freedom = np.maximum(np.array(self._freedom(decomposition, kept)), 1.0)[:, None]
         variance = shares.sum(axis=0)
         effective = variance**2 / np.sum(shares**2 / freedom, axis=0)
-        quantile = _special.stdtrit(effective, 0.5 + CONFIDENCE / 2.0)
+        quantile = student_t(effective, 0.5 + CONFIDENCE / 2.0)
         blind = [
             " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
             for direction in decomposition.blind_directions
