@@ -207,10 +207,10 @@ class _Fit:
     def _solve(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_], loss: str) -> Any:
         from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
-        least_squares: Any = optimize.least_squares  # SciPy ships no types
+        untyped: Any = optimize
         low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
         inside = np.clip(point, low + 1e-9, high - 1e-9)
-        solution = least_squares(
+        solution = untyped.least_squares(
             self._residuals,
             inside,
             bounds=(low, high),
@@ -274,7 +274,7 @@ class _Fit:
         """
         from scipy import special  # pyright: ignore[reportMissingTypeStubs]
 
-        student_t: Any = special.stdtrit  # SciPy ships no types
+        untyped: Any = special
         decomposition = _Decomposition(solution.jac)
         ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
         shares = np.array(
@@ -283,7 +283,7 @@ class _Fit:
         freedom = np.maximum(np.array(self._freedom(decomposition, kept)), 1.0)[:, None]
         variance = shares.sum(axis=0)
         effective = variance**2 / np.sum(shares**2 / freedom, axis=0)
-        quantile = student_t(effective, 0.5 + CONFIDENCE / 2.0)
+        quantile = untyped.stdtrit(effective, 0.5 + CONFIDENCE / 2.0)
         blind = [
             " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
             for direction in decomposition.blind_directions
