@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import importlib.util
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import tyro
 
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
 from sprintlab.cli.race import policy_path
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
+from sprintlab.core.joystick import DEFAULT_DEVICE
 
 MISSING = "sprintlab play needs viser; install it with: pip install 'sprintlab[play]'"
+
+OptionalDevice = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=(0, 1),
+    metavar="[DEVICE]",
+    instance_from_str=lambda words: Path(words[0]) if words else DEFAULT_DEVICE,
+    is_instance=lambda value: value is None or isinstance(value, Path),
+    str_from_instance=lambda value: [] if value is None else [str(value)],
+)
+"""An option whose value may be left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +36,7 @@ class Play:
         robot: a robot's name, or a parameter table of one's own (.toml).
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
+        gamepad: drive with a gamepad too; a device other than /dev/input/js0 may follow.
         duration: stop after this time [s]; runs until Ctrl-C when left out.
         open: also open the page in a browser.
         json: print the address as JSON only.
@@ -34,6 +46,7 @@ class Play:
     robot: str = "bp2"
     host: str = "localhost"
     port: int = 8080
+    gamepad: Annotated[Path | None, OptionalDevice] = None
     duration: float | None = None
     open: tyro.conf.FlagCreatePairsOff[bool] = False
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -44,7 +57,7 @@ class Play:
             raise SprintlabError(MISSING)
         from sprintlab.viewer.page import Page, PageOptions
 
-        options = PageOptions(host=self.host, port=self.port, duration=self.duration)
+        options = PageOptions(host=self.host, port=self.port, duration=self.duration, gamepad=self.gamepad)
         page = Page(self._session(), options)
         self._announce(page.address)
         page.run()

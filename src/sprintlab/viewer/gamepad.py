@@ -1,0 +1,125 @@
+"""A gamepad that drives the live page: sticks for speed and turns, buttons for pushes and stops."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from sprintlab.core.checks import check_range
+from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
+
+RETRY_INTERVAL = 1.0
+"""An unplugged pad is looked for this often [s]."""
+
+STOP = "stop"
+ACTIONS = ("push-right", "push-left", STOP, "stand-up")
+"""What a button may do; a push goes to the side that it names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadMapping:
+    """Which axis and which button does what; the defaults are an Xbox pad's.
+
+    Attributes:
+        speed_axis: up is forward (left stick).
+        turn_axis: left turns left (right stick).
+        dead_zone: share of an axis around its middle that counts as zero, 0 to 0.9.
+        buttons: number of a button to one of ``ACTIONS``: A, B, X, Y.
+
+    Raises:
+        InvalidValueError: the dead zone is outside its range.
+    """
+
+    speed_axis: int = 1
+    turn_axis: int = 3
+    dead_zone: float = 0.08
+    buttons: tuple[tuple[int, str], ...] = tuple(enumerate(ACTIONS))
+
+    def __post_init__(self) -> None:
+        check_range("pad.dead_zone", self.dead_zone, 0.0, 0.9)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadReading:
+    """What the pad says now.
+
+    Attributes:
+        sticks: wanted shares of highest speed and turning rate, -1 to 1, forward and left positive;
+            ``None`` while the sticks rest, so that a slider moved by hand stays where it is.
+        actions: what was asked for since the last reading.
+    """
+
+    sticks: tuple[float, float] | None = None
+    actions: tuple[str, ...] = ()
+
+
+class Gamepad:
+    """A pad that may be unplugged and plugged in again.
+
+    Args:
+        device: the joystick device.
+        mapping: axes and buttons.
+        clock: present time [s].
+
+    Raises:
+        JoystickError: there is no such device now, or it may not be read.
+    """
+
+    def __init__(
+        self,
+        device: Path,
+        mapping: PadMapping | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.name = joystick_name(device)
+        self._device, self._mapping, self._clock = device, mapping or PadMapping(), clock
+        self._actions = dict(self._mapping.buttons)
+        self._joystick = Joystick(device)
+        self._told = (0.0, 0.0)
+        self._stopped = False
+        self._next_try = 0.0
+
+    @property
+    def connected(self) -> bool:
+        """False while the pad is unplugged."""
+        return self._joystick.connected
+
+    def read(self) -> PadReading:
+        """Sticks and buttons since the last reading; a pad that just went asks for a stop once."""
+        if not self.connected:
+            self._look_again()
+            return PadReading()
+        pressed = self._joystick.poll()
+        if not self.connected:
+            self._told, self._next_try = (0.0, 0.0), self._clock() + RETRY_INTERVAL
+            return PadReading(actions=(STOP,))
+        actions = tuple(self._actions[button] for button in pressed if button in self._actions)
+        return PadReading(sticks=self._moved_sticks(stopped=STOP in actions), actions=actions)
+
+    def close(self) -> None:
+        """Let go of the device; a second call does nothing."""
+        self._joystick.close()
+
+    def _look_again(self) -> None:
+        if self._clock() < self._next_try:
+            return
+        self._next_try = self._clock() + RETRY_INTERVAL
+        try:
+            self._joystick = Joystick(self._device)
+        except JoystickError:
+            return
+        self.name = joystick_name(self._device)
+
+    def _moved_sticks(self, stopped: bool) -> tuple[float, float] | None:
+        """The sticks if they moved; after a stop they must come back to the middle first."""
+        mapping, axis = self._mapping, self._joystick.axis
+        sticks = tuple(-axis(number, mapping.dead_zone) for number in (mapping.speed_axis, mapping.turn_axis))
+        sticks = (sticks[0] + 0.0, sticks[1] + 0.0)  # no negative zeros
+        self._stopped = (self._stopped or stopped) and sticks != (0.0, 0.0)
+        if self._stopped:
+            sticks = (0.0, 0.0)
+        moved = sticks != self._told
+        self._told = sticks
+        return sticks if moved else None
