@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.cli.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
 from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
 from sprintlab.cli.race import policy_path
 from sprintlab.cli.search_flags import SearchFlags
+
+if TYPE_CHECKING:
+    from sprintlab.evaluation.clock_check import ClockCheck
+    from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +28,8 @@ class Evaluate:
         policy: a policy file, or the name of a policy that comes with the package.
         robot: a robot's name, or a parameter table of one's own (.toml).
         common_speed: also report J at this speed, to compare policies [m/s].
+        clock_check: repeat the highest raw command that passed with the policy's clock at 48 and 52 Hz and
+            with periods that vary by 10 %.
         workers: processes; one a core when left out.
         out: also write the JSON here.
         json: print JSON only.
@@ -33,6 +40,7 @@ class Evaluate:
     policy: tyro.conf.Positional[str]
     robot: str = "bp2"
     common_speed: float | None = None
+    clock_check: tyro.conf.FlagCreatePairsOff[bool] = False
     workers: int | None = None
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -47,10 +55,12 @@ class Evaluate:
         """
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            results = self._search(report)
+            results, clocks = self._search(report)
         numbers = {("self_paced" if item.self_paced else "raw"): protocol_numbers(item) for item in results}
         for found in numbers.values():
             found["notes"] = list(self.drive.plant().remarks)
+        if clocks is not None:
+            numbers["clock_check"] = clock_numbers(clocks)
         if self.out is not None:
             from sprintlab.core.files import atomic_write_json
 
@@ -58,13 +68,17 @@ class Evaluate:
         if self.json:
             print_json(numbers)
         else:
-            _print_numbers(Path(self.policy).stem, numbers)
+            _print_numbers(Path(self.policy).stem, {way: numbers[way] for way in ("raw", "self_paced")})
+            _print_clocks(clocks)
             for remark in self.drive.plant().remarks:
                 stdout_console().print(remark)
         return 0
 
-    def _search(self, report: Callable[[str, float | None], None]) -> list[Any]:
+    def _search(
+        self, report: Callable[[str, float | None], None]
+    ) -> tuple[list[ProtocolResult], ClockCheck | None]:
         from sprintlab.core.checks import check_positive
+        from sprintlab.evaluation.clock_check import check_clock
         from sprintlab.evaluation.pool import TrialPool
         from sprintlab.evaluation.protocol import run_protocol
         from sprintlab.evaluation.race_files import chosen_robot
@@ -84,56 +98,59 @@ class Evaluate:
                         progress=_speed_progress(report, name, self.search),
                     )
                 )
-        return results
+            best = results[0].best
+            clocks = None
+            if self.clock_check and best is not None:
+                report("other policy clocks", None)
+                clocks = check_clock(pool, best.top_speed, settings=settings)
+        return results, clocks
 
 
 def _speed_progress(
     report: Callable[[str, float | None], None], name: str, search: SearchFlags
-) -> Callable[[Any], None]:
-    def show(speed: Any) -> None:
+) -> Callable[[SpeedResult], None]:
+    def show(speed: SpeedResult) -> None:
         report(f"{name}: {speed.top_speed:g} m/s, {speed.falls} falls", search.share(speed.top_speed))
 
     return show
 
 
-def protocol_numbers(result: Any) -> dict[str, Any]:
+def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values; what is not defined becomes null."""
-    from sprintlab.evaluation.results import ProtocolResult
+    from sprintlab.evaluation.quantities import json_ready
 
-    assert isinstance(result, ProtocolResult)
     best = result.best
+    return json_ready(
+        {
+            "max_velocity_m_s": result.max_velocity,
+            "peak_speed_m_s": result.peak_speed,
+            "J_rad2_s": result.angular_cost,
+            "J_common_rad2_s": result.angular_cost_common,
+            "common_speed_m_s": None if result.common is None else result.common.top_speed,
+            "top_speed_command_m_s": None if best is None else best.top_speed,
+            "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
+            "cost_of_transport": None if best is None else best.mean("cost_of_transport"),
+            "speeds": [_speed_numbers(speed) for speed in result.speeds],
+        }
+    )
+
+
+def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
     return {
-        "max_velocity_m_s": _defined(result.max_velocity),
-        "peak_speed_m_s": _defined(result.peak_speed),
-        "J_rad2_s": _defined(result.angular_cost),
-        "J_common_rad2_s": _defined(result.angular_cost_common),
-        "common_speed_m_s": None if result.common is None else result.common.top_speed,
-        "top_speed_command_m_s": None if best is None else best.top_speed,
-        "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
-        "cost_of_transport": None if best is None else _defined(best.mean("cost_of_transport")),
-        "speeds": [
-            {
-                "top_speed_m_s": speed.top_speed,
-                "held_speed_m_s": _defined(speed.mean("held_speed")),
-                "J_rad2_s": _defined(speed.mean("angular_cost")),
-                "falls": speed.falls,
-                "trials": len(speed.trials),
-                "audit_passed": all(trial.audit.passed for trial in speed.trials),
-            }
-            for speed in result.speeds
-        ],
+        "top_speed_m_s": speed.top_speed,
+        "held_speed_m_s": speed.mean("held_speed"),
+        "J_rad2_s": speed.mean("angular_cost"),
+        "falls": speed.falls,
+        "trials": len(speed.trials),
+        "audit_passed": all(trial.audit.passed for trial in speed.trials),
     }
 
 
-def best_estimates(best: Any) -> tuple[Any, ...]:
+def best_estimates(best: SpeedResult) -> tuple[EstimateBand, ...]:
     """Errors of the policy's estimate by speed, over the completed trials; empty without an estimator."""
     from sprintlab.evaluation.estimates import merge_bands
 
     return merge_bands(band for trial in best.completed for band in trial.metrics.estimate)
-
-
-def _defined(value: float) -> float | None:
-    return value if value == value else None
 
 
 def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
@@ -160,6 +177,14 @@ def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
         if row["estimate"]:
             console.print()
             console.print(_estimate_table(name, row["estimate"]))
+
+
+def _print_clocks(check: ClockCheck | None) -> None:
+    if check is not None:
+        console = stdout_console()
+        console.print()
+        console.print(clock_table(check))
+        console.print(f"{NOTE} {clock_verdict(check)}.", style="dim", soft_wrap=True)
 
 
 def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Any:

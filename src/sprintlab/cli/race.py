@@ -109,6 +109,7 @@ def protocol_settings(trials: int, seed: int, **more: Any) -> Any:
 
 def result_table(result: Any) -> Table:
     """The numbers of a race, raw beside self-paced."""
+    from sprintlab.evaluation.quantities import QUANTITIES
     from sprintlab.evaluation.report_text import number, sprint_text
 
     raw, paced = result.raw, result.self_paced
@@ -116,17 +117,9 @@ def result_table(result: Any) -> Table:
     table = plain_table(title, "quantity", "raw", "self-paced", "unit", numbers=("raw", "self-paced"))
     distance = f"time over {result.sprint.distance:g} m"
     table.add_row(distance, sprint_text(result.sprint), sprint_text(result.sprint_self_paced), "s")
-    for name, field, digits, unit in (
-        ("held speed (last 2 s of the hold)", "held_speed", 2, "m/s"),
-        ("peak speed (0.5 s mean)", "peak_speed", 2, "m/s"),
-        ("J (roll and pitch rates)", "angular_cost", 1, "rad²/s"),
-        ("cost of transport", "cost_of_transport", 2, ""),
-        ("mechanical power", "mechanical_power", 0, "W"),
-        ("copper loss", "copper_power", 0, "W"),
-        ("stride frequency", "stride_frequency", 2, "Hz"),
-        ("largest sideways deviation", "lateral_deviation", 2, "m"),
-    ):
-        table.add_row(name, number(raw.mean(field), digits), number(paced.mean(field), digits), unit)
+    for item in QUANTITIES:
+        values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
+        table.add_row(item.label, *values, item.unit)
     table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
     table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
     table.add_row(

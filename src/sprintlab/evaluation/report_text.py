@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sprintlab.evaluation.quantities import QUANTITIES, Quantity
 from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
 from sprintlab.robots import RobotDescription
 
@@ -41,25 +42,6 @@ class ResultRow:
     meaning: str
 
 
-_QUANTITIES = (
-    ("held speed", "held_speed", 2, "m/s", "mean over the last 2 s of the hold, heading frame"),
-    ("peak speed", "peak_speed", 2, "m/s", "best mean over 0.5 s"),
-    ("J", "angular_cost", 2, "rad²/s", "integral of roll rate² + pitch rate² over the profile"),
-    (
-        "cost of transport",
-        "cost_of_transport",
-        2,
-        "",
-        "power from the bus / (mass g speed), same time",
-    ),
-    ("power from the bus", "electrical_power", 0, "W", "all motors, last 2 s of the hold"),
-    ("mechanical power", "mechanical_power", 0, "W", "delivered to the joints, last 2 s of the hold"),
-    ("copper loss", "copper_power", 0, "W", "heat in the windings, last 2 s of the hold"),
-    ("stride frequency", "stride_frequency", 2, "Hz", "last 2 s of the hold"),
-    ("sideways deviation", "lateral_deviation", 2, "m", "largest distance from the straight line"),
-)
-
-
 def result_rows(result: RaceResult) -> Iterator[ResultRow]:
     """The table of results, raw beside self-paced."""
     yield ResultRow(
@@ -69,9 +51,9 @@ def result_rows(result: RaceResult) -> Iterator[ResultRow]:
         unit="s",
         meaning="one run each, nominal friction and payload",
     )
-    for name, field, digits, unit, meaning in _QUANTITIES:
-        raw, paced = (_with_spread(group, field, digits) for group in (result.raw, result.self_paced))
-        yield ResultRow(name=name, raw=raw, self_paced=paced, unit=unit, meaning=meaning)
+    for item in QUANTITIES:
+        raw, paced = (_with_spread(group, item) for group in (result.raw, result.self_paced))
+        yield ResultRow(name=item.name, raw=raw, self_paced=paced, unit=item.unit, meaning=item.meaning)
     raw, paced = (f"{group.falls} of {len(group.trials)}" for group in (result.raw, result.self_paced))
     yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that did not complete")
 
@@ -82,8 +64,10 @@ def spread(group: SpeedResult, field: str) -> float:
     return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
 
 
-def _with_spread(group: SpeedResult, field: str, digits: int) -> str:
-    mean, deviation = number(group.mean(field), digits), number(spread(group, field), digits)
+def _with_spread(group: SpeedResult, item: Quantity) -> str:
+    mean, deviation = (
+        number(value, item.digits) for value in (group.mean(item.field), spread(group, item.field))
+    )
     return mean if "-" in (mean, deviation) else f"{mean} ± {deviation}"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.evaluation.quantities import json_ready, quantity_numbers
 from sprintlab.plant import TrialSettings
 
 Array = NDArray[Any]
@@ -195,7 +196,7 @@ class AuditReport:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form: ``passed`` and ``items``; undefined values become null."""
-        return {"passed": self.passed, "items": [_json(asdict(item)) for item in self.items]}
+        return {"passed": self.passed, "items": [json_ready(asdict(item)) for item in self.items]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -398,7 +399,7 @@ class RaceResult:
         ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
         (12 numbers in policy order) are means over the raw trials that completed; ``time_100m_s`` is raw.
         """
-        return _json(
+        return json_ready(
             {
                 "robot": self.robot,
                 "policy": self.policy,
@@ -419,19 +420,11 @@ class RaceResult:
 def _speed_summary(result: SpeedResult) -> dict[str, Any]:
     """The numbers of one set of trials."""
     return {
-        "peak_speed_m_s": result.mean("peak_speed"),
-        "held_speed_m_s": result.mean("held_speed"),
-        "J_rad2_s": result.mean("angular_cost"),
+        **quantity_numbers(result.mean),
         "falls": result.falls,
         "trials": len(result.trials),
         "envelope_share": result.mean("envelope_share"),
-        "cost_of_transport": result.mean("cost_of_transport"),
-        "mechanical_power_W": result.mean("mechanical_power"),
-        "copper_power_W": result.mean("copper_power"),
-        "electrical_power_W": result.mean("electrical_power"),
-        "stride_frequency_Hz": result.mean("stride_frequency"),
         "duty_factor": result.mean("duty_factor"),
-        "lateral_deviation_m": result.mean("lateral_deviation"),
     }
 
 
@@ -450,16 +443,3 @@ def _step_summary(check: StepSizeCheck) -> dict[str, Any]:
 def _scalar(value: Any) -> Any:
     """A 0-d array as a float, anything else as it is."""
     return float(value) if np.ndim(value) == 0 else value
-
-
-def _json(value: Any) -> Any:
-    """Arrays to lists, numbers to plain numbers, NaN to null."""
-    if isinstance(value, dict):
-        return {key: _json(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_json(item) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value

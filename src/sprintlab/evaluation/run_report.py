@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from sprintlab.control import Policy
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.report import Picture, number
+from sprintlab.evaluation.quantities import QUANTITIES, json_ready, quantity_numbers
+from sprintlab.evaluation.report import Picture
+from sprintlab.evaluation.report_text import number
 from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions
@@ -203,31 +205,24 @@ def run_numbers(run: TrackRun, simulation: TrialResult | None) -> dict[str, Any]
     """The numbers of the report, JSON-ready; what is not known is null."""
     numbers: dict[str, Any] = {
         "distance_m": run.distance,
-        "time_over_distance_s": _known(run.time_over_distance),
+        "time_over_distance_s": run.time_over_distance,
         **_metric_numbers(run.trial),
-        "peak_speed_m_s": _known(float(run.fix_speed.max())),
+        "peak_speed_m_s": run.fix_speed.max(),
         "simulation": None,
     }
     if simulation is not None:
         numbers["simulation"] = {
-            "time_over_distance_s": _known(_simulated_time(run, figures.recorded(simulation))),
+            "time_over_distance_s": _simulated_time(run, figures.recorded(simulation)),
             **_metric_numbers(simulation),
             **_difference(run, figures.recorded(simulation)),
         }
-    return numbers
+    return json_ready(numbers)
 
 
 def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
-    metrics = trial.metrics
     return {
-        "held_speed_m_s": _known(metrics.held_speed),
-        "peak_speed_m_s": _known(metrics.peak_speed),
-        "J_rad2_s": _known(metrics.angular_cost),
-        "mechanical_power_W": _known(metrics.mechanical_power),
-        "copper_power_W": _known(metrics.copper_power),
-        "stride_frequency_Hz": _known(metrics.stride_frequency),
-        "envelope_share": list(metrics.envelope_share),
-        "lateral_deviation_m": _known(metrics.lateral_deviation),
+        **quantity_numbers(lambda field: getattr(trial.metrics, field)),
+        "envelope_share": trial.metrics.envelope_share,
         "fell": not trial.completed,
     }
 
@@ -237,8 +232,8 @@ def _difference(run: TrackRun, motion: Trajectory) -> dict[str, Any]:
     inside = (run.fix_time >= motion.time[0]) & (run.fix_time <= motion.time[-1])
     gap = run.fix_speed[inside] - sampled_speed(motion, run.fix_time[inside])
     return {
-        "speed_difference_rms_m_s": _known(float(np.sqrt(np.mean(gap**2)))),
-        "speed_difference_mean_m_s": _known(float(gap.mean())),
+        "speed_difference_rms_m_s": np.sqrt(np.mean(gap**2)),
+        "speed_difference_mean_m_s": gap.mean(),
     }
 
 
@@ -249,10 +244,6 @@ def _simulated_time(run: TrackRun, motion: Trajectory) -> float:
     if way[-1] < run.distance or not moving.any():
         return float("nan")
     return float(motion.time[int((way >= run.distance).argmax())] - motion.time[int(moving.argmax())])
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def render_run_report(
@@ -285,13 +276,7 @@ def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
     simulated = numbers["simulation"] or {}
     for name, key, digits, unit in (
         (f"time over {numbers['distance_m']:g} m", "time_over_distance_s", 2, "s"),
-        ("held speed (last 2 s of the hold)", "held_speed_m_s", 2, "m/s"),
-        ("peak speed", "peak_speed_m_s", 2, "m/s"),
-        ("J (roll and pitch rates)", "J_rad2_s", 1, "rad²/s"),
-        ("mechanical power", "mechanical_power_W", 0, "W"),
-        ("copper loss", "copper_power_W", 0, "W"),
-        ("stride frequency", "stride_frequency_Hz", 2, "Hz"),
-        ("largest sideways deviation", "lateral_deviation_m", 2, "m"),
+        *((quantity.label, quantity.key, quantity.digits, quantity.unit) for quantity in QUANTITIES),
         ("robot minus simulation, root mean square", "speed_difference_rms_m_s", 2, "m/s"),
         ("robot minus simulation, mean", "speed_difference_mean_m_s", 2, "m/s"),
     ):
