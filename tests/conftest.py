@@ -1,9 +1,93 @@
-"""Settings that every test shares."""
+"""Settings and fixtures that every test shares: the robot, a policy's contract, networks of a few lines."""
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
+
+from sprintlab.control import (
+    LowPass,
+    ObservationLayout,
+    PolicyContract,
+    TrainingRecord,
+    make_contract,
+    software_versions,
+)
+from sprintlab.robots import RobotDescription, load_robot
 
 # No deadline: machines that run tests are shared, and the first call imports libraries.
 settings.register_profile(
     "sprintlab", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("sprintlab")
+
+
+@pytest.fixture(scope="session")
+def robot() -> RobotDescription:
+    return load_robot("bp2")
+
+
+@pytest.fixture(scope="session")
+def contract(robot: RobotDescription) -> PolicyContract:
+    """Of a policy without estimator."""
+    training = TrainingRecord(
+        method="sprint",
+        actuator_model="refined",
+        command_line="sprintlab train --seed 3",
+        config_hash="0" * 64,
+        seed=3,
+        iterations=10,
+        environment_steps=1000,
+        device="CPU",
+        date="2025-01-01T00:00:00+00:00",
+    )
+    return make_contract(
+        robot,
+        layout=ObservationLayout(),
+        training=training,
+        software=software_versions("numpy"),
+        proprioception_filter=LowPass(),
+    )
+
+
+@pytest.fixture(scope="session")
+def save_network() -> Callable[..., Path]:
+    """Write an ONNX file.
+
+    ``nodes`` are an operation, the names it reads and the name it makes; ``weights`` are arrays by name;
+    ``inputs`` and ``outputs`` are sizes by name.
+    """
+    onnx = pytest.importorskip("onnx")
+    helper, numpy_helper = onnx.helper, onnx.numpy_helper
+
+    def save(
+        path: Path,
+        nodes: Sequence[Sequence[str]],
+        weights: Mapping[str, np.ndarray],
+        *,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, int],
+        metadata: Mapping[str, str],
+        batch: str | int = "batch",
+    ) -> Path:
+        read, made = (
+            [
+                helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [batch, size])
+                for name, size in sizes.items()
+            ]
+            for sizes in (inputs, outputs)
+        )
+        made_by = [helper.make_node(operation, names, [name]) for operation, *names, name in nodes]
+        arrays = [
+            numpy_helper.from_array(np.asarray(value, np.float32), name) for name, value in weights.items()
+        ]
+        graph = helper.make_graph(made_by, "policy", read, made, arrays)
+        # Old versions of the format: the runtime that reads the file may be older than onnx.
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        helper.set_model_props(model, dict(metadata))
+        onnx.save(model, path)
+        return path
+
+    return save

@@ -7,24 +7,15 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
 
 from sprintlab.cli.main import main
-from sprintlab.control import (
-    CONTRACT_KEY,
-    LowPass,
-    ObservationLayout,
-    TrainingRecord,
-    encode_contract,
-    make_contract,
-)
+from sprintlab.control import CONTRACT_KEY, PolicyContract, encode_contract
 from sprintlab.evaluation import race_files
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
 from sprintlab.evaluation.results import RaceResult
-from sprintlab.robots import load_robot
+from sprintlab.robots import RobotDescription
 
 
 class Outcome(NamedTuple):
@@ -49,39 +40,20 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 
 
 @pytest.fixture(scope="session")
-def write_policy() -> Callable[..., Path]:
+def write_policy(contract: PolicyContract, save_network: Callable[..., Path]) -> Callable[..., Path]:
     """Write a policy whose action is always zero; contract fields can be replaced."""
 
     def write(path: Path, with_contract: bool = True, **fields: object) -> Path:
-        layout = ObservationLayout()
-        training = TrainingRecord(
-            method="test",
-            actuator_model="refined",
-            command_line="none",
-            config_hash="0" * 64,
-            seed=0,
-            iterations=0,
-            environment_steps=0,
-            device="none",
-            date="2026-01-01T00:00:00",
+        changed = msgspec.structs.replace(contract, **fields)
+        size = contract.layout.input_size
+        return save_network(
+            path,
+            [("MatMul", "observation", "weights", "action")],
+            {"weights": np.zeros((size, 12))},
+            inputs={"observation": size},
+            outputs={"action": 12},
+            metadata={CONTRACT_KEY: encode_contract(changed)} if with_contract else {},
         )
-        contract = make_contract(
-            load_robot("bp2"), layout=layout, training=training, software={}, proprioception_filter=LowPass()
-        )
-        size = layout.input_size
-        graph = helper.make_graph(
-            [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-            "policy",
-            [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["batch", size])],
-            [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["batch", 12])],
-            [numpy_helper.from_array(np.zeros((size, 12), np.float32), "weights")],
-        )
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        if with_contract:
-            changed = msgspec.structs.replace(contract, **fields)
-            helper.set_model_props(model, {CONTRACT_KEY: encode_contract(changed)})
-        onnx.save(model, path)
-        return path
 
     return write
 
@@ -92,9 +64,9 @@ def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathF
 
 
 @pytest.fixture(scope="session")
-def standing_race(policy: Path) -> RaceResult:
+def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
     settings = ProtocolSettings(trials=1, required=1)
-    return evaluate_race(policy, load_robot("bp2"), top_speed=12.0, settings=settings, workers=1)
+    return evaluate_race(policy, robot, top_speed=12.0, settings=settings, workers=1)
 
 
 @pytest.fixture

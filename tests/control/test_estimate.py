@@ -2,9 +2,7 @@
 
 import msgspec
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
 
 from sprintlab.control import (
     CONTRACT_KEY,
@@ -33,31 +31,26 @@ def matrices():
 
 
 @pytest.fixture
-def write_estimator(tmp_path, estimator_contract, matrices):
+def write_estimator(tmp_path, estimator_contract, matrices, save_network):
     """estimate = previous + 0.25 (observation @ perceive - previous); action = estimate @ act."""
 
     def write(described=None, outputs=("action", "estimate")):
         nodes = [
-            helper.make_node("MatMul", ["observation", "perceive"], ["raw"]),
-            helper.make_node("Sub", ["raw", "previous_estimate"], ["change"]),
-            helper.make_node("Mul", ["change", "coefficient"], ["part"]),
-            helper.make_node("Add", ["previous_estimate", "part"], ["estimate"]),
-            helper.make_node("MatMul", ["estimate", "act"], ["action"]),
+            ("MatMul", "observation", "perceive", "raw"),
+            ("Sub", "raw", "previous_estimate", "change"),
+            ("Mul", "change", "coefficient", "part"),
+            ("Add", "previous_estimate", "part", "estimate"),
+            ("MatMul", "estimate", "act", "action"),
         ]
-        sizes = {"observation": 225, "previous_estimate": 8, "action": 12, "estimate": 8}
-        tensors = {
-            name: helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
-            for name, size in sizes.items()
-        }
-        constants = [numpy_helper.from_array(np.float32(value), name) for name, value in matrices.items()]
-        constants.append(numpy_helper.from_array(np.array(COEFFICIENT, np.float32), "coefficient"))
-        inputs = [tensors["observation"], tensors["previous_estimate"]]
-        graph = helper.make_graph(nodes, "policy", inputs, [tensors[name] for name in outputs], constants)
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-        helper.set_model_props(model, {CONTRACT_KEY: encode_contract(described or estimator_contract)})
-        path = tmp_path / "estimator.onnx"
-        onnx.save(model, path)
-        return path
+        sizes = {"action": 12, "estimate": ESTIMATE_SIZE}
+        return save_network(
+            tmp_path / "estimator.onnx",
+            nodes,
+            {**matrices, "coefficient": np.array(COEFFICIENT)},
+            inputs={"observation": 225, "previous_estimate": ESTIMATE_SIZE},
+            outputs={name: sizes[name] for name in outputs},
+            metadata={CONTRACT_KEY: encode_contract(described or estimator_contract)},
+        )
 
     return write
 

@@ -4,105 +4,61 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
 
-from sprintlab.control import (
-    CONTRACT_KEY,
-    LowPass,
-    ObservationLayout,
-    TrainingRecord,
-    encode_contract,
-    make_contract,
-)
+from sprintlab.control import CONTRACT_KEY, ESTIMATE_SIZE, PolicyContract, encode_contract
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.results import Trajectory, TrialMetrics, TrialResult
 from sprintlab.plant import TrialSettings
-from sprintlab.robots import RobotDescription, load_robot
-
-RECORD = TrainingRecord(
-    method="test",
-    actuator_model="refined",
-    command_line="none",
-    config_hash="0" * 64,
-    seed=0,
-    iterations=0,
-    environment_steps=0,
-    device="none",
-    date="2026-01-01T00:00:00",
-)
-
-
-@pytest.fixture(scope="session")
-def robot() -> RobotDescription:
-    return load_robot("bp2")
+from sprintlab.robots import RobotDescription
 
 
 @pytest.fixture(scope="session")
 def make_policy(
-    robot: RobotDescription, tmp_path_factory: pytest.TempPathFactory
+    contract: PolicyContract, save_network: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[[np.ndarray], Path]:
     """Write a policy that always gives the same action ``(12,)``."""
 
     def write(action: np.ndarray) -> Path:
-        layout = ObservationLayout()
-        weights = numpy_helper.from_array(np.zeros((layout.input_size, 12), np.float32), "weights")
-        bias = numpy_helper.from_array(np.asarray(action, np.float32), "bias")
-        graph = helper.make_graph(
-            [helper.make_node("Gemm", ["observation", "weights", "bias"], ["action"])],
-            "policy",
-            [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["batch", layout.input_size])],
-            [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["batch", 12])],
-            [weights, bias],
+        size = contract.layout.input_size
+        return save_network(
+            tmp_path_factory.mktemp("policy") / "tiny.onnx",
+            [("Gemm", "observation", "weights", "bias", "action")],
+            {"weights": np.zeros((size, 12)), "bias": action},
+            inputs={"observation": size},
+            outputs={"action": 12},
+            metadata={CONTRACT_KEY: encode_contract(contract)},
         )
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        contract = make_contract(
-            robot, layout=layout, training=RECORD, software={}, proprioception_filter=LowPass()
-        )
-        helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
-        path = tmp_path_factory.mktemp("policy") / "tiny.onnx"
-        onnx.save(model, path)
-        return path
 
     return write
 
 
 @pytest.fixture(scope="session")
-def estimating_policy(robot: RobotDescription, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def estimating_policy(
+    contract: PolicyContract, save_network: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """Stands, and estimates rest at 0.5 m on four feet: half of the way there at every step, from zero."""
-    layout = ObservationLayout()
-    constants = {
-        "still": np.zeros((layout.input_size, 12), np.float32),
-        "rest": np.array([[0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0]], np.float32),
-        "half": np.array(0.5, np.float32),
-    }
-    nodes = [
-        helper.make_node("MatMul", ["observation", "still"], ["action"]),
-        helper.make_node("Add", ["previous_estimate", "rest"], ["sum"]),
-        helper.make_node("Mul", ["sum", "half"], ["estimate"]),
-    ]
-    sizes = {"observation": layout.input_size, "previous_estimate": 8, "action": 12, "estimate": 8}
-    tensors = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])
-        for name, size in sizes.items()
-    ]
-    weights = [numpy_helper.from_array(value, name) for name, value in constants.items()]
-    graph = helper.make_graph(nodes, "policy", tensors[:2], tensors[2:], weights)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    contract = make_contract(
-        robot,
-        layout=layout,
-        training=RECORD,
-        software={},
-        proprioception_filter=LowPass(),
-        estimate_filter=LowPass(cutoff_hz=3.0),
+    size = contract.layout.input_size
+    filters = msgspec.structs.replace(contract.filters, estimate_cutoff_hz=3.0)
+    estimating = msgspec.structs.replace(contract, filters=filters)
+    return save_network(
+        tmp_path_factory.mktemp("policy") / "estimating.onnx",
+        [
+            ("MatMul", "observation", "still", "action"),
+            ("Add", "previous_estimate", "rest", "sum"),
+            ("Mul", "sum", "half", "estimate"),
+        ],
+        {
+            "still": np.zeros((size, 12)),
+            "rest": np.array([[0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0]]),
+            "half": np.array(0.5),
+        },
+        inputs={"observation": size, "previous_estimate": ESTIMATE_SIZE},
+        outputs={"action": 12, "estimate": ESTIMATE_SIZE},
+        metadata={CONTRACT_KEY: encode_contract(estimating)},
     )
-    helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
-    path = tmp_path_factory.mktemp("policy") / "estimating.onnx"
-    onnx.save(model, path)
-    return path
 
 
 @pytest.fixture(scope="session")

@@ -8,16 +8,10 @@ import pytest
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.evaluation.results import TrialSettings
 from sprintlab.evaluation.trial import TrialRequest, run_trial
-from sprintlab.robots import load_robot
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # WebGL without a GPU; no sandbox, because tests often run as root in a container.
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-
-
-@pytest.fixture(scope="session")
-def robot():
-    return load_robot("bp2")
 
 
 @pytest.fixture(scope="session")
