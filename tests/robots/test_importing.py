@@ -1,4 +1,6 @@
+import re
 import runpy
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from sprintlab.robots.importing import (
     read_choices,
     read_source,
 )
+from sprintlab.robots.importing.source import possible_inertias
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")
@@ -230,3 +233,46 @@ def test_the_training_configuration_is_scaled_and_valid(tmp_path):
     assert robot_fingerprint(load_robot(settings.robot)) == robot_fingerprint(made.robot)
     assert settings.stages.first_top == pytest.approx(4.9)
     assert settings.episodes.knee_clearance == pytest.approx(0.034)
+
+
+def test_a_motors_control_range_is_its_torque_limit(tmp_path):
+    """Unitree's own models state torque by ``ctrlrange``; an actuator's gear multiplies it."""
+    joints = [joint.name for leg in read_source(GO1 / "go1.xml").legs for joint in leg.joints]
+    motors = "".join(f'<motor joint="{name}" ctrlrange="-4 4" gear="6"/>' for name in joints)
+    text = re.sub(r' actuatorfrcrange="[^"]*"', "", (GO1 / "go1.xml").read_text(encoding="utf-8"))
+    path = tmp_path / "dog.xml"
+    path.write_text(text.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>"), encoding="utf-8")
+    efforts = {joint.effort for leg in read_source(path).legs for joint in leg.joints}
+    assert efforts == {24.0}
+
+
+def test_a_urdfs_impossible_inertia_is_raised_and_told(urdf, tmp_path):
+    """Published files hold such links, most often sensors; the masses stay what they are."""
+    camera = """<link name="camera"><inertial><mass value="0.1"/>
+      <inertia ixx="1e-5" iyy="1e-5" izz="9e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="mount" type="fixed"><parent link="base"/><child link="camera"/></joint></robot>"""
+    urdf.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", camera), encoding="utf-8")
+    made = import_robot(urdf, choices("dog"), tmp_path / "robots")
+    outcomes = {check.what: check for check in made.checks}
+    assert not outcomes["link inertias"].good and outcomes["link inertias"].outcome.endswith(": camera")
+    assert made.robot.mechanics.trunk.mass == pytest.approx(6.1)
+
+
+def test_the_least_is_added_to_an_impossible_inertia():
+    text = """<robot name="r"><link name="flat"><inertial><mass value="1"/>
+      <inertia ixx="1" iyy="1" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="fine">
+      <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="2"/></inertial></link></robot>"""
+    root = ElementTree.fromstring(text)
+    assert possible_inertias(root) == ("flat",)
+    raised = root.find("link/inertial/inertia")
+    assert [float(raised.get(name)) for name in ("ixx", "iyy", "izz")] == pytest.approx([1.5, 1.5, 3.0])
+    assert possible_inertias(root) == ()
+
+
+def test_a_link_without_inertial_weighs_nothing(urdf, tmp_path):
+    """URDF says so; MuJoCo would weigh its collision shapes as water."""
+    bumper = """<link name="bumper">
+      <collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
+      <joint name="glue" type="fixed"><parent link="base"/><child link="bumper"/></joint></robot>"""
+    urdf.write_text(urdf.read_text(encoding="utf-8").replace("</robot>", bumper), encoding="utf-8")
+    assert read_source(urdf).trunk.mass == pytest.approx(6.0)

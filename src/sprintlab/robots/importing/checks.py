@@ -43,6 +43,7 @@ def run_checks(
             good=fitted.spread < 0.01,
         ),
         Check(what="mass", outcome=f"{robot.total_mass:.3f} kg, trunk {fitted.trunk.mass:.3f} kg", good=True),
+        *_corrected(source),
         Check(what="inertia matrix", outcome=f"differs by at most {inertia:.2%}", good=inertia < 0.02),
         Check(what="feet", outcome=f"differ by at most {1000.0 * feet:.2f} mm", good=feet < 0.002),
         Check(
@@ -56,6 +57,14 @@ def run_checks(
         *_drive_checks(fitted, choices),
         *_sign_checks(fitted),
     )
+
+
+def _corrected(source: SourceRobot) -> list[Check]:
+    """Links whose inertia was raised because no body can have it."""
+    if not source.corrected:
+        return []
+    words = f"impossible for a body in the source, raised: {', '.join(source.corrected)}"
+    return [Check(what="link inertias", outcome=words, good=False)]
 
 
 def _drive_checks(fitted: FittedRobot, choices: RobotChoices) -> list[Check]:

@@ -19,6 +19,7 @@ from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.description import FloatArray
 
 JOINTS_OF_A_LEG = 3
+_ROUNDING = 1e-6  # relative; files are written with six or seven digits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +96,7 @@ class SourceRobot:
         trunk: what moves with the base.
         trunk_half_size: of its largest collision box ``(3,)`` [m]; None without.
         legs: 4, in no particular order.
+        corrected: links of a URDF whose inertia no body can have; it was raised to one that a body can.
     """
 
     path: Path
@@ -103,6 +105,7 @@ class SourceRobot:
     trunk: RigidPart
     trunk_half_size: FloatArray | None
     legs: tuple[SourceLeg, ...]
+    corrected: tuple[str, ...]
 
 
 def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
@@ -116,7 +119,7 @@ def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
         RobotModelError: the file cannot be read, or is no quadruped with three hinges a leg; says which joint
             or body is in the way.
     """
-    model = _compile(path)
+    model, corrected = _compile(path)
     base = _base(model, path)
     data = posed(model, base, {})
     reader = _Reader(path, model, data, base, foot_radius)
@@ -127,6 +130,7 @@ def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
         trunk=reader.part(reader.welded(base)),
         trunk_half_size=reader.box(reader.welded(base)),
         legs=reader.legs(),
+        corrected=corrected,
     )
 
 
@@ -142,7 +146,8 @@ def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.
     return data
 
 
-def _compile(path: Path) -> mujoco.MjModel:
+def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """The compiled file, and the links whose inertia had to be corrected for it."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -151,14 +156,44 @@ def _compile(path: Path) -> mujoco.MjModel:
         raise RobotModelError(f"robot model {path} is no text: {error}") from error
     try:
         root = ElementTree.fromstring(text)
+        corrected = possible_inertias(root)
         if root.tag == "robot":
             spec = mujoco.MjSpec.from_string(_plain_urdf(root))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
         _drop_meshes(spec)
-        return spec.compile()
+        return spec.compile(), corrected
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotModelError(f"robot model {path} cannot be used: {' '.join(str(error).split())}") from error
+
+
+def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
+    """Raise inertias of a URDF's links that no body can have, in place: published files hold some.
+
+    A body's principal inertias are not negative, and no two add up to less than the third. Where they do, the
+    same amount is added to all three: the least that helps and keeps the axes.
+
+    Returns:
+        Names of the links that were changed.
+
+    Raises:
+        ValueError: an entry is no number.
+    """
+    changed = []
+    for link in root.findall("link"):
+        entries = link.find("inertial/inertia")
+        if entries is None:
+            continue
+        xx, yy, zz, xy, xz, yz = (
+            float(entries.get(name, 0.0)) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        )
+        low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        lack = max(high - low - middle, -low)
+        if lack > _ROUNDING * abs(high):
+            for name, value in (("ixx", xx), ("iyy", yy), ("izz", zz)):
+                entries.set(name, repr(float(value + (1.0 + _ROUNDING) * lack)))
+            changed.append(link.get("name", "?"))
+    return tuple(changed)
 
 
 def _plain_urdf(root: ElementTree.Element) -> str:
@@ -173,7 +208,9 @@ def _plain_urdf(root: ElementTree.Element) -> str:
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = ElementTree.SubElement(root, "mujoco")
-    ElementTree.SubElement(extension, "compiler", fusestatic="false", balanceinertia="false")
+    # A URDF link without <inertial> weighs nothing: its shapes are not to be weighed as water.
+    settings = {"fusestatic": "false", "balanceinertia": "false", "inertiafromgeom": "false"}
+    ElementTree.SubElement(extension, "compiler", settings)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -322,12 +359,23 @@ class _Reader:
             return float(model.jnt_actfrcrange[joint, 1])
         for actuator in range(model.nu):
             on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-            if (
-                on_joint
-                and model.actuator_trnid[actuator, 0] == joint
-                and model.actuator_forcelimited[actuator]
-            ):
-                return float(model.actuator_forcerange[actuator, 1])
+            if on_joint and model.actuator_trnid[actuator, 0] == joint:
+                return self._actuator_torque(actuator)
+        return None
+
+    def _actuator_torque(self, actuator: int) -> float | None:
+        """Greatest joint torque of an actuator: by its force range, or a motor's by its control range."""
+        model = self._model
+        gear = float(model.actuator_gear[actuator, 0])
+        if model.actuator_forcelimited[actuator]:
+            return gear * float(model.actuator_forcerange[actuator, 1])
+        is_motor = (
+            model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+        )
+        if is_motor and model.actuator_ctrllimited[actuator]:
+            gain = float(model.actuator_gainprm[actuator, 0])
+            return gear * gain * float(model.actuator_ctrlrange[actuator, 1])
         return None
 
     def _foot(self, group: list[int]) -> tuple[FloatArray, float, float | None]:
