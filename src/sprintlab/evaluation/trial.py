@@ -12,15 +12,13 @@ from sprintlab.commands import SpeedProfile, SprintProfile, heading_command, sel
 from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import AuditThresholds, audit_trials
+from sprintlab.evaluation.clock import PolicyClock
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.plant import BaseState, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
-
-POLICY_RATE = 50.0
-"""Rate of policy and command [Hz]."""
 
 PACE_WINDOW = 1.0
 """Self-paced: the command stays within this distance of the measured speed [m/s]."""
@@ -39,6 +37,7 @@ class TrialRequest:
         distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
         hold: duration of the profile's hold [s].
         plant: how the robot is simulated.
+        clock: of the policy.
         keep_trajectory: whether the result carries its arrays.
 
     Raises:
@@ -51,6 +50,7 @@ class TrialRequest:
     distance: float | None = None
     hold: float = 4.0
     plant: PlantOptions = field(default_factory=PlantOptions)
+    clock: PolicyClock = field(default_factory=PolicyClock)
     keep_trajectory: bool = False
 
     def __post_init__(self) -> None:
@@ -170,8 +170,9 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
     plant = Plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
-    policy_steps = math.ceil(course.longest * POLICY_RATE) + 1
-    samples = math.ceil(policy_steps * request.plant.record_rate / POLICY_RATE)
+    # The last action's period, drawn long, may reach past the end.
+    longest = course.longest + 2.0 / request.clock.rate
+    samples = math.ceil(longest * request.plant.record_rate)
     recorder = Recorder(
         plant.model,
         robot,
@@ -179,7 +180,7 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         estimates=policy.estimates,
         supply=None if plant.supply is None else lambda: plant.supply,
     )
-    motor_steps = round(request.plant.motor_rate / POLICY_RATE)
+    periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     upright = True
     while upright:
         base = plant.base_state()
@@ -190,7 +191,7 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         recorder.command = _command(asked, base, request.self_paced)
         targets = runtime.step(plant.measurement(), recorder.command)
         recorder.estimate = runtime.last_estimate
-        upright = plant.advance(np.asarray(targets, dtype=float), motor_steps, recorder)
+        upright = plant.advance(np.asarray(targets, dtype=float), next(periods), recorder)
     return _Run(
         trajectory=recorder.trajectory(),
         fall_reason=plant.fall_reason,
@@ -233,7 +234,7 @@ def _trial_result(
         fall_reason=run.fall_reason,
         hold_interval=hold_interval,
         metrics=metrics,
-        audit=audit_trials([metrics]),
+        audit=audit_trials([metrics], AuditThresholds(policy_rate=request.clock.rate)),
         trajectory=run.trajectory,
     )
     return result if request.keep_trajectory else replace(result, trajectory=None)

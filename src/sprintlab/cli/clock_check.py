@@ -1,0 +1,76 @@
+"""What ``sprintlab evaluate --clock-check`` prints and writes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from sprintlab.cli.output import plain_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sprintlab.evaluation.clock_check import ClockCheck
+
+NOTE = (
+    "Strides: medians over the trials that completed. Locked: a stride takes a whole number of policy steps, "
+    "within 0.02."
+)
+
+
+def clock_numbers(check: ClockCheck) -> dict[str, Any]:
+    """JSON-ready numbers; what is not defined becomes null."""
+    return {
+        "top_speed_command_m_s": check.top_speed,
+        "clocks": [
+            {
+                "policy_rate_Hz": item.clock.rate,
+                "period_jitter": item.clock.jitter,
+                "trials": item.trials,
+                "completed": item.completed,
+                "held_speed_m_s": _defined(item.held_speed),
+                "stride_frequency_Hz": _defined(item.stride_frequency),
+                "policy_steps_per_stride": _defined(item.stride_steps),
+                "locked": item.locked,
+            }
+            for item in check.clocks
+        ],
+        "followed_share": _defined(check.followed),
+        "greatest_loss_of_speed": _defined(check.greatest_loss),
+    }
+
+
+def clock_table(check: ClockCheck) -> Table:
+    """One row a clock."""
+    columns = ("policy clock", "completed", "held [m/s]", "stride [Hz]", "policy steps a stride", "locked")
+    title = f"Other policy clocks at {check.top_speed:g} m/s, raw"
+    table = plain_table(title, *columns, numbers=columns[1:5])
+    for item in check.clocks:
+        table.add_row(
+            str(item.clock),
+            f"{item.completed} of {item.trials}",
+            _text(item.held_speed, 2),
+            _text(item.stride_frequency, 2),
+            _text(item.stride_steps, 2),
+            "yes" if item.locked else "no",
+        )
+    return table
+
+
+def clock_verdict(check: ClockCheck) -> str:
+    """What the table says, in one sentence."""
+    followed, loss = check.followed, check.greatest_loss
+    stride = "no stride at two rates"
+    if math.isfinite(followed):
+        stride = f"the stride frequency follows {100 * followed:.0f} % of a change of the clock's rate"
+    lost = "trials fell with another clock" if any(x.completed < x.trials for x in check.clocks[1:]) else ""
+    cost = f"the worst clock costs {100 * loss:.1f} % of the held speed" if math.isfinite(loss) else ""
+    return "; ".join(part for part in (stride, cost, lost) if part)
+
+
+def _text(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def _defined(value: float) -> float | None:
+    return value if math.isfinite(value) else None
