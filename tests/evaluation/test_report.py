@@ -13,8 +13,8 @@ from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.race_files import default_folder, save_trajectory
-from sprintlab.evaluation.report_text import audit_value, result_rows, setup_rows, summary
-from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.report_text import audit_limit, audit_value, result_rows, setup_rows, summary
+from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult
 
 
 @pytest.fixture
@@ -154,6 +154,25 @@ def test_the_completed_trial_is_drawn(race, trial):
 )
 def test_audit_values_read_well(value, unit, text):
     assert audit_value(value, unit) == text
+
+
+def test_a_limit_says_from_which_side_it_bounds():
+    item = AuditItem(name="", value=0.03, unit="m", threshold=0.005, passed=False, note="")
+    assert audit_limit(item) == "at most 5.0 mm"
+    assert audit_limit(replace(item, passed=True)) == "at least 5.0 mm"
+    assert audit_limit(replace(item, value=0.002, passed=True)) == "at most 5.0 mm"
+    assert audit_limit(replace(item, value=float("nan"), passed=True)) == "5.0 mm"
+
+
+def test_summary_says_whether_it_stopped(race, robot, trial):
+    running = "At the end of the raw command, which asks it to stand, it still runs 10.0 m/s."
+    assert running in summary(race, robot)
+    velocity = trial.trajectory.velocity.copy()
+    velocity[-400:] = 0.1
+    stopped = replace(trial, trajectory=replace(trial.trajectory, velocity=velocity))
+    group = replace(race.raw, trials=(stopped,))
+    quiet = replace(race, raw=group, self_paced=group)
+    assert not any("still runs" in sentence for sentence in summary(quiet, robot))
 
 
 def test_summary_says_what_was_measured(race, robot):

@@ -130,14 +130,14 @@ def result_table(result: Any) -> Table:
 
 def audit_table(audit: Any) -> Table:
     """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_value
+    from sprintlab.evaluation.report_text import audit_limit, audit_value
 
     verdict = "passed" if audit.passed else "FAILED: do not trust the speeds"
     table = plain_table(
         f"Exploit audit: {verdict}", "what", "measured", "limit", "", numbers=("measured", "limit")
     )
     for item in audit.items:
-        values = (audit_value(item.value, item.unit), audit_value(item.threshold, item.unit))
+        values = (audit_value(item.value, item.unit), audit_limit(item))
         table.add_row(item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
     return table
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
+    audit_limit,
     audit_value,
     number,
     result_rows,
@@ -223,7 +224,7 @@ def _audit_row(item: AuditItem) -> dict[str, Any]:
     return {
         "name": item.name,
         "value": audit_value(item.value, item.unit),
-        "threshold": audit_value(item.threshold, item.unit),
+        "threshold": audit_limit(item),
         "passed": item.passed,
         "note": item.note,
     }

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sprintlab.evaluation.quantities import QUANTITIES, Quantity
-from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, Trajectory
 from sprintlab.robots import RobotDescription
+
+STANDING_SPEED = 0.5
+"""Mean forward speed over the last 0.5 s up to which a robot counts as standing [m/s]."""
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -29,6 +32,15 @@ def audit_value(value: float, unit: str) -> str:
     if unit == "m" and abs(value) < 0.1:
         return f"{1e3 * value:.1f} mm"
     return f"{value:.3g} {unit}".strip()
+
+
+def audit_limit(item: AuditItem) -> str:
+    """The limit of one exploit, and from which side it bounds what was measured."""
+    text = audit_value(item.threshold, item.unit)
+    if not np.isfinite(item.value):
+        return text
+    from_above = item.passed == (item.value <= item.threshold)
+    return f"{'at most' if from_above else 'at least'} {text}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +88,7 @@ def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
     return [
         _sprint_sentence(result),
         *_speed_sentences(result),
+        *_stop_sentences(result),
         *_motor_sentences(result, robot),
         _audit_sentence(result),
     ]
@@ -104,6 +117,20 @@ def _speed_sentences(result: RaceResult) -> Iterator[str]:
             f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, "
             + (f"{gap:.2f} m/s short of the command." if gap > 0.05 else "as commanded.")
         )
+
+
+def _stop_sentences(result: RaceResult) -> Iterator[str]:
+    """Whether it obeys the command to stop: completing a trial does not ask that."""
+    for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
+        ends = [_last_speed(trial.trajectory) for trial in group.completed if trial.trajectory is not None]
+        if ends and np.mean(ends) > STANDING_SPEED:
+            yield f"At the end of {way}, which asks it to stand, it still runs {np.mean(ends):.1f} m/s."
+
+
+def _last_speed(trajectory: Trajectory) -> float:
+    """Mean forward speed over the last 0.5 s of the profile [m/s]."""
+    last = trajectory.time > trajectory.time[-1] - 0.5
+    return float(np.mean(trajectory.velocity[last, 0]))
 
 
 def _motor_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
