@@ -123,7 +123,7 @@ def drawn_motor(seed):
 
 def test_intervals_hold_the_truth_as_often_as_they_promise(tmp_path):
     """40 motors, 7 parameters each: 95 % intervals contain 95 %, give or take three standard deviations."""
-    inside = {name: 0 for name in PARAMETER_UNITS}
+    inside = {name: 0 for name in PARAMETER_UNITS if name != "flux_temperature_coefficient"}
     for seed in range(40):
         motor = drawn_motor(seed)
         bench = load_bench(write_bench(tmp_path / "bench.csv", bench_columns(motor, seed)))
@@ -143,12 +143,14 @@ def test_intervals_hold_the_truth_as_often_as_they_promise(tmp_path):
 @given(seed=st.integers(0, 10**6))
 def test_random_motors_come_back_near_the_truth(seed, tmp_path_factory):
     motor = drawn_motor(seed)
-    path = write_bench(tmp_path_factory.getbasetemp() / "bench.csv", bench_columns(motor, seed))
+    columns = bench_columns(motor, seed)
+    path = write_bench(tmp_path_factory.getbasetemp() / "bench.csv", columns)
     peak = motor.peak_torque / motor.torque_constant
     found = identify(load_bench(path), pole_pairs=motor.pole_pairs, peak_current=peak)
     for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "voltage_utilization"):
         estimate = found.estimates[name]
-        assert estimate.determined
+        few = name == "voltage_utilization" and sum(columns["limited"]) < 4
+        assert estimate.determined or few
         assert estimate.value == pytest.approx(truth(motor)[name], rel=0.03), name
     assert found.estimates["saturation"].value == pytest.approx(motor.saturation, abs=0.03)
 
@@ -180,6 +182,105 @@ def test_a_law_that_the_model_does_not_know_leaves_a_pattern(fit, motor):
     columns["torque"] = columns["torque"] - 0.6 * (speed / speed.max()) ** 4
     found = fit(columns, motor)
     assert any("residuals of torque follow the speed" in warning for warning in found.warnings)
+
+
+def test_a_small_missing_term_is_told_although_each_row_hides_it_in_noise(fit, motor):
+    """Drag with the square of the speed, a fifth of the noise at most once friction has taken its part."""
+    columns = bench_columns(motor)
+    share = columns["speed"] / columns["speed"].max()
+    columns["torque"] = columns["torque"] - 0.03 * motor.peak_torque * share**2
+    found = fit(columns, motor)
+    assert any("residuals of torque follow the speed" in warning for warning in found.warnings)
+
+
+def uneven_bench(motor, seed):
+    """Sensors whose noise grows with the signal: 1 % of what they read and 0.1 % of their range."""
+    random = np.random.default_rng(seed)
+    columns = bench_columns(motor, noise=0.0)
+    for name in ("torque", "vq", "vd"):
+        size = np.abs(columns[name])
+        columns[name] = columns[name] + random.normal(0.0, 1.0, len(size)) * (0.01 * size + 1e-3 * size.max())
+    return columns
+
+
+def test_intervals_hold_where_the_noise_grows_with_the_signal(fit):
+    """40 motors: intervals from one noise for all rows would hold the inductance in 60 % of them."""
+    inside = {name: 0 for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")}
+    for seed in range(40):
+        motor = drawn_motor(seed)
+        found = fit(uneven_bench(motor, seed), motor)
+        for name in inside:
+            estimate = found.estimates[name]
+            inside[name] += abs(estimate.value - truth(motor)[name]) <= estimate.half_width
+    assert all(count >= 32 for count in inside.values()), inside
+    assert sum(inside.values()) >= 144, inside  # 152 promised of 160
+
+
+def warm_bench(motor, coefficient, seed=0):
+    """A bench whose winding and magnets warm with the current."""
+    columns = bench_columns(motor, seed)
+    rise = 60.0 * (columns["iq"] / np.max(np.abs(columns["iq"]))) ** 2
+    rise = rise * np.random.default_rng(seed).uniform(0.4, 1.0, len(rise))
+    drift = coefficient * rise
+    columns["vq"] += 0.00393 * rise * motor.stator_resistance * columns["iq"]
+    columns["vq"] += drift * motor.pole_pairs * columns["speed"] * motor.flux_linkage
+    saturated = 1.0 - motor.saturation * np.abs(columns["iq"]) * motor.torque_constant / motor.peak_torque
+    columns["torque"] += drift * motor.torque_constant * columns["iq"] * saturated
+    return {**columns, "temperature": 20.0 + rise}
+
+
+@pytest.mark.parametrize("coefficient", [0.0, -0.0011])
+def test_flux_and_resistance_are_referred_to_twenty_degrees(fit, motor, coefficient):
+    found = fit(warm_bench(motor, coefficient), motor).estimates
+    expected = {**truth(motor), "flux_temperature_coefficient": coefficient}
+    for name in ("stator_resistance", "flux_linkage", "saturation", "flux_temperature_coefficient"):
+        assert found[name].determined
+        assert abs(found[name].value - expected[name]) < 1.6 * found[name].half_width, name
+
+
+def test_drift_of_the_flux_can_be_held_at_none(fit, motor):
+    found = fit(warm_bench(motor, 0.0), motor, hold=("flux_temperature_coefficient",))
+    assert found.estimates["flux_temperature_coefficient"].value == 0.0
+
+
+def test_without_temperatures_the_resistance_is_that_of_a_warm_winding(fit, motor):
+    columns = warm_bench(motor, 0.0)
+    assert not any("no temperature" in warning for warning in fit(columns, motor).warnings)
+    del columns["temperature"]
+    found = fit(columns, motor)
+    assert any("as warm as it was" in warning for warning in found.warnings)
+    assert found.estimates["stator_resistance"].value > 1.05 * motor.stator_resistance
+
+
+def test_one_row_on_the_limit_is_no_certainty(fit, motor):
+    columns = bench_columns(motor)
+    columns["limited"] = np.where(np.arange(len(columns["limited"])) == len(columns["limited"]) - 1, 1.0, 0.0)
+    estimate = fit(columns, motor).estimates["voltage_utilization"]
+    assert not estimate.determined
+    assert estimate.half_width > 0.02
+
+
+def test_braking_beyond_the_no_load_speed_is_no_wrong_unit(fit):
+    """The resistive drop balances part of the back-EMF, which alone exceeds the bus."""
+    motor = PmsmParameters(
+        pole_pairs=7,
+        stator_resistance=0.5,
+        q_axis_inductance=5e-5,
+        flux_linkage=6e-3,
+        peak_torque=3.0,
+        rotor_inertia=1e-4,
+    )
+    columns = bench_columns(motor, noise=0.1)
+    keep = {name: values for name, values in columns.items() if name not in ("vq", "vd")}
+    fast = 1.45 * phase_voltage_limit(BUS) / (motor.pole_pairs * motor.flux_linkage)
+    extra = 20
+    keep["speed"] = np.concatenate((keep["speed"], np.full(extra, fast)))
+    keep["iq"] = np.concatenate((keep["iq"], np.linspace(-48.0, -34.0, extra)))
+    braking = motor.torque_constant * keep["iq"][-extra:] - FRICTION["coulomb_friction"]
+    keep["torque"] = np.concatenate((keep["torque"], braking - FRICTION["viscous_friction"] * fast))
+    keep["bus_voltage"] = np.full(len(keep["speed"]), BUS)
+    keep["limited"] = np.concatenate((keep["limited"], np.zeros(extra)))
+    assert fit(keep, motor).estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
 
 
 def test_too_many_outliers_are_no_outliers(fit, motor):
@@ -274,7 +375,8 @@ def test_temperature_refers_the_resistance_to_20_degrees(fit, motor):
 def test_optional_columns_decide_what_is_determined(fit, motor, missing, lost):
     columns = {name: values for name, values in bench_columns(motor).items() if name not in missing}
     found = fit(columns, motor)
-    assert {name for name, estimate in found.estimates.items() if not estimate.determined} == lost
+    undetermined = {name for name, estimate in found.estimates.items() if not estimate.determined}
+    assert undetermined == {*lost, "flux_temperature_coefficient"}
     assert all(found.estimates[name].reason.startswith("needs") for name in lost)
 
 

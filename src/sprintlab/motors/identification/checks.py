@@ -180,7 +180,10 @@ def _check_back_emf(bench: Bench, flux: float, pole_pairs: int) -> None:
     assert bench.bus_voltage is not None
     if bench.speed is None or float(bench.d_current.min()) < -0.01 * float(np.max(np.abs(bench.current))):
         return
-    share = np.abs(bench.speed) * pole_pairs * flux * math.sqrt(3.0) / bench.bus_voltage
+    driving = bench.speed * bench.current >= 0.0  # braking, the resistive drop takes part of the back-EMF
+    if not driving.any():
+        return
+    share = (np.abs(bench.speed) * pole_pairs * flux * math.sqrt(3.0) / bench.bus_voltage)[driving]
     most = float(np.quantile(share, 0.95))
     if most > _MOST_BACK_EMF:
         mistakes = likely_mistakes(most, pole_pairs)

@@ -3,14 +3,13 @@
 1. Least squares with the soft-L1 loss over all channels in the unit of their own noise, which is estimated
    from the median absolute residual; repeated until the noise settles.
 2. Rows with a residual beyond five noise units are set aside and reported.
-3. Plain least squares on the rest; ``(J^T J)^-1`` gives 95 % intervals (Student's t), the singular values of
-   ``J`` say which combination of parameters the data cannot tell apart.
+3. Plain least squares on the rest; its Jacobian ``J`` and residuals give 95 % intervals (``statistics``), the
+   singular values of ``J`` say which combination of parameters the data cannot tell apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,23 +20,40 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.motors.identification.bench import Bench
 from sprintlab.motors.identification.checks import check_levels, check_units, torque_flux, voltage_flux
-from sprintlab.motors.identification.model import BOUNDS, PARAMETER_UNITS, Channel, channels
+from sprintlab.motors.identification.model import (
+    BOUNDS,
+    LEAST_WARMING,
+    PARAMETER_UNITS,
+    Channel,
+    channels,
+    warming,
+)
 from sprintlab.motors.identification.results import ChannelFit, Estimate, Identification
+from sprintlab.motors.identification.statistics import (
+    Decomposition,
+    freedom,
+    half_widths,
+    lacking_term,
+    local_median,
+)
 from sprintlab.motors.identification.verdict import comparison, outlier_note, patterns, problems
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 OUTLIER_DISTANCE = 5.0
-"""Residual in units of the noise beyond which a row is set aside."""
-CONFIDENCE = 0.95
+"""Residual in units of the noise, of rows that read about the same, beyond which a row is set aside."""
 
 _ROUNDS = 4
+_FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
+_FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
+_LARGEST_SHARE = {"flux_linkage": 0.1, "voltage_utilization": 0.1}  # torque and speed go with them
+_LARGEST_OTHER_SHARE = 0.5  # half width over value beyond which a parameter is not determined
 _LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
-_BLIND = 1e-5  # a singular value below this share of the largest sees nothing
 _PART = 0.3  # least component of a parameter in a blind direction to be named
 
 
@@ -56,7 +72,7 @@ def identify(
         pole_pairs: N.
         peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
         base: a motor that supplies held values and is compared with.
-        hold: parameters taken from ``base`` (gamma: 0.95) and not fitted.
+        hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
 
     Raises:
         SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
@@ -81,6 +97,8 @@ def identify(
         warnings.append(
             f"the bench ends at {largest:.4g} A: up to {peak_current:.4g} A the saturation is extrapolated"
         )
+    if bench.temperature is None and bench.q_voltage is not None and "stator_resistance" not in hold:
+        warnings.append("no temperature column: the resistance is that of the winding as warm as it was")
     return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold)).run(warnings, base)
 
 
@@ -89,34 +107,13 @@ def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, 
     for name in hold:
         if name == "voltage_utilization":
             held[name] = VOLTAGE_UTILIZATION
-        elif name.endswith("friction"):
+        elif name.endswith("friction") or name == "flux_temperature_coefficient":
             held[name] = 0.0
         elif base is None:
             raise SprintlabError(f"{name} cannot be held: give the base motor that it comes from")
         else:
             held[name] = float(getattr(base, name))
     return held
-
-
-class _Decomposition:
-    """Singular values of a Jacobian with unit columns, and what follows from them.
-
-    Attributes:
-        singular: (p,) largest first.
-        leverage: (m,) share of each residual that the fit takes for itself.
-        gain: (p, m) change of each parameter with each residual.
-        blind_directions: unit vectors ``(p,)`` of parameters that no residual sees.
-    """
-
-    def __init__(self, jacobian: Any) -> None:
-        matrix = np.asarray(jacobian, dtype=float)
-        lengths = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-        left, self.singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
-        floored = np.maximum(self.singular, 1e-12 * float(self.singular[0]))
-        seen = self.singular >= _BLIND * self.singular[0]
-        self.leverage: FloatArray = np.sum(left[:, seen] ** 2, axis=1)
-        self.gain: FloatArray = (right.T / floored) @ left.T / lengths[:, None]
-        self.blind_directions: list[FloatArray] = list(right[~seen])
 
 
 class _Fit:
@@ -137,11 +134,13 @@ class _Fit:
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
         """Fit, and say how good it is."""
         solution, kept = self._fitted()
-        widths, singular, blind = self._intervals(solution, kept)
+        decomposition = Decomposition(solution.jac)
+        widths = half_widths(decomposition, solution.fun, self._used_rows(kept)) * self._start
         fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
-        estimates = self._estimates(solution.x, widths, blind)
+        estimates = self._estimates(solution.x, widths, self._blind(decomposition))
         fatal = problems(estimates, fits, kept)
         notes = [*comparison(estimates, base), *self._at_bounds(solution.x), *outlier_note(kept)]
+        lacking = self._lacking(decomposition, solution.fun, kept)
         return Identification(
             bench=self._bench,
             pole_pairs=self._pole_pairs,
@@ -149,14 +148,14 @@ class _Fit:
             estimates=estimates,
             channels=fits,
             outliers=self._bench.lines[~kept],
-            singular_values=singular,
-            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept)),
+            singular_values=decomposition.singular,
+            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept, lacking)),
             trustworthy=not fatal,
         )
 
-    def _fitted(self) -> tuple[Any, NDArray[np.bool_]]:
+    def _fitted(self) -> tuple[Any, BoolArray]:
         """The solution over the rows that are no outliers, and which rows those are."""
-        noise = np.array([0.02 * _range(channel, self._bench) for channel in self._channels])
+        noise = np.array([_FIRST_NOISE * _range(channel, self._bench) for channel in self._channels])
         everything = np.ones(self._bench.size, dtype=bool)
         point = np.ones(len(self._free))
         for _ in range(_ROUNDS):
@@ -181,6 +180,7 @@ class _Fit:
             "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
             "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
             "flux_linkage": flux,
+            "flux_temperature_coefficient": 1e-3,
             "saturation": 0.1,
             "coulomb_friction": 0.02 * torque,
             "viscous_friction": 0.02 * torque / speed,
@@ -195,7 +195,7 @@ class _Fit:
     def _values(self, point: FloatArray) -> dict[str, float]:
         return self._idle | dict(zip(self._free, (point * self._start).tolist(), strict=True))
 
-    def _residuals(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    def _residuals(self, point: FloatArray, noise: FloatArray, kept: BoolArray) -> FloatArray:
         values = self._values(point)
         return np.concatenate(
             [
@@ -204,7 +204,7 @@ class _Fit:
             ]
         )
 
-    def _solve(self, point: FloatArray, noise: FloatArray, kept: NDArray[np.bool_], loss: str) -> Any:
+    def _solve(self, point: FloatArray, noise: FloatArray, kept: BoolArray, loss: str) -> Any:
         from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
         untyped: Any = optimize
@@ -232,63 +232,54 @@ class _Fit:
         ]
         return self._floored(spread)
 
-    def _residual_spread(self, solution: Any, noise: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    def _residual_spread(self, solution: Any, noise: FloatArray, kept: BoolArray) -> FloatArray:
         """Standard deviation of each channel without outliers and without the freedom that the fit took."""
-        freedom = self._freedom(_Decomposition(solution.jac), kept)
+        used = self._used_rows(kept)
         spread: list[float] = []
         start = 0
-        for rows, scale, left in zip(self._used_rows(kept), noise.tolist(), freedom, strict=True):
-            error = solution.fun[start : start + rows] * scale
-            start += rows
-            spread.append(float(np.sqrt(np.sum(error**2) / left)) if left >= 1.0 else scale)
+        for index, left in enumerate(freedom(Decomposition(solution.jac), used)):
+            error = solution.fun[start : start + used[index]] * noise[index]
+            start += used[index]
+            known = left >= 1.0  # else the fit took every row: no row is left to show the noise
+            unknown = _FIRST_NOISE * _range(self._channels[index], self._bench)
+            spread.append(float(np.sqrt(np.sum(error**2) / left)) if known else unknown)
         return self._floored(spread)
 
-    def _used_rows(self, kept: NDArray[np.bool_]) -> list[int]:
+    def _used_rows(self, kept: BoolArray) -> list[int]:
         """Residuals that each channel adds."""
         return [int(kept[channel.rows].sum()) for channel in self._channels]
-
-    def _freedom(self, decomposition: _Decomposition, kept: NDArray[np.bool_]) -> list[float]:
-        """Residuals less parameters, channel by channel: each row's leverage is what the fit took of it."""
-        ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
-        taken = decomposition.leverage
-        return [float(end - begin - taken[begin:end].sum()) for begin, end in pairwise(ends)]
 
     def _floored(self, spread: list[float]) -> FloatArray:
         floor = [_SMALLEST_NOISE * _range(channel, self._bench) for channel in self._channels]
         return np.maximum(np.array(spread), np.array(floor))
 
-    def _outlying(self, point: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    def _outlying(self, point: FloatArray, noise: FloatArray) -> BoolArray:
         """Rows with a residual too far off in any channel ``(n,)``."""
         values = self._values(point)
         outlying = np.zeros(self._bench.size, dtype=bool)
         for channel, scale in zip(self._channels, noise.tolist(), strict=True):
-            far = np.abs(channel.predict(values) - channel.measured) > OUTLIER_DISTANCE * scale
-            outlying[channel.rows[far]] = True
+            if len(channel.rows) < _FEWEST_FOR_OUTLIERS:
+                continue
+            predicted = channel.predict(values)
+            error = np.abs(predicted - channel.measured)
+            spread = np.maximum(scale, 1.4826 * local_median(np.abs(predicted), error))
+            outlying[channel.rows[error > OUTLIER_DISTANCE * spread]] = True
         return outlying
 
-    def _intervals(self, solution: Any, kept: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, list[str]]:
-        """Half widths in SI, singular values of the column-scaled Jacobian, and blind directions in words.
-
-        The noise of a channel is known only as well as its rows allow: the quantile of Student's t takes the
-        effective degrees of freedom of each parameter (Welch and Satterthwaite).
-        """
-        from scipy import special  # pyright: ignore[reportMissingTypeStubs]
-
-        untyped: Any = special
-        decomposition = _Decomposition(solution.jac)
-        ends = np.cumsum([0, *self._used_rows(kept)]).tolist()
-        shares = np.array(
-            [np.sum(decomposition.gain[:, begin:end] ** 2, axis=1) for begin, end in pairwise(ends)]
-        )
-        freedom = np.maximum(np.array(self._freedom(decomposition, kept)), 1.0)[:, None]
-        variance = shares.sum(axis=0)
-        effective = variance**2 / np.sum(shares**2 / freedom, axis=0)
-        quantile = untyped.stdtrit(effective, 0.5 + CONFIDENCE / 2.0)
-        blind = [
+    def _blind(self, decomposition: Decomposition) -> list[str]:
+        """Combinations of parameters that no residual sees, in words."""
+        return [
             " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
             for direction in decomposition.blind_directions
         ]
-        return quantile * np.sqrt(variance) * self._start, decomposition.singular, blind
+
+    def _lacking(self, decomposition: Decomposition, residuals: FloatArray, kept: BoolArray) -> list[str]:
+        """What each channel's residuals follow; empty where they only scatter."""
+        begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
+        return [
+            lacking_term(self._bench, channel.rows[kept[channel.rows]], decomposition, residuals, begin)
+            for channel, begin in zip(self._channels, begins, strict=False)
+        ]
 
     def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
         values = self._values(point)
@@ -308,7 +299,8 @@ class _Fit:
         return found
 
     def _estimate(self, name: str, value: float, width: float, blind: list[str]) -> Estimate:
-        known = width <= 0.5 * abs(value) or width <= self._harmless_width(name)
+        share = _LARGEST_SHARE.get(name, _LARGEST_OTHER_SHARE)
+        known = width <= share * abs(value) or width <= self._harmless_width(name)
         direction = next((text for text in blind if name in text.split(" and ")), "")
         reason = ""
         if direction:
@@ -319,7 +311,8 @@ class _Fit:
                 else "leaves no trace in the data"
             )
         elif not known:
-            reason = "the interval is too wide: more speeds and currents are needed"
+            more = "rows on the limit" if name == "voltage_utilization" else "speeds and currents"
+            reason = f"the interval is too wide: more {more} are needed"
         return Estimate(name=name, value=value, half_width=width, determined=known, reason=reason)
 
     def _harmless_width(self, name: str) -> float:
@@ -332,6 +325,7 @@ class _Fit:
         return {
             "stator_resistance": voltage / current,
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
+            "flux_temperature_coefficient": _SMALL_EFFECT / max(warming(bench), 1.0),
             "saturation": _LARGEST_SATURATION_WIDTH,
             "coulomb_friction": torque,
             "viscous_friction": torque / speed,
@@ -342,6 +336,8 @@ class _Fit:
             return "needs vq and vd, or rows marked limited with a bus_voltage"
         if name == "voltage_utilization":
             return "needs a bus_voltage and rows marked limited"
+        if name == "flux_temperature_coefficient":
+            return f"needs temperatures that differ by {LEAST_WARMING:g} K"
         return "needs speeds"
 
     def _at_bounds(self, point: FloatArray) -> list[str]:
@@ -353,7 +349,7 @@ class _Fit:
             and _at_edge(name, values[name], self._start[self._free.index(name)])
         ]
 
-    def _channel_fit(self, channel: Channel, point: FloatArray, kept: NDArray[np.bool_]) -> ChannelFit:
+    def _channel_fit(self, channel: Channel, point: FloatArray, kept: BoolArray) -> ChannelFit:
         values = self._values(point)
         predicted = channel.predict(values)
         used = kept[channel.rows]

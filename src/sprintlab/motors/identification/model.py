@@ -7,7 +7,8 @@ With ``w = N omega``, one inductance for both axes and the peak current ``I``::
     v_d = R i_d - w L i_q
     |v| = gamma V_bus / sqrt(3)          where the inverter gives all its voltage
 
-``R`` is the resistance at 20 degC where the bench has a temperature: copper gains 0.393 % a kelvin.
+Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % a kelvin,
+and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted where the temperatures differ.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ PARAMETER_UNITS = {
     "stator_resistance": "ohm",
     "q_axis_inductance": "H",
     "flux_linkage": "Wb",
+    "flux_temperature_coefficient": "1/K",
     "saturation": "",
     "coulomb_friction": "N m",
     "viscous_friction": "N m s/rad",
@@ -43,12 +45,16 @@ BOUNDS = {
     "stator_resistance": (0.0, 100.0),
     "q_axis_inductance": (0.0, 0.1),
     "flux_linkage": (1e-6, 2.0),
+    "flux_temperature_coefficient": (-0.01, 0.01),
     "saturation": (0.0, 0.499),
     "coulomb_friction": (0.0, 1e3),
     "viscous_friction": (0.0, 1e2),
     "voltage_utilization": (0.05, 1.3),
 }
 """Where the fit may look."""
+
+LEAST_WARMING = 10.0
+"""Range of temperatures below which the flux shows no drift [K]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,11 +78,11 @@ class Channel:
     depends_on: tuple[str, ...]
 
 
-def shaft_torque(
-    values: Parameters, pole_pairs: int, peak_current: float, current: FloatArray, speed: FloatArray
-) -> FloatArray:
-    """Torque on the shaft [N m] ``(n,)``, saturation and friction in."""
-    ideal = 1.5 * pole_pairs * values["flux_linkage"] * current
+def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench: Bench) -> FloatArray:
+    """Torque on the shaft [N m] ``(n,)``, saturation and friction in; no friction without speeds."""
+    current = bench.current
+    speed = np.zeros(bench.size) if bench.speed is None else bench.speed
+    ideal = 1.5 * pole_pairs * linked_flux(values, bench) * current
     saturated = ideal * (1.0 - values["saturation"] * np.abs(current) / peak_current)
     friction = values["coulomb_friction"] * np.sign(speed) + values["viscous_friction"] * speed
     return saturated - friction
@@ -88,7 +94,9 @@ def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[F
     electrical = pole_pairs * bench.speed
     resistance = values["stator_resistance"] * resistance_factor(bench)
     inductance = values["q_axis_inductance"]
-    v_q = resistance * bench.current + electrical * (inductance * bench.d_current + values["flux_linkage"])
+    v_q = resistance * bench.current + electrical * (
+        inductance * bench.d_current + linked_flux(values, bench)
+    )
     v_d = resistance * bench.d_current - electrical * inductance * bench.current
     return v_q, v_d
 
@@ -98,6 +106,19 @@ def resistance_factor(bench: Bench) -> FloatArray:
     if bench.temperature is None:
         return np.ones(bench.size)
     return 1.0 + COPPER_COEFFICIENT * (bench.temperature - REFERENCE_TEMPERATURE)
+
+
+def linked_flux(values: Parameters, bench: Bench) -> FloatArray:
+    """Flux linkage at the temperature of each row [Wb] ``(n,)``."""
+    if bench.temperature is None:
+        return np.full(bench.size, values["flux_linkage"])
+    rise = bench.temperature - REFERENCE_TEMPERATURE
+    return values["flux_linkage"] * (1.0 + values["flux_temperature_coefficient"] * rise)
+
+
+def warming(bench: Bench) -> float:
+    """Range of the temperatures [K]; 0 where none was measured."""
+    return 0.0 if bench.temperature is None else float(np.ptp(bench.temperature))
 
 
 def channels(bench: Bench, pole_pairs: int, peak_current: float) -> tuple[Channel, ...]:
@@ -110,16 +131,20 @@ def channels(bench: Bench, pole_pairs: int, peak_current: float) -> tuple[Channe
 
 
 def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float) -> Channel:
-    speed = np.zeros(bench.size) if bench.speed is None else bench.speed
     friction = () if bench.speed is None else ("coulomb_friction", "viscous_friction")
     return Channel(
         name="torque",
         unit="N m",
         measured=bench.torque,
-        predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench.current, speed),
+        predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench),
         rows=np.arange(bench.size),
-        depends_on=("flux_linkage", "saturation", *friction),
+        depends_on=("saturation", *_flux_names(bench), *friction),
     )
+
+
+def _flux_names(bench: Bench) -> tuple[str, ...]:
+    drifts = warming(bench) >= LEAST_WARMING
+    return ("flux_linkage", "flux_temperature_coefficient") if drifts else ("flux_linkage",)
 
 
 def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
@@ -132,7 +157,7 @@ def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
             measured=measured,
             predict=lambda values, axis=axis: phase_voltages(values, pole_pairs, bench)[axis],
             rows=np.arange(bench.size),
-            depends_on=("stator_resistance", "q_axis_inductance", "flux_linkage"),
+            depends_on=("stator_resistance", "q_axis_inductance", *_flux_names(bench)),
         )
         for axis, (name, measured) in enumerate((("vq", bench.q_voltage), ("vd", bench.d_voltage)))
     )
@@ -151,7 +176,7 @@ def _limit_channel(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
         v_q, v_d = phase_voltages(values, pole_pairs, bench)
         return np.hypot(v_q, v_d)[rows] - values["voltage_utilization"] * limit
 
-    electrical = ("stator_resistance", "q_axis_inductance", "flux_linkage", "voltage_utilization")
+    electrical = ("stator_resistance", "q_axis_inductance", *_flux_names(bench), "voltage_utilization")
     return (
         Channel(
             name="voltage limit",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,24 +56,40 @@ def comparison(estimates: dict[str, Estimate], base: PmsmParameters | None) -> l
     return notes
 
 
-def patterns(bench: Bench, fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_]) -> list[str]:
+def patterns(
+    bench: Bench, fits: tuple[ChannelFit, ...], kept: NDArray[np.bool_], lacking: Sequence[str]
+) -> list[str]:
     """Where residuals follow current or speed instead of scattering: the model lacks something there.
 
     Noise has no memory; the correlation of residuals that are neighbours in current or speed shows one.
+
+    Args:
+        bench: the data.
+        fits: of the channels.
+        kept: rows of the bench that are no outliers ``(n,)``.
+        lacking: what each channel's residuals follow by ``lacking_term``.
     """
     notes: list[str] = []
-    for fit in fits:
+    for fit, term in zip(fits, lacking, strict=True):
         if fit.noise <= _SMALL_ERROR * float(np.max(np.abs(fit.measured))):
             continue
-        used = kept[fit.rows]
-        error = (fit.measured - fit.predicted)[used]
-        rows = fit.rows[used]
-        for name, values in (("current", bench.current), ("speed", bench.speed)):
-            if values is not None and _has_pattern(error[np.argsort(values[rows], kind="stable")]):
-                notes.append(
-                    f"the residuals of {fit.name} follow the {name}: the model lacks something there"
-                )
+        followed = dict.fromkeys([*_followed(bench, fit, kept), *([term] if term else [])])
+        notes += [
+            f"the residuals of {fit.name} follow the {name}: the model lacks something there, which the "
+            "intervals do not count"
+            for name in followed
+        ]
     return notes
+
+
+def _followed(bench: Bench, fit: ChannelFit, kept: NDArray[np.bool_]) -> list[str]:
+    used = kept[fit.rows]
+    error, rows = (fit.measured - fit.predicted)[used], fit.rows[used]
+    return [
+        name
+        for name, values in (("current", bench.current), ("speed", bench.speed))
+        if values is not None and _has_pattern(error[np.argsort(values[rows], kind="stable")])
+    ]
 
 
 def _has_pattern(error: NDArray[np.float64]) -> bool:
