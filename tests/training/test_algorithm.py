@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 
 pytest.importorskip("mujoco_warp")
@@ -24,6 +26,7 @@ from sprintlab.training.losses import (
     policy_losses,
 )
 from sprintlab.training.networks import Critic
+from sprintlab.training.parameters import ParameterBlock
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 from sprintlab.training.storage import Rollout
 
@@ -130,18 +133,14 @@ class TestedUpdate:
             normalizer.variance.fill_(0.99**2)
 
     def run(self) -> None:
-        groups = ([*self.actor.policy.parameters(), self.actor.std], list(self.critic.parameters()))
-        optimizer = torch.optim.Adam([p for group in groups for p in group], lr=self.rate)
+        policy = [*self.actor.policy.parameters(), self.actor.std]
+        block = ParameterBlock([policy, list(self.critic.parameters())], self.rate, fused=False)
         old_std = self.actor.std.detach().clone()
         for _ in range(PPO_SETTINGS.epochs):
             batch = self.rollout.policy_batch(0, ROBOTS)
             loss, parts = policy_losses(self.actor, self.critic, batch, old_std, PPO_SETTINGS)
             self.rate.copy_(adapted_learning_rate(self.rate, parts[3], PPO_SETTINGS.desired_kl))
-            optimizer.zero_grad()
-            loss.backward()
-            for group in groups:
-                torch.nn.utils.clip_grad_norm_(group, 1.0)
-            optimizer.step()
+            block.descend(loss, Workers())
 
 
 def test_log_probability_is_torch_s() -> None:
@@ -179,13 +178,36 @@ def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> 
         learner.environment.advance()
         learner.record()
     before = {name: value.clone() for name, value in learner._networks().items()}
-    learner.statistics()
+    learner.take_log()
     learner.rollout.reward[1, 2] = float("nan")
     learner.update()
     for name, value in learner._networks().items():
         assert torch.equal(value, before[name]), name
-    assert learner.statistics()["rolled_back"] == 1.0
+    assert learner.take_log().read()["rolled_back"] == 1.0
     learner.rollout.reward[1, 2] = 0.0
     learner.update()
-    assert learner.statistics()["rolled_back"] == 1.0
+    assert learner.take_log().read()["rolled_back"] == 1.0
     assert any(not torch.equal(value, before[name]) for name, value in learner._networks().items())
+
+
+def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
+    """What Adam and the norm's limit do to the block is what they do to the parameters one by one."""
+    torch.manual_seed(1)
+    modules = [torch.nn.Linear(5, 3), torch.nn.Linear(3, 2)]
+    copies = [copy.deepcopy(module) for module in modules]
+    rate = torch.tensor(1e-2)
+    block = ParameterBlock([list(module.parameters()) for module in modules], rate, fused=False)
+    reference = torch.optim.Adam([p for module in copies for p in module.parameters()], lr=1e-2)
+    for _ in range(5):
+        inputs = 30.0 * torch.randn(8, 5)
+        block.descend(modules[1](modules[0](inputs)).square().mean(), Workers())
+        reference.zero_grad()
+        copies[1](copies[0](inputs)).square().mean().backward()
+        for module in copies:
+            assert torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0) > 1.0
+        reference.step()
+    for ours, theirs in zip(block.parameters, (p for m in copies for p in m.parameters()), strict=True):
+        torch.testing.assert_close(ours, theirs)
+        assert ours.untyped_storage().data_ptr() == block.values.untyped_storage().data_ptr()
+    used = sum(parameter.numel() for parameter in block.parameters)
+    assert int((block.values != 0.0).sum()) == used < block.values.numel()

@@ -1,35 +1,37 @@
 """PPO with the estimator: acting, recording and learning, each one graph on a GPU.
 
 Nothing here waits for the device: the learning rate, the column of the rollout and the check for a diverged
-update are tensors. ``statistics`` is the one place where numbers are read back, once an iteration.
+update are tensors. ``take_log`` hands over numbers that the runner reads back, once an iteration.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
 from typing import Any
 
 import torch
-from torch import nn
 
 from sprintlab.control import ESTIMATE_SIZE, low_pass_coefficient
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import RobotDescription
 from sprintlab.training.distributed import Workers
 from sprintlab.training.environment import POLICY_STEP, SprintEnvironment
-from sprintlab.training.graphs import captured
+from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.losses import (
     EstimatorBatch,
     PolicyBatch,
     adapted_learning_rate,
+    decide_and_value,
     estimator_losses,
     generalized_advantages,
     log_probability,
     policy_losses,
 )
 from sprintlab.training.networks import LARGEST_STD, Actor, Critic
+from sprintlab.training.parameters import ParameterBlock
+from sprintlab.training.readout import Readout
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.storage import Rollout
 
@@ -43,7 +45,6 @@ LOSS_NAMES = (
     "reconstruction",
     "latent",
 )
-GRADIENT_NORM = 1.0
 
 
 def build_actor(settings: TrainingSettings, robot: RobotDescription) -> Actor:
@@ -57,23 +58,23 @@ class EstimatorPpo:
 
     Args:
         environment: whose observations are read and whose actions are written.
-        fused: whether the losses are compiled (GPU only); the reference path is the same code, plain.
+        fused: whether kernels are compiled (GPU only); the reference path is the same code, plain.
         workers: further processes with which gradients and statistics are shared.
     """
 
     def __init__(self, environment: SprintEnvironment, fused: bool, workers: Workers) -> None:
         self.environment, self.settings = environment, environment.settings
         self.device, self._workers = str(environment.device), workers
-        self._build(environment)
-        self._policy_losses: Callable[..., Any] = policy_losses
-        self._estimator_losses: Callable[..., Any] = estimator_losses
-        if fused and self.device.startswith("cuda"):
-            self._policy_losses = torch.compile(policy_losses, dynamic=False)
-            self._estimator_losses = torch.compile(estimator_losses, dynamic=False)
-        self.act, self.record, self.update = self._act, self._record, self._update
+        fused = fused and self.device.startswith("cuda")
+        self._build(environment, fused)
+        self._advantages = compiled(generalized_advantages, fused)
+        self._policy_losses = compiled(policy_losses, fused)
+        self._estimator_losses = compiled(estimator_losses, fused)
+        self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
+        self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
 
-    def _build(self, environment: SprintEnvironment) -> None:
+    def _build(self, environment: SprintEnvironment, fused: bool) -> None:
         settings, ppo = self.settings, self.settings.ppo
         self.actor = build_actor(settings, environment.robot).to(self.device)
         self.critic = Critic(ppo).to(self.device)
@@ -86,29 +87,15 @@ class EstimatorPpo:
             environment.num_actions,
             self.device,
         )
-        self.policy_parameters = [*self.actor.policy.parameters(), self.actor.std]
-        self.critic_parameters = list(self.critic.value.parameters())
-        self.estimator_parameters = list(self.actor.estimator.parameters())
+        policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
-        self.optimizer = self._adam(self.policy_parameters + self.critic_parameters, self.learning_rate)
+        self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
         rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
-        self.estimator_optimizer = self._adam(self.estimator_parameters, rate)
+        self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
         self.old_std = self.actor.std.detach().clone()
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
-
-    def _adam(self, parameters: list[nn.Parameter], rate: torch.Tensor) -> torch.optim.Adam:
-        """Adam whose whole step runs on the device; its state exists from the start."""
-        on_gpu = self.device.startswith("cuda")
-        optimizer = torch.optim.Adam(parameters, lr=rate, fused=on_gpu, foreach=False, capturable=on_gpu)
-        for parameter in parameters:
-            parameter.grad = torch.zeros_like(parameter)
-        optimizer.step()
-        for state in optimizer.state.values():
-            for value in state.values():
-                value.zero_()
-        return optimizer
 
     # --- graphs ------------------------------------------------------------------------------------------
 
@@ -120,7 +107,7 @@ class EstimatorPpo:
         moments = [tensor.clone() for tensor in self._moments()]
         rates = self.learning_rate.clone()
         self.act = captured(self._act, self.device)
-        self.record = captured(self._record, self.device)
+        self.record = captured(self._store, self.device)
         self.update = captured(self._update, self.device)
         for name, value in self._networks().items():
             value.copy_(kept[name])
@@ -137,29 +124,28 @@ class EstimatorPpo:
 
     def _moments(self) -> list[torch.Tensor]:
         """Both optimizers' state, in a fixed order."""
-        return [
-            value
-            for optimizer in (self.optimizer, self.estimator_optimizer)
-            for group in optimizer.param_groups
-            for parameter in group["params"]
-            for _, value in sorted(optimizer.state[parameter].items())
-        ]
+        return [*self.block.state(), *self.estimator_block.state()]
 
     def _revertible(self) -> list[torch.Tensor]:
-        """What a diverged update would spoil."""
-        return [*self._networks().values(), *self._moments()]
+        """What a diverged update would spoil; the blocks hold every parameter."""
+        buffers = [*self.actor.buffers(), *self.critic.buffers()]
+        return [self.block.values, self.estimator_block.values, *buffers, *self._moments()]
 
     # --- acting ------------------------------------------------------------------------------------------
 
     @torch.no_grad()
     def _act(self) -> None:
         """Perceive, decide, add noise; hand the action to the environment and all of it to the rollout."""
+        self._decide(torch.randn_like(self.environment.action))
+
+    @torch.no_grad()
+    def _act_with(self, noise: torch.Tensor) -> None:
         environment, rollout = self.environment, self.rollout
         history, truth = environment.actor_observation, environment.critic_observation
         perceived, estimate = self.actor.perceive(history, environment.estimate)
         environment.estimate.copy_(estimate)
-        mean, value = self.actor.decide(perceived), self.critic(truth)
-        action = mean + self.actor.std * torch.randn_like(mean)
+        mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
+        action = mean + self.actor.std * noise
         values = {
             "history": history,
             "perceived": perceived,
@@ -187,8 +173,9 @@ class EstimatorPpo:
 
     def _update(self) -> None:
         """All epochs over the rollout that has just been filled."""
-        for saved, tensor in zip(self._before, self._revertible(), strict=True):
-            saved.copy_(tensor)
+        with torch.no_grad():
+            for saved, tensor in zip(self._before, self._revertible(), strict=True):
+                saved.copy_(tensor)
         self._prepare()
         blocks = self._blocks()
         for epoch in range(self.settings.ppo.epochs):
@@ -211,7 +198,7 @@ class EstimatorPpo:
         r = self.rollout
         self.old_std.copy_(self.actor.std)
         last = self.critic(self.environment.critic_observation)
-        advantage = generalized_advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
+        advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
         r.returns.copy_(advantage + r.value)
         r.advantage.copy_(self._workers.normalized(advantage))
 
@@ -220,7 +207,7 @@ class EstimatorPpo:
         self._workers.average([parts])
         rate = adapted_learning_rate(self.learning_rate, parts[3], self.settings.ppo.desired_kl)
         self.learning_rate.copy_(rate)
-        self._descend(loss, self.optimizer, (self.policy_parameters, self.critic_parameters))
+        self.block.descend(loss, self._workers)
         with torch.no_grad():
             self.actor.std.clamp_(self.settings.ppo.least_std, LARGEST_STD)
             self._loss_sums[:4] += parts / (self.settings.ppo.epochs * self.settings.ppo.mini_batches)
@@ -230,23 +217,9 @@ class EstimatorPpo:
         noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
         batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
         loss, parts = self._estimator_losses(self.actor, batch, self.settings.estimator)
-        self._descend(loss, self.estimator_optimizer, (self.estimator_parameters,))
+        self.estimator_block.descend(loss, self._workers)
         with torch.no_grad():
             self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
-
-    def _descend(
-        self,
-        loss: torch.Tensor,
-        optimizer: torch.optim.Adam,
-        groups: Iterable[list[nn.Parameter]],
-    ) -> None:
-        """One step down the gradient, each group's norm limited on its own."""
-        optimizer.zero_grad(set_to_none=False)
-        loss.backward()
-        for parameters in groups:
-            self._workers.average([p.grad for p in parameters if p.grad is not None])
-            nn.utils.clip_grad_norm_(parameters, GRADIENT_NORM, foreach=True)
-        optimizer.step()
 
     @torch.no_grad()
     def _update_normalizers(self) -> None:
@@ -264,7 +237,7 @@ class EstimatorPpo:
     def _roll_back_if_diverged(self) -> None:
         """A NaN anywhere: networks and optimizers as before the update, and a fresh, slower start."""
         tensors = self._revertible()
-        finite = torch.stack([torch.isfinite(tensor).all() for tensor in tensors]).all()
+        finite = torch.nn.utils.get_total_norm(tensors).isfinite()
         for saved, tensor in zip(self._before, tensors, strict=True):
             tensor.copy_(torch.where(finite, tensor, saved))
         self.learning_rate.copy_(torch.where(finite, self.learning_rate, 0.5 * self.learning_rate))
@@ -273,13 +246,13 @@ class EstimatorPpo:
 
     # --- numbers, checkpoints ----------------------------------------------------------------------------
 
-    def statistics(self) -> dict[str, float]:
-        """Losses since the last call, learning rate, noise, updates rolled back; waits for the device."""
+    def take_log(self) -> Readout:
+        """Losses since the last call, learning rate, noise, updates rolled back."""
         extra = torch.stack((self.learning_rate, self.actor.std.detach().mean(), self.rolled_back))
-        values = torch.cat((self._loss_sums, extra)).tolist()
+        values = torch.cat((self._loss_sums, extra))
         self._loss_sums.zero_()
         names = [f"loss/{name}" for name in LOSS_NAMES]
-        return dict(zip([*names, "learning_rate", "action_std", "rolled_back"], values, strict=True))
+        return Readout([*names, "learning_rate", "action_std", "rolled_back"], values)
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, normalizers, estimator, optimizers, learning rate."""
@@ -293,10 +266,20 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take up a run: values are copied into the tensors that the graphs know."""
+        """Take up a run: values are copied into the tensors that the graphs know.
+
+        Raises:
+            SprintlabError: the optimizers' state is not that of these networks.
+        """
+        moments = self._moments()
+        if [value.shape for value in state["moments"]] != [value.shape for value in moments]:
+            raise SprintlabError(
+                "the optimizer of this checkpoint does not fit (other widths of the networks, or an earlier "
+                "version of sprintlab): it can be exported, but not trained further"
+            )
         self.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
-        for tensor, value in zip(self._moments(), state["moments"], strict=True):
+        for tensor, value in zip(moments, state["moments"], strict=True):
             tensor.copy_(value)
         self.learning_rate.copy_(state["learning_rate"])
         self.rolled_back.copy_(state["rolled_back"])

@@ -38,10 +38,11 @@ from sprintlab.control.contract import ACTION_LIMIT
 from sprintlab.robots import load_robot
 from sprintlab.training.draws import Draws
 from sprintlab.training.episodes import Ends, choose_starts, find_ends, standing_starts
-from sprintlab.training.graphs import captured
+from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.networks import TRUTH_SIZE
 from sprintlab.training.randomization import randomize
+from sprintlab.training.readout import Readout
 from sprintlab.training.rewards import RewardInput, aggregate, penalties, tracking
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.simulation import BatchSimulation
@@ -54,6 +55,7 @@ _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
     "tilt", "vertical_speed", "broken",
 )  # fmt: skip
+_PERCENTILES = ("speed_median", "speed_p95", "speed_p999")
 
 
 class SprintEnvironment(VecEnv):
@@ -89,7 +91,7 @@ class SprintEnvironment(VecEnv):
         self._start_all()
         self._finish_step: Callable[[], None] = self._after_physics
         if fused and str(device).startswith("cuda"):
-            self._transition = torch.compile(self._transition, dynamic=False)
+            self._transition = compiled(self._transition, fused)
             self._finish_step = captured(self._after_physics, device)
             self._start_all()
 
@@ -424,14 +426,13 @@ class SprintEnvironment(VecEnv):
 
     # --- statistics --------------------------------------------------------------------------------------
 
-    def take_log(self) -> dict[str, float]:
-        """Means since the last call, speed percentiles and the weighted penalties; waits for the device."""
+    def take_log(self) -> Readout:
+        """Means since the last call, speed percentiles and the weighted penalties."""
         finite = torch.nan_to_num(self.running_speed)
         speeds = torch.stack([fastest_speed(finite, share) for share in (0.5, 0.95, 0.999)])
         means = self._log_sums / max(1, self._logged_steps)
-        values = torch.cat((means, speeds, self.grid_weights.mean()[None])).tolist()
+        values = torch.cat((means, speeds, self.grid_weights.mean()[None]))
         self._log_sums.zero_()
         self._logged_steps = 0
         penalty_names = [f"penalty/{name}" for name in self.settings.rewards.penalties()]
-        extra = ("speed_median", "speed_p95", "speed_p999", "grid_open")
-        return dict(zip((*_LOGGED, *penalty_names, *extra), values, strict=True))
+        return Readout((*_LOGGED, *penalty_names, *_PERCENTILES, "grid_open"), values)

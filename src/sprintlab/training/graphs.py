@@ -1,12 +1,16 @@
-"""Work on fixed buffers as one CUDA graph; on the CPU the same work is simply done."""
+"""Work on fixed buffers as one CUDA graph of compiled kernels; on the CPU the same work is simply done."""
 
 from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
 
 import torch
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 WARM_UP = 3
 """Runs before a capture: PyTorch's advice for its allocator, cuBLAS and optimizers."""
@@ -22,6 +26,15 @@ def suspended_garbage_collection() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
+
+
+def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Arguments, Result]:
+    """``work`` with its kernels fused; ``work`` itself where ``fused`` is off.
+
+    Every concatenation is computed where it is used: left to itself the compiler gives each of its parts a
+    kernel, which made 86 kernels of the step after physics where 40 do.
+    """
+    return torch.compile(work, dynamic=False, options={"force_pointwise_cat": True}) if fused else work
 
 
 def captured(work: Callable[[], None], device: str) -> Callable[[], None]:

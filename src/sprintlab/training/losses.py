@@ -94,13 +94,23 @@ class PolicyBatch(NamedTuple):
     returns: torch.Tensor
 
 
+def decide_and_value(
+    actor: Actor, critic: Critic, perceived: torch.Tensor, truth: torch.Tensor, settings: PpoSettings
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean actions ``(m, k)`` and values ``(m,)`` in the precision of the settings.
+
+    Rollout and update both call this: the likelihood ratio then compares policies, not number formats.
+    """
+    with torch.autocast(truth.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
+        mean, value = actor.decide(perceived), critic(truth)
+    return mean.float(), value.float()
+
+
 def policy_losses(
     actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient."""
-    with torch.autocast(batch.truth.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
-        mean, value = actor.decide(batch.perceived), critic(batch.truth)
-    mean, value = mean.float(), value.float()
+    mean, value = decide_and_value(actor, critic, batch.perceived, batch.truth, settings)
     ratio = torch.exp(log_probability(batch.action, mean, actor.std) - batch.log_probability)
     limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
     surrogate = torch.maximum(-batch.advantage * ratio, -batch.advantage * limited).mean()

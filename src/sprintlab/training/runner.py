@@ -22,6 +22,7 @@ from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.training.algorithm import EstimatorPpo
 from sprintlab.training.distributed import Workers
 from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.readout import joined
 from sprintlab.training.settings import TrainingSettings
 
 CHECKPOINT_FORMAT = 2
@@ -92,17 +93,10 @@ class Runner:
             self.environment.advance()
             self.learner.record()
         self.learner.update()
-        statistics = self._shared({**self.environment.take_log(), **self.learner.statistics()})
+        self.workers.average([self.environment.grid_weights])
+        statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
         self._advance_curriculum(statistics["speed_p999"])
         return self._record(statistics, time.perf_counter() - started)
-
-    def _shared(self, statistics: dict[str, float]) -> dict[str, float]:
-        """Means over all processes, so that every one's curriculum takes the same step."""
-        if not self.workers.several:
-            return statistics
-        values = torch.tensor(list(statistics.values()), device=self.device)
-        self.workers.average([values, self.environment.grid_weights])
-        return dict(zip(statistics, values.tolist(), strict=True))
 
     def _advance_curriculum(self, fastest: float) -> None:
         self.growth.update(fastest, self.blend.top)

@@ -298,8 +298,8 @@ class PpoSettings:
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
         hidden: widths of actor and critic.
-        precision: of the matrix products in the update, ``"tf32"`` or ``"bfloat16"`` (faster; the likelihood
-            ratio then carries a noise of a few per cent).
+        precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
+            ``"bfloat16"`` (faster; an exported policy always computes in single precision).
 
     Raises:
         InvalidValueError: a count below one, a number out of range, or an unknown precision.
