@@ -77,6 +77,7 @@ def test_packages_are_held_against_what_is_asked_for(monkeypatch):
     assert doctor.package_finding("fine", ">=2,<3", "").state == "ok"
     old = doctor.package_finding("old", ">=2,<3", "train")
     assert (old.state, old.found) == ("broken", "1.0, wanted <3,>=2") or old.found == "1.0, wanted >=2,<3"
+    assert old.advice == "pip install 'old>=2,<3'"
     assert doctor.package_finding("absent", ">=2", "train").state == "missing"
     assert doctor.package_finding("absent", ">=2", "").state == "broken"
 
@@ -90,6 +91,8 @@ def test_every_extra_but_those_of_developers_is_looked_at():
 
 def test_a_full_or_read_only_disk_is_a_fault(tmp_path, monkeypatch):
     assert doctor.disk(tmp_path / "not" / "yet").state == "ok"
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    assert "is a file" in doctor.disk(tmp_path / "file").found
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda place: usage(1e12, 1e12, 2e8))
     full = doctor.disk(tmp_path)
@@ -107,3 +110,10 @@ def test_a_probe_tells_the_last_line_of_what_went_wrong():
 def test_a_probe_that_hangs_is_given_up(monkeypatch):
     monkeypatch.setattr(doctor, "_PROBE_SECONDS", 0.2)
     assert doctor._probe("import time; time.sleep(60)") == "no answer in 0 s"
+
+
+def test_what_helps_several_things_is_said_once(capsys):
+    facts = {"state": "missing", "found": "", "needed_for": "training"}
+    names = ("torch", "onnx")
+    doctor._print_findings([doctor.Finding(name=name, advice="do this", **facts) for name in names])
+    assert capsys.readouterr().out.splitlines()[-1] == "torch, onnx: do this"

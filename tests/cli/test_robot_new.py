@@ -55,6 +55,10 @@ def test_options_alone_are_enough(call, here):
         ((GO1 / "go1.xml", *OPTIONS[:-1], -5), "bus_voltage = -5.0"),
         ((GO1 / "go1.xml", *OPTIONS, "--name", "../x"), "name = '../x'"),
         ((GO1 / "go1.xml", *OPTIONS, "--hip-motor", "none.toml"), "cannot read none.toml"),
+        (
+            (GO1 / "go1.xml", *OPTIONS, "--hip-motor", "ak80"),
+            "ROBOT:JOINT such as bp2:hip, or one of cubemars",
+        ),
         ((GO1 / "motor.toml", *OPTIONS), "cannot be used"),
         ((GO1 / "go1.xml", "--choices", "none.toml"), "cannot read none.toml"),
     ],

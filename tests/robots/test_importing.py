@@ -33,7 +33,7 @@ def choices(name: str = "mine", **fields) -> RobotChoices:
 
 def go1_choices() -> RobotChoices:
     given = read_choices(GO1 / "choices.toml")
-    joints = {name: JointChoice(**{**table, "motor": MOTOR}) for name, table in given.pop("joints").items()}
+    joints = {name: JointChoice(**table) for name, table in given.pop("joints").items()}
     return RobotChoices(**given, joints=joints)
 
 

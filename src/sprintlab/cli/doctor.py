@@ -104,9 +104,17 @@ def _print_findings(found: list[Finding]) -> None:
         table.add_row(finding.name, state, finding.found, finding.needed_for)
     console = stdout_console()
     console.print(table)
+    for advice, names in _by_advice(found).items():
+        console.print(f"{', '.join(names)}: {advice}", soft_wrap=True, markup=False)
+
+
+def _by_advice(found: list[Finding]) -> dict[str, list[str]]:
+    """What to do, each thing once, and for what."""
+    names: dict[str, list[str]] = {}
     for finding in found:
         if finding.advice:
-            console.print(f"{finding.name}: {finding.advice}", soft_wrap=True, markup=False)
+            names.setdefault(finding.advice, []).append(finding.name)
+    return names
 
 
 def examine(folder: Path, begin: Callable[[str], None] = lambda name: None) -> Iterator[Finding]:
@@ -167,7 +175,7 @@ def package_finding(name: str, wanted: str, extra: str) -> Finding:
     from packaging.specifiers import SpecifierSet
 
     use = {"": "everything", "train": "training"}.get(extra, f"the extra {extra}")
-    command = f"pip install 'sprintlab[{extra}]'" if extra else "pip install --upgrade sprintlab"
+    command = f"pip install 'sprintlab[{extra}]'" if extra else f"pip install '{name}{wanted}'"
     try:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -175,7 +183,9 @@ def package_finding(name: str, wanted: str, extra: str) -> Finding:
         return Finding(name=name, state=state, found="not installed", needed_for=use, advice=command)
     if not SpecifierSet(wanted).contains(version, prereleases=True):
         found = f"{version}, wanted {wanted}"
-        return Finding(name=name, state="broken", found=found, needed_for=use, advice=f"{command} --upgrade")
+        return Finding(
+            name=name, state="broken", found=found, needed_for=use, advice=f"pip install '{name}{wanted}'"
+        )
     return Finding(name=name, state="ok", found=version, needed_for=use)
 
 
@@ -342,6 +352,11 @@ def disk(folder: Path) -> Finding:
     place = folder.absolute()
     while not place.exists():
         place = place.parent
+    if not place.is_dir():
+        return Finding(
+            name="disk", state="broken", found=f"{place} is a file", needed_for="runs",
+            advice="choose a folder",
+        )  # fmt: skip
     free = shutil.disk_usage(place).free
     found = f"{free / 1e9:.1f} GB free at {place}"
     if not os.access(place, os.W_OK):

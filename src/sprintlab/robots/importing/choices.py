@@ -101,6 +101,8 @@ class RobotChoices:
 def read_choices(path: Path) -> dict[str, Any]:
     """A TOML file with the fields of ``RobotChoices``, and a table ``[joint.abad]``, ... for each joint type.
 
+    A motor file named in it is looked for beside it first, then in the working directory.
+
     Raises:
         RobotModelError: the file cannot be read, is no TOML, or has an unknown field.
     """
@@ -115,6 +117,9 @@ def read_choices(path: Path) -> dict[str, Any]:
     _check_names(path, joints, set(JOINTS_PER_LEG), "joint.")
     for joint, table in joints.items():
         _check_names(path, table, {item.name for item in fields(JointChoice)}, f"joint.{joint}.")
+        beside = path.parent / str(table.get("motor", ""))
+        if beside.suffix == ".toml" and beside.is_file():
+            table["motor"] = str(beside)
     return {**document, "joints": joints}
 
 
@@ -142,8 +147,14 @@ def find_motor(reference: str) -> PmsmParameters:
                 "motor", reference, "ROBOT:JOINT with a joint of " + ", ".join(JOINTS_PER_LEG)
             )
         motors, index = load_robot(robot_name).motors, JOINTS_PER_LEG.index(joint)
-    else:
+    elif reference.endswith(".toml") or Path(reference).is_file():
         motors, index = load_motor(reference), 0
+    else:
+        raise InvalidValueError(
+            "motor",
+            reference,
+            f"a motor file (.toml), ROBOT:JOINT such as bp2:hip, or one of {', '.join(library_motors())}",
+        )
     columns = {item.name: np.atleast_1d(getattr(motors, item.name)) for item in fields(PmsmParameters)}
     if not colon and any(len(column) > 1 for column in columns.values()):
         raise InvalidValueError("motor", reference, "must hold one motor, one number a field")
