@@ -56,7 +56,7 @@ def _sections(name: str, command: type) -> Iterator[str]:
         for part, member in subcommands(inner):
             yield from _sections(f"{name} {part}", member)
         return
-    yield f"## {name}\n\n{described(command)[0]}\n"
+    yield f"## {name}\n\n{_escaped(described(command)[0])}\n"
     rows = list(_rows(command))
     if rows:
         yield "| argument | default | meaning |\n|---|---|---|\n" + "\n".join(rows) + "\n"
@@ -91,7 +91,12 @@ def _row(field: dataclasses.Field[Any], hint: Any, meanings: dict[str, str]) -> 
         default = "required"
     else:
         default = _default_text(field.default)
-    return f"| `{shown}` | {default} | {meanings.get(field.name, '').replace('|', chr(92) + '|')} |"
+    return f"| `{shown}` | {default} | {_escaped(meanings.get(field.name, '')).replace('|', chr(92) + '|')} |"
+
+
+def _escaped(text: str) -> str:
+    """Placeholders such as <date> as text: Markdown would take them for HTML."""
+    return text.replace("<", "&lt;")
 
 
 def _option_name(field: dataclasses.Field[Any], hint: Any) -> str:

@@ -49,3 +49,8 @@ def test_every_command_has_its_section(site):
     assert len(names) > 8
     for name in names:
         assert f'id="sprintlab-{name}' in text
+
+
+def test_placeholders_are_shown_as_text(site):
+    """Markdown takes <date> for HTML and drops it."""
+    assert "runs/race-&lt;date&gt;-&lt;time&gt;" in (site / "commands.html").read_text(encoding="utf-8")
