@@ -5,9 +5,10 @@ import json
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError, SprintlabError
 from sprintlab.evaluation.ablation import measure, runs
 from sprintlab.evaluation.ablation.measure import Candidate, EvaluationPlan, evaluate_candidates
 from sprintlab.evaluation.ablation.pages import (
@@ -204,6 +205,21 @@ def test_a_failure_in_one_policy_arrives(standing, plan, monkeypatch, make_polic
     plan = dataclasses.replace(plan, cache=None)
     with pytest.raises(SprintlabError, match="the disk is full"):
         evaluate_candidates([standing[0], standing[0]], plan)
+
+
+def test_a_policy_that_fails_leaves_the_others_their_time(standing, plan, monkeypatch, make_policy):
+    bad = Candidate(method="baseline", seed=1, policy=make_policy(np.full(12, 0.01)))
+    real, done = measure.run_speed, []
+
+    def run_speed(pool, *arguments, **more):
+        if np.any(pool.policy.infer(np.zeros((1, pool.policy.layout.input_size), np.float32))):
+            raise SimulationError("no longer finite")
+        return real(pool, *arguments, **more)
+
+    monkeypatch.setattr(measure, "run_speed", run_speed)
+    with pytest.raises(SprintlabError, match=r"1 of 2 policies .* baseline, seed 1: no longer finite"):
+        evaluate_candidates([bad, standing[0]], plan, done=lambda candidate, _: done.append(candidate))
+    assert done == [standing[0]]
 
 
 def test_table_two_stands_beside_the_papers():

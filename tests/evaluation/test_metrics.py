@@ -97,6 +97,14 @@ def test_stride_frequency_of_a_trot_with_its_harmonics(frequency, error):
     assert stride_frequency(swing, 0.002) == pytest.approx(frequency, rel=error)
 
 
+@pytest.mark.parametrize("slowing", [0.1, 0.2, 0.38])
+def test_a_stride_that_slows_down_has_a_frequency_between_first_and_last(slowing):
+    time = np.arange(1000) / 500.0
+    phase = 2 * np.pi * 7.5 * (time - slowing * time**2 / 4)
+    swing = np.stack([np.sin(phase + leg) + 0.3 * np.sin(2 * phase) for leg in range(12)], axis=1)
+    assert 7.5 * (1.0 - slowing) < stride_frequency(swing, 0.002) < 7.5
+
+
 def test_a_robot_that_stands_or_shakes_has_no_stride():
     random = np.random.default_rng(0)
     assert math.isnan(stride_frequency(random.normal(scale=0.001, size=(1000, 12)), 0.002))

@@ -151,3 +151,12 @@ def test_ten_trials_of_twelve_seconds_take_less_than_twenty_on_two_cores(standin
     assert len(result.trials) == 10 and result.falls == 0
     # Processor time: how busy the machine is with other work does not count.
     assert ended.children_user - started.children_user < 2 * 20.0
+
+
+def test_worker_processes_compute_with_one_thread_each(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with WorkerProcesses(2) as processes:
+        asked = [processes._executor.submit(os.getenv, f"{name}_NUM_THREADS") for name in ("OMP", "OPENBLAS")]
+        assert [answer.result() for answer in asked] == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7" and "OPENBLAS_NUM_THREADS" not in os.environ

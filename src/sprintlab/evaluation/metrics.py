@@ -188,14 +188,17 @@ def _autocorrelation(values: FloatArray) -> FloatArray:
 
 
 def _refined_period(correlation: FloatArray, lag: int) -> float:
-    """Period in samples, finer than one: the peaks after one, two, ... periods, up to the last known."""
+    """Period in samples, finer than one: the peaks after one, two, ... periods, up to the last known.
+
+    A stride that changes has no peak where the next one is expected: the periods before it then count.
+    """
     period = _parabola_peak(correlation, lag)
     for repeats in range(2, int((len(correlation) - 3) / period) + 1):
-        near = round(repeats * period)
-        near += int(correlation[near - 2 : near + 3].argmax()) - 2
-        if near + 1 >= len(correlation):
+        first = round(repeats * period) - 2
+        highest = int(correlation[first : first + 5].argmax())
+        if first + highest + 1 >= len(correlation) or highest in (0, 4):
             break
-        period = _parabola_peak(correlation, near) / repeats
+        period = _parabola_peak(correlation, first + highest) / repeats
     return period
 
 

@@ -28,8 +28,13 @@ class PolicyFile(NamedTuple):
     changed: int
 
 
+_THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
 class WorkerProcesses:
     """Fresh interpreters that trials of any policy are sent to; use it as a context manager.
+
+    Each works with one thread: NumPy's linear algebra would else start one a core in every process.
 
     Args:
         count: processes; ``None`` takes one a core, 1 runs everything in the calling process.
@@ -44,6 +49,10 @@ class WorkerProcesses:
         # Spawned: a fork would copy locks of libraries that run threads.
         context = multiprocessing.get_context("spawn")
         self._executor = ProcessPoolExecutor(self.count, context) if self.count > 1 else None
+        # New interpreters inherit the environment, and read these before anything could tell them otherwise.
+        self._environment = {name: os.environ.get(name) for name in _THREAD_SETTINGS}
+        if self._executor is not None:
+            os.environ.update(dict.fromkeys(_THREAD_SETTINGS, "1"))
 
     def __enter__(self) -> WorkerProcesses:
         return self
@@ -55,8 +64,14 @@ class WorkerProcesses:
 
     def close(self) -> None:
         """Stop the processes; what has not started is dropped."""
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+        if self._executor is None:
+            return
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        for name, value in self._environment.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
     def run(
         self, policy: PolicyFile, robot: RobotDescription, requests: Sequence[TrialRequest]

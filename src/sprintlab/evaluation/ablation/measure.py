@@ -6,7 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from importlib import metadata
@@ -115,14 +115,14 @@ def evaluate_candidates(
         Records in the order of the candidates.
 
     Raises:
-        SprintlabError: a policy is refused, the simulation failed, or the cache cannot be written; what
-            was finished by then is in the cache.
+        SprintlabError: a policy is refused, before anything is run; or, after all others are done, a
+            simulation failed or the cache could not be written.
     """
     for candidate in candidates:  # refuse before hours of work, not after
         TrialPool(candidate.policy, plan.robot, workers=1)
     with WorkerProcesses(plan.workers) as processes:
-        # A search waits for its slowest trial at every speed: two at once fill the gaps of a few cores.
-        together = max(1, min(len(candidates), processes.count // 4 + 1))
+        # A search waits for its slowest trial at every speed: twice as many trials as cores fill the gaps.
+        together = min(len(candidates), processes.count // plan.protocol.trials + 1)
         with ThreadPoolExecutor(together) as threads:
 
             def evaluate(candidate: Candidate) -> EvaluationRecord:
@@ -130,21 +130,29 @@ def evaluate_candidates(
                 done(candidate, record)
                 return record
 
-            futures = [threads.submit(evaluate, candidate) for candidate in candidates]
+            futures = {threads.submit(evaluate, candidate): candidate for candidate in candidates}
             return _results(futures, processes)
 
 
-def _results(futures: list[Future[EvaluationRecord]], processes: WorkerProcesses) -> list[EvaluationRecord]:
-    """All results; the first failure, or Ctrl-C, stops the others."""
+def _results(
+    futures: dict[Future[EvaluationRecord], Candidate], processes: WorkerProcesses
+) -> list[EvaluationRecord]:
+    """All results; a policy that fails leaves the others their time, Ctrl-C does not."""
     try:
-        wait(futures, return_when=FIRST_EXCEPTION)
-        failed = [future for future in futures if future.done() and future.exception() is not None]
-        return [future.result() for future in (failed or futures)]
+        wait(futures)
     except BaseException:
         for future in futures:
             future.cancel()
         processes.close()
         raise
+    failed = {candidate: error for future, candidate in futures.items() if (error := future.exception())}
+    for error in failed.values():
+        if not isinstance(error, SprintlabError):
+            raise error
+    if failed:
+        reasons = "; ".join(f"{candidate}: {error}" for candidate, error in failed.items())
+        raise SprintlabError(f"{len(failed)} of {len(futures)} policies could not be evaluated: {reasons}")
+    return [future.result() for future in futures]
 
 
 def versions() -> dict[str, str]:
@@ -181,8 +189,9 @@ class _Evaluation:
 
     def run(self) -> EvaluationRecord:
         """Both searches, then both sprints at their best speeds."""
-        searches = {way: self._search(way) for way in WAYS}
-        sprints = {way: self._sprint(way, searches[way]) for way in WAYS}
+        with ThreadPoolExecutor(len(WAYS)) as threads:
+            searches = dict(zip(WAYS, threads.map(self._search, WAYS), strict=True))
+            sprints = dict(zip(WAYS, threads.map(self._sprint, WAYS, searches.values()), strict=True))
         return evaluation_record(
             self._candidate, self._plan, self._sha256, self._pool.policy.contract, searches, sprints
         )
