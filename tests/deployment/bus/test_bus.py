@@ -187,7 +187,7 @@ def test_a_damaged_message_is_dropped_and_counted(bus_name, make_state):
     endpoint = open_endpoint(f"shm://{bus_name}")
     interface = open_bus(f"shm://{bus_name}")
     endpoint.publish(make_state(1))
-    interface._states._memory[100] ^= 1
+    interface._readers["state"]._memory[100] ^= 1
     endpoint.publish(make_state(2))
     state = interface.receive()
     assert state is not None and state.sequence == 2

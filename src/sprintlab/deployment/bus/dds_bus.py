@@ -21,15 +21,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from sprintlab.deployment.bus.address import BusAddress, BusError
-from sprintlab.deployment.interface import (
-    JointCommand,
-    MessageError,
-    MessageType,
-    PositionFix,
-    RobotState,
-    decode,
-    encode,
-)
+from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
 
 _PATIENCE = 3.0  # [s] to find a robot
 _SETTLING = 0.5  # [s] to hear of others
@@ -72,11 +64,10 @@ def open_endpoint(address: BusAddress) -> "DdsEndpoint":
     return DdsEndpoint(address)
 
 
-class _DdsEnd:
+class _DdsEnd(BusEnd):
     """A participant with topics of one robot."""
 
     def __init__(self, address: BusAddress, writes: tuple[str, ...], reads: tuple[str, ...]) -> None:
-        self.malformed = 0
         self._closed = self._peer_seen = False
         self._name = f"sprintlab_{address.name}"
         self._participant = _participant(address)
@@ -115,88 +106,48 @@ class _DdsEnd:
         names = {sample.topic_name for sample in found if hasattr(sample, "topic_name")}
         return {name.removeprefix(f"{self._name}_") for name in names if name.startswith(f"{self._name}_")}
 
-    def _put(self, name: str, content: bytes) -> None:
+    def _take(self, channel: str) -> bytes | None:
+        if self._closed:
+            return None
+        waiting = self._waiting[channel]
+        if not waiting:
+            samples = self._readers[channel].take(N=_WAITING)
+            waiting += [_content(sample) for sample in samples if isinstance(sample, Packet)]
+        return waiting.pop(0) if waiting else None
+
+    def _put(self, channel: str, content: bytes) -> None:
         if self._closed:
             return
         with contextlib.suppress(DDSException):  # a link that is down: the other end's watchdog sees it
-            self._writers[name].write(_packet(content))
-
-    def _next(self, name: str, kind: type[MessageType]) -> MessageType | None:
-        while not self._closed:
-            waiting = self._waiting[name]
-            if not waiting:
-                samples = self._readers[name].take(N=_WAITING)
-                waiting += [_content(sample) for sample in samples if isinstance(sample, Packet)]
-            if not waiting:
-                return None
-            try:
-                return decode(kind, waiting.pop(0))
-            except MessageError:
-                self.malformed += 1
-        return None
+            self._writers[channel].write(_packet(content))
 
 
-class DdsInterface(_DdsEnd):
-    """The controller's end over DDS.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class DdsInterface(_DdsEnd, ControllerEnd):
+    """The controller's end over DDS."""
 
     def __init__(self, address: BusAddress) -> None:
-        super().__init__(address, writes=("command",), reads=("state", "fix"))
-
-    def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left."""
-        return self._next("state", RobotState)
-
-    def receive_fix(self) -> PositionFix | None:
-        """The newest position fix not yet read, if any."""
-        newest = None
-        while (fix := self._next("fix", PositionFix)) is not None:
-            newest = fix
-        return newest
-
-    def send(self, command: JointCommand) -> None:
-        """Hand a command to the robot."""
-        self._put("command", encode(command))
+        super().__init__(address, writes=(COMMAND,), reads=(STATE, FIX))
 
     def _greet(self, address: BusAddress) -> None:
         deadline = time.monotonic() + _PATIENCE
-        while "state" not in self._published():
+        while STATE not in self._published():
             if time.monotonic() > deadline:
                 raise BusError(f"no robot named {address.name!r} is in the DDS domain; start it first")
             time.sleep(0.1)
         time.sleep(_SETTLING)
-        if "command" in self._published():
+        if COMMAND in self._published():
             raise BusError(f"another controller drives the robot {address.name!r}")
 
 
-class DdsEndpoint(_DdsEnd):
-    """The robot's end over DDS.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class DdsEndpoint(_DdsEnd, RobotEnd):
+    """The robot's end over DDS."""
 
     def __init__(self, address: BusAddress) -> None:
-        super().__init__(address, writes=("state", "fix"), reads=("command",))
-
-    def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None if there is none left."""
-        return self._next("command", JointCommand)
-
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
-        self._put("state", encode(state))
-
-    def publish_fix(self, fix: PositionFix) -> None:
-        """Send a position fix."""
-        self._put("fix", encode(fix))
+        super().__init__(address, writes=(STATE, FIX), reads=(COMMAND,))
 
     def _greet(self, address: BusAddress) -> None:
         time.sleep(_SETTLING)
-        if "state" in self._published():
+        if STATE in self._published():
             raise BusError(f"a robot named {address.name!r} is in the DDS domain already")
 
 

@@ -13,21 +13,14 @@ import mmap
 import os
 import struct
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
 from sprintlab.deployment.bus.address import BusAddress, BusError
+from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
 from sprintlab.deployment.bus.ring import RingReader, RingWriter, ring_size
-from sprintlab.deployment.interface import (
-    JointCommand,
-    MessageError,
-    MessageType,
-    PositionFix,
-    RobotState,
-    decode,
-    encode,
-    message_size,
-)
+from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState, message_size
 
 PREFIX = "sprintlab-"
 """How the names of the files begin."""
@@ -50,9 +43,9 @@ class _Channel(NamedTuple):
 
 # A quarter of a second at 1 kHz: more than any watchdog allows.
 _CHANNELS = {
-    "state": _Channel(RobotState, 256),
-    "command": _Channel(JointCommand, 256),
-    "fix": _Channel(PositionFix, 16),
+    STATE: _Channel(RobotState, 256),
+    COMMAND: _Channel(JointCommand, 256),
+    FIX: _Channel(PositionFix, 16),
 }
 
 
@@ -97,29 +90,25 @@ def open_endpoint(address: BusAddress) -> SharedMemoryEndpoint:
     return SharedMemoryEndpoint(address.name)
 
 
-class _Mapped:
+class _Mapped(BusEnd):
     """One end: the file in memory, a ring for each kind of message."""
 
     def __init__(self, file: IO[bytes], path: Path) -> None:
-        self.malformed = 0
         self._file, self._path = file, path
         self._map = mmap.mmap(file.fileno(), 0)
         self._memory = memoryview(self._map)
         self._words = self._memory[: 8 * _HEADER_WORDS].cast("Q")
-        self._rings: list[RingReader | RingWriter] = []
+        self._writers: dict[str, RingWriter] = {}
+        self._readers: dict[str, RingReader] = {}
         self._closed = False
 
-    def _reader(self, name: str) -> RingReader:
-        channel = _CHANNELS[name]
-        ring = RingReader(self._part(name), channel.slots, message_size(channel.kind))
-        self._rings.append(ring)
-        return ring
+    def _open_rings(self, *, writes: Sequence[str], reads: Sequence[str]) -> None:
+        self._writers = {channel: RingWriter(*self._ring(channel)) for channel in writes}
+        self._readers = {channel: RingReader(*self._ring(channel)) for channel in reads}
 
-    def _writer(self, name: str) -> RingWriter:
+    def _ring(self, name: str) -> tuple[memoryview, int, int]:
         channel = _CHANNELS[name]
-        ring = RingWriter(self._part(name), channel.slots, message_size(channel.kind))
-        self._rings.append(ring)
-        return ring
+        return self._part(name), channel.slots, message_size(channel.kind)
 
     def _part(self, name: str) -> memoryview:
         start = 8 * _HEADER_WORDS
@@ -129,17 +118,15 @@ class _Mapped:
             start += channel.size
         return self._memory[start : start + _CHANNELS[name].size]
 
-    def _next(self, ring: RingReader, kind: type[MessageType]) -> MessageType | None:
-        while (content := ring.read()) is not None:
-            try:
-                return decode(kind, content)
-            except MessageError:
-                self.malformed += 1
-        return None
+    def _take(self, channel: str) -> bytes | None:
+        return self._readers[channel].read()
+
+    def _put(self, channel: str, content: bytes) -> None:
+        self._writers[channel].write(content)
 
     def _release(self) -> None:
         self._closed = True
-        for ring in self._rings:
+        for ring in (*self._writers.values(), *self._readers.values()):
             ring.release()
         self._words.release()
         self._memory.release()
@@ -148,12 +135,8 @@ class _Mapped:
         self._file.close()
 
 
-class SharedMemoryInterface(_Mapped):
-    """The controller's end in shared memory.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class SharedMemoryInterface(_Mapped, ControllerEnd):
+    """The controller's end in shared memory."""
 
     def __init__(self, name: str) -> None:
         path = _path(name)
@@ -168,34 +151,18 @@ class SharedMemoryInterface(_Mapped):
         except BaseException:
             self._unlock()
             raise
-        self._states, self._fixes = self._reader("state"), self._reader("fix")
-        self._commands = self._writer("command")
+        self._open_rings(writes=(COMMAND,), reads=(STATE, FIX))
         self._words[_CONTROLLER_LEFT] = 0
 
     @property
     def lost(self) -> int:
         """States that were overwritten before they were read."""
-        return self._states.lost
+        return self._readers[STATE].lost
 
     @property
     def peer_left(self) -> bool:
         """Whether the robot has closed its end in good order."""
         return self._closed or bool(self._words[_ROBOT_LEFT])
-
-    def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left."""
-        return self._next(self._states, RobotState)
-
-    def receive_fix(self) -> PositionFix | None:
-        """The newest position fix not yet read, if any."""
-        newest = None
-        while (fix := self._next(self._fixes, PositionFix)) is not None:
-            newest = fix
-        return newest
-
-    def send(self, command: JointCommand) -> None:
-        """Hand a command to the robot."""
-        self._commands.write(encode(command))
 
     def close(self) -> None:
         """Let go of the bus; a second call does nothing."""
@@ -211,12 +178,8 @@ class SharedMemoryInterface(_Mapped):
         self._lock.close()
 
 
-class SharedMemoryEndpoint(_Mapped):
-    """The robot's end in shared memory; it makes the file, and removes it when closed.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class SharedMemoryEndpoint(_Mapped, RobotEnd):
+    """The robot's end in shared memory; it makes the file, and removes it when closed."""
 
     def __init__(self, name: str) -> None:
         path = _path(name)
@@ -225,30 +188,17 @@ class SharedMemoryEndpoint(_Mapped):
         if file is None:
             raise BusError(f"a robot named {name!r} runs already on this machine")
         super().__init__(file, path)
-        self._states, self._fixes = self._writer("state"), self._writer("fix")
-        self._commands = self._reader("command")
+        self._open_rings(writes=(STATE, FIX), reads=(COMMAND,))
 
     @property
     def lost(self) -> int:
         """Commands that were overwritten before they were read."""
-        return self._commands.lost
+        return self._readers[COMMAND].lost
 
     @property
     def peer_left(self) -> bool:
         """Whether the last controller has closed its end in good order."""
         return self._closed or bool(self._words[_CONTROLLER_LEFT])
-
-    def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None if there is none left."""
-        return self._next(self._commands, JointCommand)
-
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
-        self._states.write(encode(state))
-
-    def publish_fix(self, fix: PositionFix) -> None:
-        """Send a position fix."""
-        self._fixes.write(encode(fix))
 
     def close(self) -> None:
         """Let go of the bus and remove the file; a second call does nothing."""

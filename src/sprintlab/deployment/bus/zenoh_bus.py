@@ -9,21 +9,12 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from sprintlab.deployment.bus.address import BusAddress, BusError
-from sprintlab.deployment.interface import (
-    JointCommand,
-    MessageError,
-    MessageType,
-    PositionFix,
-    RobotState,
-    decode,
-    encode,
-)
+from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
 
 _PATIENCE = 3.0  # [s] to find a robot
 _SETTLING = 1.0  # [s] for peers to find each other by multicast
@@ -49,11 +40,10 @@ def open_endpoint(address: BusAddress) -> ZenohEndpoint:
     return ZenohEndpoint(address)
 
 
-class _ZenohEnd:
+class _ZenohEnd(BusEnd):
     """A session, the token of this end, and whether the other end's is there."""
 
     def __init__(self, address: BusAddress, own: str, other: str) -> None:
-        self.malformed = 0
         self._prefix = f"sprintlab/{address.name}"
         self._peer_seen = self._peer_here = False
         self._closed = False
@@ -103,30 +93,22 @@ class _ZenohEnd:
             f"{self._prefix}/{name}", zenoh.handlers.RingChannel(_WAITING)
         )
 
-    def _next(self, waiting: Any, kind: type[MessageType]) -> MessageType | None:
-        while (sample := waiting.try_recv()) is not None:
-            try:
-                return decode(kind, sample.payload.to_bytes())
-            except MessageError:
-                self.malformed += 1
-        return None
+    def _take(self, channel: str) -> bytes | None:
+        sample = self._subscribers[channel].try_recv()
+        return None if sample is None else sample.payload.to_bytes()
 
-    def _put(self, send: Callable[[bytes], None], content: bytes) -> None:
+    def _put(self, channel: str, content: bytes) -> None:
         with contextlib.suppress(zenoh.ZError):  # a link that is down: the other end's watchdog sees it
-            send(content)
+            self._publishers[channel].put(content)
 
 
-class ZenohInterface(_ZenohEnd):
-    """The controller's end over zenoh.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class ZenohInterface(_ZenohEnd, ControllerEnd):
+    """The controller's end over zenoh."""
 
     def __init__(self, address: BusAddress) -> None:
         super().__init__(address, own="controller", other="robot")
-        self._states, self._fixes = self._subscribe("state"), self._subscribe("fix")
-        self._commands = self._publisher("command")
+        self._subscribers = {channel: self._subscribe(channel) for channel in (STATE, FIX)}
+        self._publishers = {COMMAND: self._publisher(COMMAND)}
 
     def _greet(self, address: BusAddress) -> None:
         """Ask the robot whether it is free; with multicast, peers need a moment to find each other."""
@@ -139,33 +121,14 @@ class ZenohInterface(_ZenohEnd):
             time.sleep(0.1)
         raise BusError(f"no robot named {address.name!r} answers on zenoh; start it first")
 
-    def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left."""
-        return self._next(self._states, RobotState)
 
-    def receive_fix(self) -> PositionFix | None:
-        """The newest position fix not yet read, if any."""
-        newest = None
-        while (fix := self._next(self._fixes, PositionFix)) is not None:
-            newest = fix
-        return newest
-
-    def send(self, command: JointCommand) -> None:
-        """Hand a command to the robot."""
-        self._put(self._commands.put, encode(command))
-
-
-class ZenohEndpoint(_ZenohEnd):
-    """The robot's end over zenoh.
-
-    Attributes:
-        malformed: messages that ``decode`` refused.
-    """
+class ZenohEndpoint(_ZenohEnd, RobotEnd):
+    """The robot's end over zenoh."""
 
     def __init__(self, address: BusAddress) -> None:
         super().__init__(address, own="robot", other="controller")
-        self._commands = self._subscribe("command")
-        self._states, self._fixes = self._publisher("state"), self._publisher("fix")
+        self._subscribers = {COMMAND: self._subscribe(COMMAND)}
+        self._publishers = {channel: self._publisher(channel) for channel in (STATE, FIX)}
         self._session.declare_queryable(f"{self._prefix}/driven", self._tell)
 
     def _greet(self, address: BusAddress) -> None:
@@ -177,18 +140,6 @@ class ZenohEndpoint(_ZenohEnd):
 
     def _tell(self, query: Any) -> None:
         query.reply(query.key_expr, _DRIVEN if self._peer_here else _FREE)
-
-    def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None if there is none left."""
-        return self._next(self._commands, JointCommand)
-
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
-        self._put(self._states.put, encode(state))
-
-    def publish_fix(self, fix: PositionFix) -> None:
-        """Send a position fix."""
-        self._put(self._fixes.put, encode(fix))
 
 
 def _open_session(address: BusAddress, listen: bool) -> Any:

@@ -1,0 +1,79 @@
+"""What both ends of a bus do with messages, whatever carries the bytes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from sprintlab.deployment.interface import (
+    JointCommand,
+    MessageError,
+    MessageType,
+    PositionFix,
+    RobotState,
+    decode,
+    encode,
+)
+
+STATE, COMMAND, FIX = "state", "command", "fix"
+"""The channels of a robot: its controller writes ``COMMAND``, the robot the others."""
+
+
+class BusEnd(ABC):
+    """One end of a bus. What carries the bytes says how they come and go.
+
+    Attributes:
+        malformed: messages that ``decode`` refused.
+    """
+
+    malformed: int = 0
+
+    @abstractmethod
+    def _take(self, channel: str) -> bytes | None:
+        """The next bytes of a channel that this end reads, in order of arrival; None if there are none."""
+
+    @abstractmethod
+    def _put(self, channel: str, content: bytes) -> None:
+        """Send bytes over a channel that this end writes."""
+
+    def _next(self, channel: str, kind: type[MessageType]) -> MessageType | None:
+        while (content := self._take(channel)) is not None:
+            try:
+                return decode(kind, content)
+            except MessageError:
+                self.malformed += 1
+        return None
+
+
+class ControllerEnd(BusEnd):
+    """The controller's end of a bus."""
+
+    def receive(self) -> RobotState | None:
+        """The next state in order of arrival; None if there is none left."""
+        return self._next(STATE, RobotState)
+
+    def receive_fix(self) -> PositionFix | None:
+        """The newest position fix not yet read, if any."""
+        newest = None
+        while (fix := self._next(FIX, PositionFix)) is not None:
+            newest = fix
+        return newest
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the robot."""
+        self._put(COMMAND, encode(command))
+
+
+class RobotEnd(BusEnd):
+    """The robot's end of a bus."""
+
+    def receive_command(self) -> JointCommand | None:
+        """The next command in order of arrival; None if there is none left."""
+        return self._next(COMMAND, JointCommand)
+
+    def publish(self, state: RobotState) -> None:
+        """Send a state."""
+        self._put(STATE, encode(state))
+
+    def publish_fix(self, fix: PositionFix) -> None:
+        """Send a position fix."""
+        self._put(FIX, encode(fix))
