@@ -308,6 +308,12 @@ MISTAKES = {
     "rms currents": ({"iq": math.sqrt(0.5)}, "rms"),
     "line-to-line voltages": ({"vq": math.sqrt(3.0), "vd": math.sqrt(3.0)}, "line-to-line"),
     "electrical speed": ({"speed": 21.0}, "speed is electrical"),
+    "revolutions per second": ({"speed": 0.5 / math.pi}, "revolutions per second"),
+    "degrees per second": ({"speed": 180.0 / math.pi}, "degrees per second"),
+    "N cm as N m": ({"torque": 100.0}, "torque is in N cm"),
+    "kgf cm as N m": ({"torque": 10.197}, "torque is in kgf cm"),
+    "reversed d-axis": ({"vd": -1.0}, "v_d rises"),
+    "bus in mV": ({"bus_voltage": 1e3}, "check the unit of bus_voltage"),
     "reversed torque": ({"torque": -1.0}, "opposite signs"),
     "reversed voltage": ({"vq": -1.0}, "opposite signs"),
 }
@@ -514,3 +520,83 @@ def test_other_columns_semicolons_and_spellings_are_read(tmp_path):
     assert bench.speed == pytest.approx([2.0 * math.pi]) and bench.unused == ("operator",)
     with pytest.raises(SprintlabError, match="cannot read"):
         load_bench(tmp_path / "none.csv")
+
+
+def rewritten(columns, separator=",", decimal=".", header=None, ending="\n"):
+    """A bench file as other programs write it."""
+    names = header or [f"{name} [{UNITS[name]}]" if UNITS[name] else name for name in columns]
+    rows = [
+        [f"{value:.6f}".replace(".", decimal) for value in row] for row in zip(*columns.values(), strict=True)
+    ]
+    return ending.join(separator.join(cells) for cells in [names, *rows]) + ending
+
+
+SPELLINGS = {
+    "semicolons": {"separator": ";"},
+    "tabs": {"separator": "\t"},
+    "decimal commas": {"separator": ";", "decimal": ","},
+    "decimal commas and tabs": {"separator": "\t", "decimal": ","},
+    "carriage returns": {"ending": "\r\n"},
+    "parentheses and capitals": {
+        "header": ["SPEED (RAD/S)", "Iq (A)", "Torque (Nm)", "Vq (V)", "Vd (V)", "vbus (V)", "Limited"]
+    },
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_files_of_other_programs_are_read(tmp_path, motor, spelling):
+    columns = bench_columns(motor)
+    path = tmp_path / "bench.csv"
+    path.write_bytes(("\ufeff" + rewritten(columns, **SPELLINGS[spelling])).encode())
+    bench = load_bench(path)
+    for name, values in (("speed", bench.speed), ("iq", bench.current), ("torque", bench.torque)):
+        np.testing.assert_allclose(values, columns[name], atol=1e-6)
+
+
+def test_degrees_have_a_sign(tmp_path, motor):
+    columns = {**bench_columns(motor), "temperature": np.full(len(bench_columns(motor)["iq"]), 25.0)}
+    header = [f"{name} [{UNITS[name]}]".replace("degC", "°C").replace(" []", "") for name in columns]
+    path = tmp_path / "bench.csv"
+    path.write_text(rewritten(columns, header=header), encoding="utf-8")
+    assert float(load_bench(path).temperature[0]) == 25.0
+
+
+REFUSED = {
+    "decimal commas between commas": (lambda text: text.replace(".", ","), "decimal commas"),
+    "both decimal signs": (lambda text: text.replace(",", ";") + "1,5;2.5;1;1;1;1;0\n", "commas and decimal"),
+    "a cell too many": (lambda text: text + "1,2,3,4,5,60,0,9\n", "has 8 cells, the header 7"),
+    "a cell too few": (lambda text: text + "1,2\n", "no finite number"),
+    "no bus": (lambda text: text + "1,2,3,4,5,0,0\n", "greater than 0"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_files_that_cannot_be_understood_are_refused(tmp_path, motor, case):
+    change, words = REFUSED[case]
+    path = tmp_path / "bench.csv"
+    path.write_text(change(rewritten(bench_columns(motor))))
+    with pytest.raises(SprintlabError, match=words):
+        load_bench(path)
+
+
+def test_kelvin_under_a_header_of_celsius_is_refused(tmp_path, motor):
+    columns = bench_columns(motor)
+    columns["temperature"] = np.full(len(columns["iq"]), 300.0)
+    with pytest.raises(InvalidValueError, match="kelvin"):
+        load_bench(write_bench(tmp_path / "bench.csv", columns))
+
+
+def test_rows_marked_as_limited_must_reach_the_limit(fit, motor):
+    columns = bench_columns(motor)
+    assert not any("marked limited" in warning for warning in fit(columns, motor).warnings)
+    columns["limited"] = np.ones(len(columns["iq"]))
+    assert any("mark only those" in warning for warning in fit(columns, motor).warnings)
+    idle = np.hypot(columns["vq"], columns["vd"]) < 0.3 * phase_voltage_limit(BUS)
+    columns["limited"] = idle.astype(float)
+    with pytest.raises(SprintlabError, match="marked limited"):
+        fit(columns, motor)
+
+
+def test_rows_copied_into_the_bench_are_no_evidence(fit, motor):
+    columns = {name: np.tile(values, 2) for name, values in bench_columns(motor).items()}
+    assert any("repeat others" in warning for warning in fit(columns, motor).warnings)

@@ -30,7 +30,7 @@ COLUMNS: dict[str, Mapping[str, float]] = {
     "iq": _AMPERE,
     "id": _AMPERE,
     "phase_current": {"A amplitude": 1.0, "A rms": math.sqrt(2.0)},
-    "torque": {"N m": 1.0, "mN m": 1e-3},
+    "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
     "vq": _VOLT,
     "vd": _VOLT,
     "bus_voltage": _VOLT,
@@ -44,8 +44,11 @@ MEANINGS = {
     "iq": "q-axis current, or phase_current",
     "torque": "torque on the shaft",
 }
+_UNIT_ALIASES = {"1/min": "rpm", "u/min": "rpm", "r/min": "rpm", "c": "degc"}
 _ALIASES = {"iq": "iq", "id": "id", "vq": "vq", "vd": "vd", "omega": "speed", "vbus": "bus_voltage"}
-_HEADER = re.compile(r"\s*([^\[\]]+?)\s*(?:\[([^\]]*)\])?\s*")
+_HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
+_LISTED = 4  # differing values that an error shows
+_HOTTEST = 250.0  # [degC]: beyond, the temperatures are in kelvin or of another thing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,29 +88,34 @@ class Bench:
 
 
 def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
-    """Read a bench file (CSV, comma or semicolon; lines that begin with # are remarks).
+    """Read a bench file: comma, semicolon or tab between the cells; lines that begin with # are remarks.
+
+    Where no comma parts the cells, numbers may have decimal commas.
 
     Args:
         path: the file.
         needs_speed: whether a missing speed column is an error.
 
     Raises:
-        SprintlabError: the file cannot be read, or a cell is no finite number (its line is named).
-        InvalidValueError: a column is missing, given twice, or has no or an unknown unit.
+        SprintlabError: the file cannot be read, or a line has cells too many, too few, or with no finite
+            number (it is named).
+        InvalidValueError: a column is missing, given twice, has no or an unknown unit, or values that
+            cannot be.
     """
     lines = _read_lines(Path(path))
     number, header = lines[0]
     names = _read_header(path, header)
-    rows = [(line, cells) for line, cells in lines[1:]]
+    rows = lines[1:]
     if not rows:
         raise SprintlabError(f"{path} has a header in line {number} and no data")
+    _check_cells(path, rows, len(header))
     values = {
         name: factor * _column(path, rows, index, header[index]) for name, (index, factor) in names.items()
     }
     for name in ("speed", "torque") if needs_speed else ("torque",):
-        _require(path, name, values)
-    if "iq" not in values and "phase_current" not in values:
-        _require(path, "iq", values)
+        _require(path, name, values, header)
+    if "phase_current" not in values:
+        _require(path, "iq", values, header)
     return _assemble(path, values, [line for line, _ in rows], _unused(header, names))
 
 
@@ -118,7 +126,7 @@ def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
     except OSError as error:
         raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise SprintlabError(f"{path} is no text file: {error}") from error
+        raise SprintlabError(f"{path} is no text in UTF-8: {error}") from error
     kept = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
@@ -126,8 +134,28 @@ def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
     ]
     if not kept:
         raise SprintlabError(f"{path} is empty")
-    separator = ";" if ";" in kept[0][1] else ","
-    return [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
+    separator = next((mark for mark in ";\t" if mark in kept[0][1]), ",")
+    cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
+    return cells if separator == "," else _with_decimal_points(path, cells)
+
+
+def _with_decimal_points(path: object, lines: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Decimal commas as points, in files whose cells no comma parts."""
+    rows = lines[1:]
+    text = "".join("".join(cells) for _, cells in rows)
+    if "," in text and "." in text:
+        raise SprintlabError(f"{path} has decimal commas and decimal points: write all numbers with points")
+    return lines[:1] + [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in rows]
+
+
+def _check_cells(path: object, rows: Sequence[tuple[int, list[str]]], columns: int) -> None:
+    for line, cells in rows:
+        filled = len("\t".join(cells).rstrip().split("\t"))
+        if filled > columns:
+            raise SprintlabError(
+                f"{path} line {line} has {filled} cells, the header {columns}: with decimal commas, part the "
+                "cells with semicolons"
+            )
 
 
 def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, float]]:
@@ -154,8 +182,9 @@ def _known_name(text: str) -> str | None:
 
 def _unit_factor(path: object, name: str, cell: str, unit: str) -> float:
     units = COLUMNS[name]
-    plain = {known.replace(" ", ""): factor for known, factor in units.items()}
-    written = re.sub(r"[\s·*]", "", unit)
+    plain = {known.replace(" ", "").casefold(): factor for known, factor in units.items()}
+    written = re.sub(r"[\s·*.]", "", unit).replace("°", "deg").casefold()
+    written = _UNIT_ALIASES.get(written, written)
     if written not in plain:
         allowed = " or ".join(f"'{name} [{known}]'" for known in units)
         raise InvalidValueError(f"{path}: column", cell, f"write the unit in the header: {allowed}")
@@ -175,11 +204,11 @@ def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, tit
     return numbers
 
 
-def _require(path: object, name: str, values: Mapping[str, Any]) -> None:
+def _require(path: object, name: str, values: Mapping[str, Any], header: Sequence[str]) -> None:
     if name not in values:
         headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
         raise InvalidValueError(
-            f"{path}: columns", sorted(values), f"{name} is missing ({MEANINGS[name]}): write {headings}"
+            f"{path}: columns", ", ".join(header), f"{name} is missing ({MEANINGS[name]}): write {headings}"
         )
 
 
@@ -197,10 +226,14 @@ def _assemble(
         # With i_d = 0 the phase current's amplitude is |i_q|; its direction is the torque's.
         current = np.abs(values["phase_current"]) * np.where(torque < 0, -1.0, 1.0)
     limited = values.get("limited", np.zeros(len(torque)))
-    if not np.isin(limited, (0.0, 1.0)).all():
-        raise InvalidValueError(
-            f"{path}: column limited", sorted(set(limited.tolist()))[:4], "must be 0 or 1"
-        )
+    _check_values(path, "limited", limited, np.isin(limited, (0.0, 1.0)), "must be 0 or 1")
+    for name, low, high, allowed in (
+        ("bus_voltage", 1e-9, math.inf, "must be greater than 0"),
+        ("temperature", -100.0, _HOTTEST, f"must lie between -100 and {_HOTTEST:g} degC: is it in kelvin?"),
+    ):
+        column = values.get(name)
+        if column is not None:
+            _check_values(path, name, column, (column >= low) & (column <= high), allowed)
     if (values.get("vq") is None) != (values.get("vd") is None):
         raise InvalidValueError(
             f"{path}: columns", sorted(values), "vq and vd belong together: give both or none"
@@ -218,3 +251,9 @@ def _assemble(
         lines=np.asarray(lines, dtype=np.int64),
         unused=unused,
     )
+
+
+def _check_values(path: object, name: str, values: FloatArray, fine: NDArray[np.bool_], allowed: str) -> None:
+    if not fine.all():
+        wrong = sorted(set(values[~fine].tolist()))[:_LISTED]
+        raise InvalidValueError(f"{path}: column {name}", ", ".join(f"{value:g}" for value in wrong), allowed)

@@ -24,8 +24,11 @@ FEWEST_LEVELS = 3
 _SAME_LEVEL = 0.02  # share of the largest value within which two levels count as one
 _AGREE = (0.93, 1.07)  # flux from torque over flux from voltage: beyond, a warning
 _TOLERABLE = (0.8, 1.25)  # beyond, an error
-_NAMED = 0.08  # a factor names a mistake if it is this near
+_NAMED = 0.05  # a factor names a mistake if it is this near
 _DEPENDENT = 0.03  # singular value of unit columns below which they count as dependent
+_REACHED = (0.4, 1.25)  # amplitude over V_bus / sqrt(3) that an inverter gives at its limit: beyond, an error
+_SAME_LIMIT = 0.1  # relative spread of that share among the rows that are marked
+_OPPOSITE = -0.5  # correlation of v_d with -w i_q: below, one of the signs is wrong
 _MOST_BACK_EMF = 1.3  # back-EMF over what the bus can balance, without flux weakening
 
 
@@ -117,7 +120,9 @@ def check_units(bench: Bench, pole_pairs: int) -> list[str]:
     from_torque = torque_flux(bench, pole_pairs)
     from_voltage = voltage_flux(bench, pole_pairs)
     if from_voltage is not None:
-        return _compare_fluxes(from_torque, *from_voltage, pole_pairs)
+        warnings = _compare_fluxes(from_torque, *from_voltage, pole_pairs)
+        _check_direct_voltage(bench)
+        return [*warnings, *_check_limited(bench)]
     if bench.bus_voltage is None:
         return ["no voltages that tell the flux: nothing checks the units of torque, current and speed"]
     _check_back_emf(bench, from_torque, pole_pairs)
@@ -137,6 +142,11 @@ def likely_mistakes(ratio: float, pole_pairs: int) -> list[str]:
         (1e-3, "the voltages are in mV, their header says V"),
         (math.sqrt(2.0), "currents or voltages are rms values, amplitudes are needed"),
         (1.0 / math.sqrt(3.0), "the voltages are line-to-line, phase amplitudes are needed"),
+        (1.0 / (2.0 * math.pi), "the speed is in revolutions per second, its header says rad/s"),
+        (180.0 / math.pi, "the speed is in degrees per second, its header says rad/s"),
+        (100.0, "the torque is in N cm, its header says N m"),
+        (10.197, "the torque is in kgf cm, its header says N m"),
+        (141.6, "the torque is in ounce-inches, its header says N m"),
         (2.0 / 3.0, "the dq quantities are power-invariant, amplitude-invariant ones are needed"),
         (float(pole_pairs), "the speed is electrical, the mechanical one is needed"),
     ]
@@ -173,6 +183,45 @@ def _compare_fluxes(from_torque: float, from_voltage: float, resistance: float, 
     if resistance < 0:
         warnings.append("v_q falls with current: check the sign of the current and of the speed")
     return warnings
+
+
+def _check_direct_voltage(bench: Bench) -> None:
+    """v_d = -w L i_q: refuse a bench where it goes the other way."""
+    assert bench.speed is not None
+    assert bench.d_voltage is not None
+    expected = -bench.speed * bench.current
+    size = float(np.linalg.norm(expected) * np.linalg.norm(bench.d_voltage))
+    if size > 0.0 and float(expected @ bench.d_voltage) / size < _OPPOSITE:
+        raise SprintlabError("v_d rises with speed times i_q, it must fall (v_d = -w L i_q): turn its sign")
+
+
+def _check_limited(bench: Bench) -> list[str]:
+    """Rows marked as limited must reach about the same share of the bus, one that inverters give."""
+    if bench.bus_voltage is None or bench.q_voltage is None or not bench.limited.any():
+        return []
+    assert bench.d_voltage is not None
+    share = math.sqrt(3.0) * np.hypot(bench.q_voltage, bench.d_voltage) / bench.bus_voltage
+    low, middle, high = np.quantile(share[bench.limited], (0.1, 0.5, 0.9)).tolist()
+    if not _REACHED[0] <= middle <= _REACHED[1]:
+        raise SprintlabError(
+            f"the bench contradicts itself: on the rows marked limited the voltage is {middle:.3g} times "
+            "bus_voltage / sqrt(3), which it should nearly reach: check the unit of bus_voltage"
+        )
+    if high - low > _SAME_LIMIT * middle:
+        return [
+            f"the rows marked limited reach {low:.2f} to {high:.2f} of bus_voltage / sqrt(3): mark only "
+            "those where the inverter gives all its voltage"
+        ]
+    return []
+
+
+def repeated_rows(bench: Bench) -> list[str]:
+    """A warning where rows stand in the bench more than once: they would pass for evidence."""
+    columns = [bench.current, bench.torque, *([] if bench.speed is None else [bench.speed])]
+    different = len(np.unique(np.stack(columns, axis=-1), axis=0))
+    if different == bench.size:
+        return []
+    return [f"{bench.size - different} rows repeat others: the intervals count them as measured anew"]
 
 
 def _check_back_emf(bench: Bench, flux: float, pole_pairs: int) -> None:

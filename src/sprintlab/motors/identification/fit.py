@@ -19,7 +19,13 @@ from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.motors.identification.bench import Bench
-from sprintlab.motors.identification.checks import check_levels, check_units, torque_flux, voltage_flux
+from sprintlab.motors.identification.checks import (
+    check_levels,
+    check_units,
+    repeated_rows,
+    torque_flux,
+    voltage_flux,
+)
 from sprintlab.motors.identification.model import (
     BOUNDS,
     LEAST_WARMING,
@@ -86,7 +92,9 @@ def identify(
     if peak_current is not None:
         check_positive("peak_current", peak_current, "A")
     check_levels(bench)
-    warnings = check_units(bench, pole_pairs) if bench.speed is not None else []
+    warnings = repeated_rows(bench)
+    if bench.speed is not None:
+        warnings += check_units(bench, pole_pairs)
     largest = float(np.max(np.abs(bench.current)))
     if peak_current is None:
         peak_current = largest

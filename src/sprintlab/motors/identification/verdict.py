@@ -24,7 +24,8 @@ def problems(
 ) -> list[str]:
     """What makes a fit unfit for use."""
     found = [
-        f"the model explains only {fit.explained:.0%} of the variation of {fit.name}: this is no description"
+        f"the model explains only {max(fit.explained, 0.0):.0%} of the variation of {fit.name}: this is no "
+        "description"
         for fit in fits
         if fit.name != "voltage limit" and fit.explained < _LEAST_EXPLAINED
     ]
