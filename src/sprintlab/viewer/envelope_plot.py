@@ -6,6 +6,7 @@ dashed line what the model in use allows where that is another, and each leg is 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from sprintlab.robots import RobotDescription
 FloatArray = NDArray[np.float64]
 
 LEG_COLORS = ("#228be6", "#e8590c", "#12b886", "#be4bdb")
-_WIDTH, _HEIGHT, _MARGIN = 320.0, 118.0, 6.0
+_WIDTH, _HEIGHT, _MARGIN = 320.0, 100.0, 6.0
 _SPEEDS = 61
 _BEYOND = 1.15  # the panel reaches this far past no-load speed and peak torque
 
@@ -84,7 +85,7 @@ class EnvelopePlot:
             _svg(panel.name, background + self._legs(panel, speed, motor_torque))
             for panel, background in zip(self._panels, backgrounds, strict=True)
         ]
-        return "".join(drawings) + self._legend()
+        return "".join(drawings) + legend(dict(zip(self._robot.leg_names, LEG_COLORS, strict=False)))
 
     def _background(self, model: MotorModel, bus_voltage: float) -> list[str]:
         """Axes and envelopes of every panel; drawn once for a law and a voltage."""
@@ -100,9 +101,10 @@ class EnvelopePlot:
             _line(panel.points(ends * panel.top_speed, zero), "axis"),
             _line(panel.points(zero, ends * panel.top_torque), "axis"),
         )
+        labels = _labels(panel)
         area = f'<polygon class="real" points="{self._outline(panel, "refined", bus_voltage)}"/>'
         used = f'<polygon class="used" points="{self._outline(panel, model, bus_voltage)}"/>'
-        return "".join(axes) + area + ("" if model == "refined" else used)
+        return "".join(axes) + area + ("" if model == "refined" else used) + labels
 
     def _outline(self, panel: _Panel, model: MotorModel, bus_voltage: float) -> str:
         drive, joint = PreparedDrive(self._robot, bus_voltage, model), panel.joints[0]
@@ -122,13 +124,25 @@ class EnvelopePlot:
             marks.append(f'<circle cx="{x}" cy="{y}" r="4" fill="{color}"/>')
         return "".join(marks)
 
-    def _legend(self) -> str:
-        legs = zip(self._robot.leg_names, LEG_COLORS, strict=False)
-        return " ".join(f'<span style="color:{color}">&#9679; {leg}</span>' for leg, color in legs)
+
+def legend(colors: Mapping[str, str]) -> str:
+    """A dot and a name in each colour, as HTML."""
+    return " ".join(f'<span style="color:{color}">&#9679; {name}</span>' for name, color in colors.items())
 
 
 def _line(points: str, name: str) -> str:
     return f'<polyline class="{name}" points="{points}"/>'
+
+
+def _labels(panel: _Panel) -> str:
+    """No-load speed and peak torque on the axes, at the bus voltage that the robot is made for."""
+    speed, torque = panel.top_speed / _BEYOND, panel.top_torque / _BEYOND
+    x, middle = panel.points(np.array([speed]), np.zeros(1)).split(",")
+    y = panel.points(np.zeros(1), np.array([torque])).split(",")[1]
+    return (
+        f'<text x="{x}" y="{float(middle) - 3:g}" text-anchor="end">{speed:.0f} rad/s</text>'
+        f'<text x="{0.5 * _WIDTH + 3:g}" y="{float(y) + 10:g}">{torque:.3g} N m</text>'
+    )
 
 
 def _svg(name: str, body: str) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import math
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
@@ -15,6 +17,7 @@ import viser
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
+from sprintlab.viewer.listening import free_port
 from sprintlab.viewer.live import Glimpse, Session
 from sprintlab.viewer.plots import Plots
 from sprintlab.viewer.scene import Scene
@@ -25,6 +28,7 @@ FRAME_RATE = 30.0
 PLOT_EVERY = 4
 """The plots are redrawn with every such picture."""
 
+_OWN_NAMES = {"0.0.0.0": "localhost", "::": "localhost"}  # all interfaces: no address to open
 _LONGEST_ADVANCE = 0.1  # simulated seconds in one picture, however late it is
 
 
@@ -53,6 +57,21 @@ class PageOptions:
             check_positive("duration", self.duration, "s")
 
 
+class PaceMeter:
+    """How many simulated seconds pass in a second, over the last one."""
+
+    def __init__(self) -> None:
+        self._moments: deque[tuple[float, float]] = deque()
+
+    def after(self, simulated: float, clock: float) -> float:
+        """The pace up to now; both times are in seconds and never fall."""
+        self._moments.append((simulated, clock))
+        while self._moments[0][1] < clock - 1.0:
+            self._moments.popleft()
+        first_simulated, first_clock = self._moments[0]
+        return (simulated - first_simulated) / max(clock - first_clock, 1e-3)
+
+
 class Page:
     """A session in the browser.
 
@@ -62,35 +81,44 @@ class Page:
 
     Raises:
         JoystickError: the gamepad cannot be read.
+        SprintlabError: the page cannot be served there.
     """
 
     def __init__(self, session: Session, options: PageOptions) -> None:
         self.session = session
         self.options = options
+        port = free_port(options.host, options.port)
         self._pad = None if options.gamepad is None else Gamepad(options.gamepad)
         self._pad_shown = ""
         self._actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._owed = 0.0
+        self._ended = False
+        self._pace = PaceMeter()
         with redirect_stdout(io.StringIO()):  # viser's banner; the command says where the page is
             self.server = viser.ViserServer(
-                host=options.host, port=options.port, label="sprintlab play", verbose=False
+                host=options.host, port=port, label="sprintlab play", verbose=False
             )
         self._scene = Scene(self.server, session)
         self._darken(False)
-        self._controls = Controls(self.server, session, self._actions.put, self._darken)
         self._plots = Plots(self.server, session.robot)
+        self._controls = Controls(self.server, session, self._actions.put, self._darken)
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
-        return f"http://{self.options.host}:{self.server.get_port()}"
+        """What to open in a browser on this machine."""
+        host = _OWN_NAMES.get(self.options.host, self.options.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
 
     def run(self) -> None:
-        """Simulate and draw until the duration is over; the server stops at the end, interrupted or not."""
+        """Simulate and draw until the duration is over or ``end`` is called.
+
+        The server stops at the end, interrupted or not.
+        """
         started = last = time.perf_counter()
+        duration = math.inf if self.options.duration is None else self.options.duration
         picture = 0
         try:
-            while self.options.duration is None or last - started < self.options.duration:
+            while not self._ended and last - started < duration:
                 now = time.perf_counter()
                 self._follow_pad()
                 self._take_actions()
@@ -99,6 +127,10 @@ class Page:
                 time.sleep(max(0.0, 1.0 / FRAME_RATE - (time.perf_counter() - now)))
         finally:
             self._stop()
+
+    def end(self) -> None:
+        """Let ``run`` return after the present picture; any thread may ask for it."""
+        self._ended = True
 
     def _stop(self) -> None:
         if self._pad is not None:
@@ -135,8 +167,9 @@ class Page:
             self._plots.add(glimpse)
         with self.server.atomic():
             self._scene.show(self.session.knobs.slope)
+        pace = self._pace.after(glimpse.time, time.perf_counter())
         if picture % PLOT_EVERY == 0:
-            self._plots.draw(glimpse, self.session.knobs)
+            self._plots.draw(glimpse, self.session.knobs, pace)
 
     def _darken(self, dark: bool) -> None:
         self.server.gui.configure_theme(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,14 @@ import viser
 from numpy.typing import NDArray
 
 from sprintlab.robots import RobotDescription
-from sprintlab.viewer.envelope_plot import EnvelopePlot
+from sprintlab.viewer.envelope_plot import EnvelopePlot, legend
 from sprintlab.viewer.live import Glimpse, Knobs
 
 PLOT_SECONDS = 10.0
 """Simulated time that the curves show [s]."""
 
 _STEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0, 50.0, 100.0)
-_HEIGHT = 150
+_HEIGHT = 120
 _STYLE = """<style>
 .envelope { width: 100%; display: block; margin: 2px 0; }
 .envelope .axis { stroke: #868e96; stroke-width: .7; opacity: .6; fill: none; }
@@ -27,16 +28,16 @@ _STYLE = """<style>
 .envelope text { font: 9px system-ui, sans-serif; fill: #868e96; }
 .envelope .name { font-size: 12px; }
 .sprintlab { padding: 2px 14px; font: 12px system-ui, sans-serif; font-variant-numeric: tabular-nums; }
-.sprintlab b { font-size: 20px; } .sprintlab td { padding-right: 16px; white-space: nowrap; }
+.sprintlab b { font-size: 18px; } .sprintlab td { padding-right: 10px; white-space: nowrap; }
 .sprintlab .fell { color: #e03131; font-weight: 600; }
 </style>"""
 
 
 class Plots:
-    """A panel of its own at the left edge of the page.
+    """A status at the head of the main panel, and a panel of its own at the left edge of the page.
 
     Args:
-        server: the page.
+        server: the page; nothing is in its main panel yet.
         robot: whose motors are drawn.
     """
 
@@ -45,18 +46,17 @@ class Plots:
         self._curves: deque[tuple[float, float, float, float]] = deque()
         self._last: Glimpse | None = None
         gui = server.gui
-        self.panel = gui.add_panel()
-        with self.panel.add_tab("Speed, motors, power"):
-            self._status = gui.add_html(_STYLE)
+        self._status = gui.add_html(_STYLE)
+        panel = gui.add_panel()
+        with panel.add_tab("Speed, motors, power"):
             with gui.add_folder("Speed and command (m/s)"):
-                curves = _series(("speed", "#228be6"), ("command", "#e8590c"))
-                self._speed = _Curves(gui, curves)
+                self._speed = _Curves(gui, {"speed": "#228be6", "command": "#e8590c"})
             with gui.add_folder("Motors on their envelopes (motor side)"):
                 self._envelopes = gui.add_html("")
             with gui.add_folder("Bus power (kW)"):
-                self._power = _Curves(gui, _series(("power", "#12b886")))
-        self.panel.dock_left()
-        self.panel.set_width(380)
+                self._power = _Curves(gui, {"power": "#12b886"})
+        panel.dock_left()
+        panel.set_width(350)
 
     def add(self, glimpse: Glimpse) -> None:
         """One more point of the curves, which forget what is older than ``PLOT_SECONDS``."""
@@ -66,9 +66,9 @@ class Plots:
         if len(glimpse.joint_speed):
             self._last = glimpse
 
-    def draw(self, glimpse: Glimpse, knobs: Knobs) -> None:
-        """Send numbers, curves and motors to the page."""
-        self._status.content = _STYLE + status_text(glimpse)
+    def draw(self, glimpse: Glimpse, knobs: Knobs, pace: float) -> None:
+        """Send numbers, curves and motors to the page; ``pace`` is in simulated seconds a second."""
+        self._status.content = _STYLE + status_text(glimpse, pace)
         if len(self._curves) < 2 or self._last is None:
             return
         moment, speed, command, power = np.array(self._curves).T
@@ -81,24 +81,34 @@ class Plots:
 
 
 class _Curves:
-    """One plot over time, whose range of values changes in steps, so that it does not jump."""
+    """One plot over time, whose range of values changes in steps, so that it does not jump.
 
-    def __init__(self, gui: Any, series: Any) -> None:
+    The range is held by an unseen curve: a plot whose scales are replaced while it runs stands still.
+
+    Args:
+        gui: where it is added.
+        colors: of the curves by their names.
+    """
+
+    def __init__(self, gui: Any, colors: Mapping[str, str]) -> None:
+        looks = [{"label": name, "stroke": color, "width": 2} for name, color in colors.items()]
+        if len(colors) > 1:
+            gui.add_html(f'<div class="sprintlab">{legend(colors)}</div>')
         empty = np.zeros(2)
-        self._range = value_range(empty)
-        data = tuple(empty for _ in series)
-        self._plot = gui.add_uplot(data, series, scales=self._scales(), height=_HEIGHT)
+        self._plot = gui.add_uplot(
+            (empty,) * (len(looks) + 2),
+            ({"label": "s"}, *looks, {"label": "", "stroke": "transparent", "width": 0}),
+            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+            legend={"show": False},
+            height=_HEIGHT,
+        )
 
     def show(self, moment: NDArray[Any], *values: NDArray[Any]) -> None:
         """Draw values over the time [s]."""
-        wanted = value_range(np.concatenate(values))
-        if wanted != self._range:
-            self._range = wanted
-            self._plot.scales = self._scales()
-        self._plot.data = (moment, *values)
-
-    def _scales(self) -> Any:
-        return {"x": {"time": False, "auto": True}, "y": {"auto": False, "range": self._range}}
+        low, high = value_range(np.concatenate(values))
+        holder = np.full(len(moment), high)
+        holder[0] = low
+        self._plot.data = (moment, *values, holder)
 
 
 def value_range(values: NDArray[Any]) -> tuple[float, float]:
@@ -112,17 +122,12 @@ def _step_above(value: float) -> float:
     return next((step for step in _STEPS if step >= value), value)
 
 
-def _series(*curves: tuple[str, str]) -> Any:
-    """Looks of the curves of a plot, the time first."""
-    return ({"label": "s"}, *({"label": name, "stroke": color, "width": 2} for name, color in curves))
-
-
-def status_text(glimpse: Glimpse) -> str:
-    """Speed, command, power and way; ``data-`` attributes for programs that read the page."""
+def status_text(glimpse: Glimpse, pace: float) -> str:
+    """Speed, command, power, way and pace; ``data-`` attributes for programs that read the page."""
     state = f'<span class="fell">fell: {glimpse.fall_reason}</span>' if glimpse.fall_reason else "running"
     cells = (
         (_number(glimpse.speed, 1), "m/s"),
-        (_number(glimpse.command[0], 1), "m/s asked"),
+        (_number(glimpse.command[0], 1), "asked"),
         (_number(glimpse.bus_power / 1e3, 1), "kW"),
         (_number(glimpse.distance, 0), "m"),
     )
@@ -131,8 +136,8 @@ def status_text(glimpse: Glimpse) -> str:
     return (
         f'<div class="sprintlab" id="status" data-speed="{glimpse.speed:.3f}" data-time="{glimpse.time:.3f}" '
         f'data-distance="{glimpse.distance:.3f}" data-command="{glimpse.command[0]:.3f}" '
-        f'data-yaw-rate="{glimpse.command[2]:.3f}" data-falls="{glimpse.falls}"><table><tr>{row}</tr></table>'
-        f"{state}, {falls}, {glimpse.time:.1f} s</div>"
+        f'data-yaw-rate="{glimpse.command[2]:.3f}" data-falls="{glimpse.falls}" data-pace="{pace:.3f}">'
+        f"<table><tr>{row}</tr></table>{state}, {falls}, {glimpse.time:.1f} s, {pace:.2f} x real time</div>"
     )
 
 

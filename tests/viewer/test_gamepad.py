@@ -1,0 +1,124 @@
+"""A gamepad played by a named pipe."""
+
+import os
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.joystick import JoystickError
+from sprintlab.viewer.gamepad import RETRY_INTERVAL, Gamepad, PadMapping, PadReading
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def device(tmp_path):
+    path = tmp_path / "js0"
+    os.mkfifo(path)
+    return path
+
+
+@pytest.fixture
+def pad(device, clock):
+    keep = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+    gamepad = Gamepad(device, clock=clock)
+    writing = os.open(device, os.O_WRONLY)
+    os.close(keep)
+    yield writing, gamepad
+    gamepad.close()
+
+
+def stick(number, value):
+    return struct.pack("=IhBB", 0, value, 2, number)
+
+
+def button(number, down=1):
+    return struct.pack("=IhBB", 0, down, 1, number)
+
+
+def test_sticks_say_forward_and_left_and_only_when_they_move(pad):
+    writing, gamepad = pad
+    assert gamepad.read() == PadReading()
+    os.write(writing, stick(1, -32767) + stick(3, -32767))
+    assert gamepad.read().sticks == pytest.approx((1.0, 1.0))
+    assert gamepad.read().sticks is None
+    os.write(writing, stick(1, 32767) + stick(3, 32767))
+    assert gamepad.read().sticks == pytest.approx((-1.0, -1.0))
+    os.write(writing, stick(1, 900) + stick(3, -900))
+    assert str(gamepad.read().sticks) == "(0.0, 0.0)"
+
+
+@pytest.mark.parametrize(
+    ("number", "action"), list(enumerate(["push-right", "push-left", "stop", "stand-up"]))
+)
+def test_every_button_does_its_action_once(pad, number, action):
+    writing, gamepad = pad
+    os.write(writing, button(number) + button(9) + button(number, 0))
+    assert gamepad.read().actions == (action,)
+    assert gamepad.read().actions == ()
+
+
+def test_after_a_stop_the_sticks_come_back_to_the_middle_first(pad):
+    writing, gamepad = pad
+    os.write(writing, stick(1, -20000))
+    assert gamepad.read().sticks[0] > 0.5
+    os.write(writing, button(2) + stick(1, -30000))
+    assert gamepad.read().sticks == (0.0, 0.0)
+    os.write(writing, stick(1, -32000))
+    assert gamepad.read().sticks is None
+    os.write(writing, stick(1, 0))
+    assert gamepad.read().sticks is None
+    os.write(writing, stick(1, -20000))
+    assert gamepad.read().sticks[0] > 0.5
+
+
+def test_an_unplugged_pad_asks_for_a_stop_and_is_taken_back(pad, device, clock):
+    writing, gamepad = pad
+    os.write(writing, stick(1, -32767))
+    assert gamepad.read().sticks is not None
+    os.close(writing)
+    assert gamepad.read() == PadReading(actions=("stop",))
+    assert not gamepad.connected
+    again = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+    assert gamepad.read() == PadReading()
+    assert not gamepad.connected
+    clock.now += RETRY_INTERVAL
+    gamepad.read()
+    assert gamepad.connected
+    os.write(again, button(0))
+    assert gamepad.read().actions == ("push-right",)
+    os.close(again)
+
+
+def test_a_pad_that_stays_away_is_looked_for_without_complaint(pad, device, clock):
+    writing, gamepad = pad
+    os.close(writing)
+    gamepad.read()
+    device.unlink()
+    clock.now += RETRY_INTERVAL
+    assert gamepad.read() == PadReading()
+    assert not gamepad.connected
+
+
+def test_a_pad_that_was_never_there_is_refused(tmp_path):
+    with pytest.raises(JoystickError, match="js3"):
+        Gamepad(tmp_path / "js3")
+
+
+@given(zone=st.floats().filter(lambda value: not 0.0 <= value <= 0.9))
+def test_dead_zones_that_leave_no_stick_are_refused(zone):
+    with pytest.raises(InvalidValueError, match="dead_zone"):
+        PadMapping(dead_zone=zone)
