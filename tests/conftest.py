@@ -33,7 +33,7 @@ def robot() -> RobotDescription:
 def contract(robot: RobotDescription) -> PolicyContract:
     """Of a policy without estimator."""
     training = TrainingRecord(
-        method="sprint",
+        method="test",
         actuator_model="refined",
         command_line="sprintlab train --seed 3",
         config_hash="0" * 64,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
 
 if TYPE_CHECKING:
@@ -103,14 +102,18 @@ class RobotSim(DriveFlags):
 
         stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
         recorder = None if self.truth is None else self._recorder(world)
-        with progress_bar(quiet=self.json) as report, _interruption() as stopped, self._scheduler():
+        with (
+            progress_bar(quiet=self.json) as report,
+            counted_interruptions() as interrupted,
+            self._scheduler(),
+        ):
             result = run_simulator(
                 world,
                 endpoint,
                 pace,
                 marks=(self.distance,),
                 recorder=recorder,
-                stopped=stopped,
+                stopped=lambda: interrupted() > 0,
                 progress=lambda time, distance: report(f"{time:.1f} s, {distance:.1f} m", None),
             )
         if recorder is not None and self.truth is not None:
@@ -190,16 +193,3 @@ def _rows(report: SimulatorReport) -> list[tuple[str, str, str]]:
         ("late steps", str(report.late_steps), ""),
         ("time given up", f"{1e3 * report.given_up:.1f}", "ms"),
     ]
-
-
-@contextmanager
-def _interruption() -> Generator[Callable[[], bool]]:
-    """Yield a function that tells whether Ctrl-C or a termination signal has come."""
-    received: list[int] = []
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = {kind: signal.signal(kind, lambda number, _: received.append(number)) for kind in kinds}
-    try:
-        yield lambda: bool(received)
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)

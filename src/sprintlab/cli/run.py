@@ -6,7 +6,6 @@ import os
 import re
 import select
 import shlex
-import signal
 import sys
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing, contextmanager
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
 from sprintlab.cli.race import policy_path
 
@@ -134,7 +134,7 @@ class Run:
         from sprintlab.deployment.controller import run_loop
 
         stderr_console().print(f"driving {self.bus}; Ctrl-C brings the robot down", soft_wrap=True)
-        with _interruptions() as interrupted, _status_line(quiet=self.json) as status:
+        with counted_interruptions() as interrupted, _status_line(quiet=self.json) as status:
             return run_loop(controller, bus, options, log=log, interrupted=interrupted, status=status)
 
     def _show(self, controller: Controller, report: LoopReport, sprint_time: float | None) -> None:
@@ -192,19 +192,6 @@ def _latency_table(report: LoopReport) -> Any:
         numbers = ["-" if values[column] is None else f"{values[column]:.0f}" for column in columns]
         table.add_row(name.replace("_", " "), *numbers)
     return table
-
-
-@contextmanager
-def _interruptions() -> Generator[Callable[[], int]]:
-    """Yield a function that counts Ctrl-C and termination signals."""
-    received: list[int] = []
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = {kind: signal.signal(kind, lambda number, _: received.append(number)) for kind in kinds}
-    try:
-        yield lambda: len(received)
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
 
 
 @contextmanager
