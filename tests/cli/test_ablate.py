@@ -60,7 +60,7 @@ def test_shipped_policies_are_evaluated_from_results(call, policy, cache, tmp_pa
 def test_the_page_gets_its_tables(call, runs, cache, tmp_path):
     call("ablate", runs, *QUICK, "--cache", cache)
     page = tmp_path / "results.md"
-    names = ("methods", "details", "seeds", "estimates")
+    names = ("methods", "details", "seeds", "clock", "estimates")
     page.write_text("\n".join(f"<!-- computed: {name} -->\n<!-- end of {name} -->" for name in names))
     outcome = call("ablate", runs, "--recorded", "--markdown", page)
     assert outcome.status == 0 and "| method | motor in training |" in page.read_text()

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -21,6 +23,8 @@ from sprintlab.evaluation.ablation.pages import (
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE
 from sprintlab.evaluation.ablation.record import (
     AuditRecord,
+    ClockEntry,
+    ClockRecord,
     EvaluationRecord,
     SearchRecord,
     SpeedRecord,
@@ -31,8 +35,10 @@ from sprintlab.evaluation.ablation.record import (
     write_evaluation,
 )
 from sprintlab.evaluation.ablation.table import (
+    CLOCK_COLUMNS,
     SEED_COLUMNS,
     TABLE_COLUMNS,
+    clock_cells,
     common_speed,
     method_rows,
     order_text,
@@ -208,7 +214,7 @@ def test_a_failure_in_one_policy_arrives(standing, plan, monkeypatch, make_polic
 
 
 def test_a_policy_that_fails_leaves_the_others_their_time(standing, plan, monkeypatch, make_policy):
-    bad = Candidate(method="baseline", seed=1, policy=make_policy(np.full(12, 0.01)))
+    bad = Candidate(method="gallop", seed=1, policy=make_policy(np.full(12, 0.01)))
     real, done = measure.run_speed, []
 
     def run_speed(pool, *arguments, **more):
@@ -217,7 +223,7 @@ def test_a_policy_that_fails_leaves_the_others_their_time(standing, plan, monkey
         return real(pool, *arguments, **more)
 
     monkeypatch.setattr(measure, "run_speed", run_speed)
-    with pytest.raises(SprintlabError, match=r"1 of 2 policies .* baseline, seed 1: no longer finite"):
+    with pytest.raises(SprintlabError, match=r"1 of 2 policies .* gallop, seed 1: no longer finite"):
         evaluate_candidates([bad, standing[0]], plan, done=lambda candidate, _: done.append(candidate))
     assert done == [standing[0]]
 
@@ -324,7 +330,7 @@ def test_a_damaged_evaluation_is_refused(tmp_path):
 @pytest.fixture
 def page(tmp_path):
     path = tmp_path / "results.md"
-    marks = (section_marks(name) for name in ("methods", "details", "seeds", "estimates"))
+    marks = (section_marks(name) for name in ("methods", "details", "seeds", "clock", "estimates"))
     path.write_text(
         "# Results\n\n" + "\n\nbetween\n\n".join("\n\nold\n\n".join(pair) for pair in marks) + "\n"
     )
@@ -346,7 +352,7 @@ def test_a_page_keeps_its_text_and_gets_new_tables(page):
     grouped = runs.by_method([record(), record("baseline", raw=estimating)])
     update_results_page(page, grouped)
     text = page.read_text()
-    assert text.startswith("# Results") and text.count("between") == 3 and "old" not in text
+    assert text.startswith("# Results") and text.count("between") == 4 and "old" not in text
     assert markdown_table(TABLE_COLUMNS, []).splitlines()[0] in text
     assert "| 2 to 4 | 9 |" in text and "Estimates of baseline" in text
     update_results_page(page, grouped)
@@ -364,3 +370,55 @@ def test_a_page_without_marks_is_refused(tmp_path):
     with pytest.raises(SprintlabError, match="computed: methods"):
         replace_section(path, "methods", "x")
     assert path.read_text() == "nothing here"
+
+
+def test_a_policy_in_the_place_of_another_method_or_seed_is_refused():
+    def contract(method, seed):
+        return SimpleNamespace(training=SimpleNamespace(method=method, seed=seed))
+
+    candidate = Candidate(method="sprint", seed=1, policy=Path("policy.onnx"))
+    measure.check_origin(candidate, contract("sprint", 1))
+    measure.check_origin(candidate, contract("of-my-own", 7))
+    for other in (contract("baseline", 1), contract("sprint", 2)):
+        with pytest.raises(SprintlabError, match="lies in the place of sprint, seed 1"):
+            measure.check_origin(candidate, other)
+
+
+def test_a_record_answers_for_its_policy_and_plan_only(standing, plan):
+    candidate, result = standing
+    assert measure.answers(result, candidate, plan)
+    other = dataclasses.replace(plan, protocol=dataclasses.replace(SHORT, seed=5))
+    assert not measure.answers(result, candidate, other)
+    assert not measure.answers(result, dataclasses.replace(candidate, seed=9), plan)
+    assert not measure.answers(msgspec.structs.replace(result, policy_sha256="0"), candidate, plan)
+
+
+def test_what_cannot_be_read_counts_as_no_record(tmp_path):
+    good, bad = (runs.Run(method="sprint", seed=seed, folder=tmp_path / f"seed-{seed}") for seed in (0, 1))
+    write_evaluation(good.evaluation, record())
+    bad.folder.mkdir()
+    bad.evaluation.write_text("{")
+    assert runs.readable_records([good, bad]) == [record()]
+
+
+def test_the_hundred_metres_are_run_where_most_speed_was_held():
+    search = SearchRecord(speeds=(speed(12.0, held=11.8), speed(13.0, held=11.2), speed(14.0, passed=False)))
+    assert search.best.top_speed == 13.0 and search.fastest.top_speed == 12.0
+    assert SearchRecord(speeds=(speed(1.0, passed=False),)).fastest is None
+
+
+def test_the_clock_table_has_a_row_a_policy():
+    entry = ClockEntry(
+        rate=50.0,
+        jitter=0.0,
+        trials=10,
+        completed=9,
+        held_speed=12.0,
+        stride_frequency=50 / 7,
+        clock_distance=0.0,
+    )
+    clock = ClockRecord(top_speed=12.0, entries=(entry,) * 4, followed=1.0)
+    cells = dict(zip(CLOCK_COLUMNS, clock_cells(record(clock=clock)), strict=True))
+    assert cells["policy steps a stride"] == "7.00" and cells["stride follows the clock [%]"] == "100"
+    assert cells["completed"] == "9, 9, 9, 9 of 10"
+    assert set(clock_cells(record())[2:]) == {"-"}

@@ -30,7 +30,8 @@ class Ablate:
     """Evaluate the policies of all methods and print the paper's Table II beside ours.
 
     Runs are folders <runs>/<method>/seed-<number>/ with a policy.onnx, or a checkpoint.pt, which is exported.
-    Every speed that is done is kept in the cache: a killed command goes on where it was.
+    Every speed that is done is kept in the cache: a killed command goes on where it was. A run whose
+    evaluation.json already answers for its policy, these settings and these versions is not run again.
 
     Attributes:
         runs: folder of finished runs; each gets its evaluation.json.
@@ -124,8 +125,9 @@ class Ablate:
         self, candidates: Sequence[Candidate], runs: dict[tuple[str, int], Run]
     ) -> list[EvaluationRecord]:
         """Evaluate under a progress bar; a run's record goes into its folder as soon as it is there."""
-        from sprintlab.evaluation.ablation.measure import evaluate_candidates
+        from sprintlab.evaluation.ablation.measure import answers, evaluate_candidates
         from sprintlab.evaluation.ablation.record import write_evaluation
+        from sprintlab.evaluation.ablation.runs import readable_records
 
         def keep(candidate: Candidate, record: EvaluationRecord) -> None:
             if run := runs.get((candidate.method, candidate.seed)):
@@ -133,8 +135,16 @@ class Ablate:
 
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            step = _Progress(report, candidates, self.search)
-            return evaluate_candidates(candidates, self._plan(), done=keep, step=step)
+            plan = self._plan()
+            known = {(record.method, record.seed): record for record in readable_records(runs.values())}
+            done: dict[Candidate, EvaluationRecord] = {}
+            for candidate in candidates:
+                record = known.get((candidate.method, candidate.seed))
+                if record is not None and answers(record, candidate, plan):
+                    done[candidate] = record
+            missing = [candidate for candidate in candidates if candidate not in done]
+            step = _Progress(report, missing, self.search)
+            return [*done.values(), *evaluate_candidates(missing, plan, done=keep, step=step)]
 
     def _plan(self) -> EvaluationPlan:
         from sprintlab.evaluation.ablation.measure import EvaluationPlan
@@ -157,11 +167,9 @@ class _Progress:
         self._shares: dict[str, float] = {}
 
     def __call__(self, candidate: Candidate, what: str, top_speed: float) -> None:
-        way = 0.5 if what.startswith("self-paced") else 0.0
-        share = way + 0.5 * self._search.share(top_speed)
-        name = str(candidate)
-        self._shares[name] = max(self._shares.get(name, 0.0), share)
-        self._report(f"{name}: {what}", sum(self._shares.values()) / self._count)
+        name = f"{candidate}: {what.split()[0]}"  # both ways run at the same time
+        self._shares[name] = max(self._shares.get(name, 0.0), self._search.share(top_speed))
+        self._report(f"{candidate}: {what}", min(1.0, sum(self._shares.values()) / (2 * self._count)))
 
 
 def train_missing(folder: Path, seeds: int, minutes: float) -> None:

@@ -18,14 +18,18 @@ import msgspec
 from sprintlab.control import PolicyContract, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
+from sprintlab.evaluation.ablation.paper import PAPER_TABLE
 from sprintlab.evaluation.ablation.record import (
+    ClockRecord,
     EvaluationRecord,
     SearchRecord,
     SpeedRecord,
     SprintRecord,
+    clock_record,
     speed_record,
     sprint_record,
 )
+from sprintlab.evaluation.clock_check import check_clock
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, search_speeds
 from sprintlab.evaluation.results import SprintResult
@@ -119,7 +123,9 @@ def evaluate_candidates(
             simulation failed or the cache could not be written.
     """
     for candidate in candidates:  # refuse before hours of work, not after
-        TrialPool(candidate.policy, plan.robot, workers=1)
+        check_origin(candidate, TrialPool(candidate.policy, plan.robot, workers=1).policy.contract)
+    if not candidates:
+        return []
     with WorkerProcesses(plan.workers) as processes:
         # A search waits for its slowest trial at every speed: twice as many trials as cores fill the gaps.
         together = min(len(candidates), processes.count // plan.protocol.trials + 1)
@@ -188,12 +194,14 @@ class _Evaluation:
         self._cache = None if plan.cache is None else plan.cache / plan.digest(self._sha256)
 
     def run(self) -> EvaluationRecord:
-        """Both searches, then both sprints at their best speeds."""
+        """Both searches, then both sprints and the other clocks at the speeds that were fastest."""
         with ThreadPoolExecutor(len(WAYS)) as threads:
             searches = dict(zip(WAYS, threads.map(self._search, WAYS), strict=True))
             sprints = dict(zip(WAYS, threads.map(self._sprint, WAYS, searches.values()), strict=True))
+        clock = self._clock(searches["raw"])
+        contract = self._pool.policy.contract
         return evaluation_record(
-            self._candidate, self._plan, self._sha256, self._pool.policy.contract, searches, sprints
+            self._candidate, self._plan, self._sha256, contract, searches, sprints, clock
         )
 
     def _search(self, way: str) -> SearchRecord:
@@ -212,9 +220,9 @@ class _Evaluation:
         return record
 
     def _sprint(self, way: str, search: SearchRecord) -> SprintRecord | None:
-        if search.best is None or search.collapsed:
+        if search.fastest is None or search.collapsed:
             return None
-        top_speed = search.best.top_speed
+        top_speed = search.fastest.top_speed
 
         def measure() -> SprintRecord:
             request = TrialRequest(
@@ -231,6 +239,18 @@ class _Evaluation:
         self._step(self._candidate, f"{way} {self._plan.distance:g} m", top_speed)
         return record
 
+    def _clock(self, search: SearchRecord) -> ClockRecord | None:
+        if search.fastest is None or search.collapsed:
+            return None
+        top_speed = search.fastest.top_speed
+
+        def measure() -> ClockRecord:
+            return clock_record(check_clock(self._pool, top_speed, settings=self._plan.protocol))
+
+        record = self._remembered(f"clock-{top_speed:.4f}", ClockRecord, measure)
+        self._step(self._candidate, "other policy clocks", top_speed)
+        return record
+
     def _remembered(self, name: str, kind: type[Any], measure: Callable[[], Any]) -> Any:
         """From the cache, else measured and put there; a damaged file counts as missing."""
         if self._cache is None:
@@ -244,6 +264,22 @@ class _Evaluation:
             return record
 
 
+def check_origin(candidate: Candidate, contract: PolicyContract) -> None:
+    """Refuse a policy of one of the paper's methods that lies in the place of another method or seed.
+
+    Raises:
+        SprintlabError: names both.
+    """
+    trained = contract.training
+    if trained.method not in PAPER_TABLE or candidate.method not in PAPER_TABLE:
+        return
+    if (trained.method, trained.seed) != (candidate.method, candidate.seed):
+        raise SprintlabError(
+            f"{candidate.policy} was trained as {trained.method}, seed {trained.seed}, "
+            f"but lies in the place of {candidate}"
+        )
+
+
 def evaluation_record(
     candidate: Candidate,
     plan: EvaluationPlan,
@@ -251,6 +287,7 @@ def evaluation_record(
     contract: PolicyContract,
     searches: dict[str, SearchRecord],
     sprints: dict[str, SprintRecord | None],
+    clock: ClockRecord | None = None,
 ) -> EvaluationRecord:
     """Everything about one policy, with what is needed to repeat it."""
     training = contract.training
@@ -278,6 +315,19 @@ def evaluation_record(
         self_paced=searches["self-paced"],
         sprint=sprints["raw"],
         sprint_self_paced=sprints["self-paced"],
+        clock=clock,
+    )
+
+
+def answers(record: EvaluationRecord, candidate: Candidate, plan: EvaluationPlan) -> bool:
+    """Whether a record is what evaluating this candidate by this plan would give again."""
+    return (
+        (record.method, record.seed) == (candidate.method, candidate.seed)
+        and record.policy_sha256 == policy_digest(candidate.policy)
+        and record.robot_fingerprint == robot_fingerprint(plan.robot)
+        and record.protocol == json.loads(json.dumps(plan.protocol_numbers()))
+        and record.versions == versions()
+        and (record.clock is not None or record.raw.collapsed)
     )
 
 

@@ -10,11 +10,13 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.evaluation.ablation.record import COLLAPSE_SPEED
 from sprintlab.evaluation.ablation.table import (
+    CLOCK_COLUMNS,
     DETAIL_COLUMNS,
     ESTIMATE_COLUMNS,
     SEED_COLUMNS,
     TABLE_COLUMNS,
     Records,
+    clock_cells,
     common_speed,
     detail_cells,
     estimate_cells,
@@ -25,7 +27,7 @@ from sprintlab.evaluation.ablation.table import (
     table_cells,
 )
 
-RESULT_SECTIONS = ("methods", "details", "seeds", "estimates")
+RESULT_SECTIONS = ("methods", "details", "seeds", "clock", "estimates")
 """Sections that ``update_results_page`` writes."""
 
 
@@ -115,6 +117,13 @@ def result_tables(grouped: Records) -> list[TextTable]:
             rows=tuple(seed_cells(record) for record in everything),
             note=SEED_NOTE,
         ),
+        TextTable(
+            name="clock",
+            title="The policy's clock",
+            columns=CLOCK_COLUMNS,
+            rows=tuple(clock_cells(record) for record in everything),
+            note=CLOCK_NOTE,
+        ),
     ]
     return [*tables, *_estimate_tables(grouped)]
 
@@ -124,8 +133,13 @@ TABLE_NOTE = (
     f"orders and ratios. Collapse: less than {COLLAPSE_SPEED:g} m/s held."
 )
 SEED_NOTE = (
-    "v*: the highest commanded speed that enough trials completed; the 100 m are run at it. "
+    "v*: the highest commanded speed that enough trials completed. The 100 m are run at the one of the "
+    "commands that passed at which most speed was held. "
     "A time with a fall: it fell behind the line. Audit: what failed, if anything."
+)
+CLOCK_NOTE = (
+    "Held speed in m/s with the policy's clock at its own rate, at two others, and with uneven periods; "
+    "raw command. 100 %: a stride always takes the same number of policy steps; 0 %: the same time."
 )
 ESTIMATE_NOTE = (
     "Root mean square errors of the filtered estimate, as the policy used it, against the simulator; raw "

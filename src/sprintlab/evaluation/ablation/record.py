@@ -11,6 +11,7 @@ import msgspec
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.clock_check import ClockCheck
 from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.results import AuditReport, EstimateBand, SpeedResult, SprintResult
 
@@ -101,6 +102,12 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             best = speed
         return best
 
+    @property
+    def fastest(self) -> SpeedRecord | None:
+        """The v* up to the best one at which most speed was held; asked for more, a policy may give less."""
+        passed = [speed for speed in self.speeds if self.best and speed.top_speed <= self.best.top_speed]
+        return max(passed, key=lambda speed: number(speed.held_speed), default=None)
+
     def at(self, top_speed: float) -> SpeedRecord | None:
         """The trials at one v* [m/s]; ``None`` when it was not tried."""
         return next((speed for speed in self.speeds if abs(speed.top_speed - top_speed) < 1e-9), None)
@@ -149,6 +156,42 @@ class SprintRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     audit: AuditRecord
 
 
+class ClockEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The seeded trials at the fastest raw v* with one clock of the policy.
+
+    Attributes:
+        rate: mean rate of the policy [Hz].
+        jitter: half-width of the draw of each period, as a share.
+        trials: how many ran.
+        completed: how many did not fall.
+        held_speed: mean over those [m/s].
+        stride_frequency: median over those [Hz].
+        clock_distance: of the stride from a whole number of policy steps, median, in policy steps.
+    """
+
+    rate: float
+    jitter: float
+    trials: int
+    completed: int
+    held_speed: Number
+    stride_frequency: Number
+    clock_distance: Number
+
+
+class ClockRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What other clocks make of a policy.
+
+    Attributes:
+        top_speed: v* [m/s].
+        entries: the policy's own clock first.
+        followed: share of a change of rate that the stride frequency follows.
+    """
+
+    top_speed: float
+    entries: tuple[ClockEntry, ...]
+    followed: Number
+
+
 class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that an evaluation found out about one policy.
 
@@ -168,8 +211,9 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         machine: in words.
         raw: search with the command as it is.
         self_paced: search with the command held within 1 m/s of the measured speed.
-        sprint: over the distance, raw, at the best v*; ``null`` for a policy that collapsed.
+        sprint: over the distance, raw, at the fastest v*; ``null`` for a policy that collapsed.
         sprint_self_paced: the same, self-paced.
+        clock: other clocks of the policy at the fastest raw v*; ``null`` for a policy that collapsed.
     """
 
     format_version: int = FORMAT_VERSION
@@ -189,6 +233,7 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     self_paced: SearchRecord
     sprint: SprintRecord | None
     sprint_self_paced: SprintRecord | None
+    clock: ClockRecord | None = None
 
 
 def number(value: Number) -> float:
@@ -254,6 +299,26 @@ def sprint_record(result: SprintResult) -> SprintRecord:
         time=plain(result.time),
         fell=not result.trial.completed,
         audit=audit_record(result.trial.audit),
+    )
+
+
+def clock_record(check: ClockCheck) -> ClockRecord:
+    """The numbers of a policy with several clocks."""
+    return ClockRecord(
+        top_speed=check.top_speed,
+        followed=plain(check.followed),
+        entries=tuple(
+            ClockEntry(
+                rate=item.clock.rate,
+                jitter=item.clock.jitter,
+                trials=item.trials,
+                completed=item.completed,
+                held_speed=plain(item.held_speed),
+                stride_frequency=plain(item.stride_frequency),
+                clock_distance=plain(item.clock_distance),
+            )
+            for item in check.clocks
+        ),
     )
 
 

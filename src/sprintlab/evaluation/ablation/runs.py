@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,6 +77,15 @@ def shipped_candidates() -> list[Candidate]:
 def committed_records(runs: Iterable[Run]) -> list[EvaluationRecord]:
     """The evaluations of the runs that have one; errors as in ``read_evaluation``."""
     return [read_evaluation(run.evaluation) for run in runs if run.evaluation.is_file()]
+
+
+def readable_records(runs: Iterable[Run]) -> list[EvaluationRecord]:
+    """The evaluations that can be read; a damaged one, or one of another version, counts as none."""
+    records: list[EvaluationRecord] = []
+    for run in runs:
+        with suppress(SprintlabError):
+            records.append(read_evaluation(run.evaluation))
+    return records
 
 
 def by_method(records: Sequence[EvaluationRecord]) -> dict[str, list[EvaluationRecord]]:

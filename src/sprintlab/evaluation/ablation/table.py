@@ -10,6 +10,7 @@ from typing import Any
 
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE, REFERENCE_METHOD
 from sprintlab.evaluation.ablation.record import COLLAPSE_SPEED, EvaluationRecord, SprintRecord, number, plain
+from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.estimates import merge_bands, total_band
 from sprintlab.evaluation.results import EstimateBand
 from sprintlab.evaluation.tables import Spread, spread
@@ -256,6 +257,39 @@ def _search_cells(search: Any) -> tuple[str, str]:
 
 def _text(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+CLOCK_COLUMNS = (
+    "method",
+    "seed",
+    "v*",
+    "policy steps a stride",
+    "stride follows the clock [%]",
+    "held at 50 Hz",
+    "at 48 Hz",
+    "at 52 Hz",
+    "at 50 Hz ± 10 %",
+    "completed",
+)
+"""Headings of ``clock_cells``; speeds in m/s."""
+
+
+def clock_cells(record: EvaluationRecord) -> tuple[str, ...]:
+    """One policy with every clock, as text under ``CLOCK_COLUMNS``; the clocks are those of ``CLOCKS``."""
+    clock = record.clock
+    if clock is None or len(clock.entries) != len(CLOCKS):
+        return (record.method, str(record.seed), *("-" for _ in CLOCK_COLUMNS[2:]))
+    own = clock.entries[0]
+    frequency = number(own.stride_frequency)
+    return (
+        record.method,
+        str(record.seed),
+        f"{clock.top_speed:g}",
+        _text(own.rate / frequency if frequency else math.nan, 2),
+        _text(100 * number(clock.followed), 0),
+        *(_text(number(entry.held_speed), 2) for entry in clock.entries),
+        ", ".join(str(entry.completed) for entry in clock.entries) + f" of {own.trials}",
+    )
 
 
 ESTIMATE_COLUMNS = (
