@@ -5,15 +5,19 @@
 ``ours`` are the steps that we train with, ``ours-4x5`` those of mjlab's task.
 
 Every number is the median of ``--repeats`` samples, each of ``--steps`` policy steps (PPO: two iterations)
-between two waits for the device. Physics is timed from states that random actions lead to, restored every few
-steps, since robots without resets fall through the floor, where there are no contacts to solve. A part that
-fails leaves its error in the result and the others go on; the program then ends with 1.
+between two waits for the device. Ours are measured along one and the same motion: from states that random
+actions lead to, put back every few steps, the same actions again, as the whole step (``whole_step``), as
+actions, motors and MuJoCo Warp's step (``physics``), and as MuJoCo Warp's step alone, fed with the torques
+recorded there (``bare_physics``). Without motors the robots would lie in a heap, which costs less. mjlab's
+physics is timed from such states with its last torques. A part that fails leaves its error in the result and
+the others go on; the program then ends with 1.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import itertools
 import json
 import os
 import shlex
@@ -39,9 +43,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sprintlab.core.files import atomic_write_text
+from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.runner import Runner, device_description
-from sprintlab.training.settings import SimulationSettings, TrainingSettings
-from sprintlab.training.simulation import BatchSimulation, suspended_garbage_collection
+from sprintlab.training.settings import PRECISIONS, SimulationSettings, TrainingSettings
 
 MJLAB_TASK = "Mjlab-Velocity-Flat-Unitree-Go1"
 PACKAGES = ("sprintlab", "torch", "warp-lang", "mujoco", "mujoco-warp", "mjlab", "rsl-rl-lib", "numpy")
@@ -55,13 +60,14 @@ WARM_UP_ITERATIONS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What to measure: environments, device, samples, policy steps a sample, and where results go."""
+    """What to measure: environments, device, samples, policy steps a sample, precision, where results go."""
 
     environments: int
     device: str
     repeats: int
     steps: int
     parts: tuple[str, ...]
+    precision: str
     output: Path | None
 
     def wait(self) -> None:
@@ -95,30 +101,29 @@ def timed(plan: Plan, work: Callable[[], object], times: int) -> float:
     return time.perf_counter() - started
 
 
-def measure_physics(plan: Plan, step: Callable[[], object], restore: Restore) -> dict[str, Any]:
-    """``step`` alone; the state is put back, outside the clock, every ``RESTORE_EVERY`` steps."""
+def measure_pieces(plan: Plan, step: Callable[[int], object], restore: Restore) -> dict[str, Any]:
+    """``step(0)``, ``step(1)``...; every ``RESTORE_EVERY`` steps the state is put back, outside the clock."""
     pieces = max(1, plan.steps // RESTORE_EVERY)
 
     def piece() -> float:
         restore()
-        return timed(plan, step, RESTORE_EVERY)
+        count = itertools.count()
+        return timed(plan, lambda: step(next(count)), RESTORE_EVERY)
 
     piece()
     return sample(plan, lambda: sum(piece() for _ in range(pieces)), pieces * RESTORE_EVERY)
 
 
+def random_actions(plan: Plan, joints: int) -> list[torch.Tensor]:
+    """Uniform in [-1, 1], a few, to be taken in turn."""
+    return [2 * torch.rand(plan.environments, joints, device=plan.device) - 1 for _ in range(8)]
+
+
 def measure_step(plan: Plan, step: Callable[[torch.Tensor], object], joints: int) -> dict[str, Any]:
-    """Whole environment steps with uniform random actions in [-1, 1]."""
-    pool = [2 * torch.rand(plan.environments, joints, device=plan.device) - 1 for _ in range(8)]
-    count = 0
-
-    def act() -> None:
-        nonlocal count
-        step(pool[count % len(pool)])
-        count += 1
-
-    timed(plan, act, plan.steps)
-    return sample(plan, lambda: timed(plan, act, plan.steps), plan.steps)
+    """Whole environment steps with random actions."""
+    actions = itertools.cycle(random_actions(plan, joints))
+    timed(plan, lambda: step(next(actions)), plan.steps)
+    return sample(plan, lambda: timed(plan, lambda: step(next(actions)), plan.steps), plan.steps)
 
 
 def measure_ppo(plan: Plan, iterate: Callable[[int], object], rollout: int) -> dict[str, Any]:
@@ -129,53 +134,76 @@ def measure_ppo(plan: Plan, iterate: Callable[[int], object], rollout: int) -> d
 
 def snapshot(buffers: list[Any]) -> Restore:
     """Remember the buffers' contents; the result writes them back."""
-    saved = [buffer[:].clone() for buffer in buffers]
+    saved = [buffer[...].clone() for buffer in buffers]
 
     def restore() -> None:
         for buffer, value in zip(buffers, saved, strict=True):
-            buffer[:] = value
+            buffer[...] = value
 
     return restore
 
 
-def bare_physics(simulation: BatchSimulation) -> Callable[[], None]:
-    """The substeps with nothing of ours in them: no motors; a graph of its own on CUDA."""
+def bare_physics(environment: SprintEnvironment, actions: list[torch.Tensor]) -> Callable[[int], None]:
+    """Step ``k`` of the motion that ``actions`` make from the present state, with nothing of ours in it.
 
-    def substeps() -> None:
-        for _ in range(simulation.settings.substeps):
-            mujoco_warp.step(simulation.model, simulation.data)
-
+    Runs that motion once and records every torque on the way.
+    """
+    simulation, substeps = environment.simulation, environment.settings.simulation.substeps
+    torques = [[simulation.ctrl.clone() for _ in range(substeps)] for _ in range(RESTORE_EVERY)]
     device = wp.get_device(simulation.device)
-    graph: Any = None
     with suspended_garbage_collection(), wp.ScopedDevice(device):
-        substeps()
+        for step, recorded in enumerate(torques):
+            environment.write_action(actions[step])
+            for substep, torque in enumerate(recorded):
+                simulation.actuate(substep)
+                torque.copy_(simulation.ctrl)
+                mujoco_warp.step(simulation.model, simulation.data)
         wp.synchronize_device(device)
-        if device.is_cuda:
-            with wp.ScopedCapture() as capture:
-                substeps()
-            graph = capture.graph
 
-    def step() -> None:
-        with wp.ScopedDevice(device):
-            if graph is None:
-                substeps()
-            else:
-                wp.capture_launch(graph)
+        def replay(step: int) -> None:
+            for torque in torques[step]:
+                wp.copy(simulation.data.ctrl, wp.from_torch(torque))
+                mujoco_warp.step(simulation.model, simulation.data)
 
-    return step
+        if not device.is_cuda:
+            return replay
+        graphs = [captured_by_warp(lambda step=step: replay(step)) for step in range(RESTORE_EVERY)]
+    return lambda step: wp.capture_launch(graphs[step])
+
+
+def captured_by_warp(work: Callable[[], None]) -> Any:
+    """A graph of launches on the present device."""
+    with wp.ScopedCapture() as capture:
+        work()
+    return capture.graph
 
 
 def measure_ours(plan: Plan, physics: SimulationSettings) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield each measurement of ours as it is ready."""
-    settings = replace(TrainingSettings(), simulation=replace(physics, environments=plan.environments))
+    defaults = TrainingSettings()
+    settings = replace(
+        defaults,
+        simulation=replace(physics, environments=plan.environments),
+        ppo=replace(defaults.ppo, precision=plan.precision),
+    )
     yield "settings", {"simulation": asdict(settings.simulation), "ppo": asdict(settings.ppo)}
     runner = Runner(settings, plan.device, "benchmark")
-    environment, simulation = runner.environment, runner.environment.simulation
+    environment = runner.environment
     with torch.inference_mode():
-        yield "whole_step", measure_step(plan, environment.step, environment.num_actions)
-        restore = snapshot([getattr(simulation, name) for name in ("qpos", "qvel", "qacc_warmstart", "ctrl")])
-        yield "physics", measure_physics(plan, simulation.step, restore)
+        actions = random_actions(plan, environment.num_actions)
+        for step in range(plan.steps):
+            environment.step(actions[step % len(actions)])
+        restore = snapshot(list(environment.state().values()))
+        yield "whole_step", measure_pieces(plan, lambda step: environment.step(actions[step]), restore)
+
+        def physics_step(step: int) -> None:
+            environment.write_action(actions[step])
+            environment.simulation.step()
+
+        yield "physics", measure_pieces(plan, physics_step, restore)
         restore()
+        replay = bare_physics(environment, actions)
+        yield "bare_physics", measure_pieces(plan, replay, restore)
         restore()
 
     def iterate(count: int) -> None:
@@ -183,9 +211,6 @@ def measure_ours(plan: Plan, physics: SimulationSettings) -> Iterator[tuple[str,
             runner.iterate()
 
     yield "ppo", measure_ppo(plan, iterate, settings.ppo.steps)
-    with torch.inference_mode():
-        restore()
-        yield "bare_physics", measure_physics(plan, bare_physics(simulation), restore)
 
 
 def measure_mjlab(plan: Plan) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -221,11 +246,11 @@ def measure_mjlab(plan: Plan) -> Iterator[tuple[str, dict[str, Any]]]:
         data = simulation.data
         restore = snapshot([data.qpos, data.qvel, data.qacc_warmstart])
 
-        def physics() -> None:
+        def physics(step: int) -> None:
             for _ in range(substeps):
                 simulation.step()
 
-        yield "bare_physics", measure_physics(plan, physics, restore)
+        yield "bare_physics", measure_pieces(plan, physics, restore)
         restore()
     yield "ppo", measure_ppo(plan, runner.learn, agent.num_steps_per_env)
     environment.close()
@@ -253,17 +278,16 @@ def recorded_errors(result: dict[str, Any]) -> Iterator[None]:
 
 
 def with_ratios(parts: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Times over times inside a part, and our PPO rate over mjlab's."""
+    """Rates over rates: inside a part to physics alone, and ours to mjlab's."""
 
     def rate(name: str, measurement: str) -> float | None:
         return parts.get(name, {}).get(measurement, {}).get("median_steps_per_second")
 
     ratios: dict[str, float] = {}
     for name in parts:
-        whole = rate(name, "whole_step")
-        for base in ("physics", "bare_physics"):
-            if whole and (alone := rate(name, base)):
-                ratios[f"{name}: whole step / {base}, time"] = alone / whole
+        for part, base in itertools.product(("whole_step", "ppo"), ("physics", "bare_physics")):
+            if (rate_of_part := rate(name, part)) and (alone := rate(name, base)):
+                ratios[f"{name}: {part} / {base}, steps per second"] = rate_of_part / alone
         for measurement in ("whole_step", "ppo"):
             mine, theirs = rate(name, measurement), rate("mjlab", measurement)
             if mine and theirs and name != "mjlab":
@@ -356,6 +380,7 @@ def arguments() -> tuple[Plan, bool]:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--steps", type=int, default=50, help="policy steps a sample")
     parser.add_argument("--parts", default=",".join(PARTS), help="comma-separated: %(default)s")
+    parser.add_argument("--precision", choices=PRECISIONS, default="tf32", help="of our networks")
     parser.add_argument("--output", type=Path, help="JSON file")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     given = parser.parse_args()
@@ -370,6 +395,7 @@ def arguments() -> tuple[Plan, bool]:
         repeats=given.repeats,
         steps=given.steps,
         parts=parts,
+        precision=given.precision,
         output=given.output,
     )
     return plan, given.json
