@@ -5,12 +5,16 @@
     sprintlab ablate results/methods --recorded --markdown docs/results.md
     sprintlab figures --markdown docs/results.md
 
+Runs come from "sprintlab sweep", or from "sprintlab train" with --output runs/methods/<method>/seed-<number>: the
+latter have no curve.csv, which is then made of their log.jsonl.
+
 The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
 taken only where none passes it.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +22,13 @@ from pathlib import Path
 import tyro
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from sprintlab.evaluation.ablation.gallery import CURVE_NAME
 from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluation
 from sprintlab.evaluation.ablation.runs import EVALUATION_NAME, Run, find_runs
 
-KEPT = ("curve.csv", "run.json", EVALUATION_NAME)
+LOG_NAME = "log.jsonl"
+KEPT = (CURVE_NAME, "run.json", EVALUATION_NAME)
 POLICIES = Path("src/sprintlab/control/policies")
 
 
@@ -45,10 +51,16 @@ def publish(options: Options) -> list[Path]:
     """Copy; returns the policies that were written.
 
     Raises:
-        SprintlabError: a run has no evaluation or no policy, or the disk refuses.
+        SprintlabError: a run has no evaluation or no policy, and nothing is copied; or the disk refuses.
     """
     best: dict[str, tuple[tuple[bool, float], Run]] = {}
-    for run in find_runs(options.runs):
+    runs = find_runs(options.runs)
+    missing = [str(run.folder) for run in runs if not (run.policy.is_file() and run.evaluation.is_file())]
+    if missing:
+        raise SprintlabError(
+            f"without policy or evaluation: {', '.join(missing)}; run sprintlab ablate first"
+        )
+    for run in runs:
         record = read_evaluation(run.evaluation)
         _copy_small_files(run, options.results / run.method / run.folder.name)
         rank = _rank(record)
@@ -67,6 +79,18 @@ def _copy_small_files(run: Run, folder: Path) -> None:
     for name in KEPT:
         if (run.folder / name).is_file():
             _copy(run.folder / name, folder / name)
+    if not (run.folder / CURVE_NAME).is_file() and (run.folder / LOG_NAME).is_file():
+        atomic_write_text(folder / CURVE_NAME, _curve(run.folder / LOG_NAME))
+
+
+def _curve(log: Path) -> str:
+    """The learning curve that a sweep would have written."""
+    from sprintlab.training.sweep import curve_text
+
+    try:
+        return curve_text([json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()])
+    except (OSError, ValueError) as error:
+        raise SprintlabError(f"{log} is no training log: {error}") from error
 
 
 def _copy(source: Path, target: Path) -> Path:
