@@ -1,13 +1,10 @@
 """The pictures of a race: what the robot did, and how close its motors were to their limits.
 
-Every function takes plain results and a ``Theme`` and returns a matplotlib ``Figure``; nothing touches
-``pyplot``, so figures can be made in threads and without a display.
+Every function takes plain results and a ``Theme`` and returns a matplotlib ``Figure``.
 """
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +17,16 @@ from numpy.typing import NDArray
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.evaluation.theme import (
+    LIGHT,
+    Theme,
+    empty_figure,
+    figure_legend,
+    legend_above,
+    set_title,
+    style_axis,
+    themed_figure,
+)
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 
@@ -30,71 +37,6 @@ JOINT_TITLES = {"abad": "abduction", "hip": "hip", "knee": "knee"}
 GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
 POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
-
-
-@dataclass(frozen=True, kw_only=True)
-class Theme:
-    """Colours of one look; ``name`` is ``"light"`` or ``"dark"``.
-
-    Attributes:
-        legs: one colour a leg, order FL, FR, RL, RR.
-        on_limit: torque samples that sit on the envelope.
-        inside: torque samples inside it.
-    """
-
-    name: str
-    background: str
-    foreground: str
-    muted: str
-    grid: str
-    command: str
-    speed: str
-    second: str
-    on_limit: str
-    inside: str
-    envelope: str
-    shade: str
-    legs: tuple[str, str, str, str]
-
-
-LIGHT = Theme(
-    name="light",
-    background="#ffffff",
-    foreground="#1c2430",
-    muted="#667085",
-    grid="#e4e7ec",
-    command="#667085",
-    speed="#0b6bcb",
-    second="#c2410c",
-    on_limit="#d92d20",
-    inside="#0b6bcb",
-    envelope="#dbeafe",
-    shade="#f2f4f7",
-    legs=("#0b6bcb", "#0e9384", "#c2410c", "#7a5af8"),
-)
-DARK = Theme(
-    name="dark",
-    background="#12161d",
-    foreground="#e6e9ef",
-    muted="#98a2b3",
-    grid="#2a313c",
-    command="#98a2b3",
-    speed="#5cb0ff",
-    second="#ff9559",
-    on_limit="#ff6b5e",
-    inside="#5cb0ff",
-    envelope="#1b2f49",
-    shade="#1a202a",
-    legs=("#5cb0ff", "#3ccfbf", "#ff9559", "#b5a3ff"),
-)
-THEMES = (LIGHT, DARK)
-
-
-def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as a PNG file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor=figure.get_facecolor())
-    return buffer.getvalue()
 
 
 def require_finite(trajectory: Trajectory) -> None:
@@ -135,7 +77,7 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
         axis.set_ylabel("forward speed [m/s]")
     axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(0.0, max(_last_moment(trial) for trial in (raw, self_paced)))
-    _legend_above(axes[0], theme)
+    legend_above(axes[0], theme)
     return figure
 
 
@@ -166,7 +108,7 @@ def sprint_figure(
     axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * split, split))
     axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
     axis.set_ylabel("forward speed [m/s]")
-    _legend_above(axis, theme)
+    legend_above(axis, theme)
     return figure
 
 
@@ -249,14 +191,14 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
     """Mechanical power and copper loss: over time, and by joint during the hold."""
     trajectory = recorded(trial)
     mechanical, copper = joint_powers(trajectory, robot)
-    figure = _empty(theme, (9.5, 6.4))
+    figure = empty_figure(theme, (9.5, 6.4))
     over_time, by_joint = figure.subplots(2, 1, height_ratios=(1.25, 1.0))
     _draw_power(over_time, trajectory, mechanical.sum(axis=1), copper.sum(axis=1), theme)
     _shade_hold(over_time, trial, theme)
     _draw_power_by_joint(by_joint, trial, trajectory, mechanical, copper, robot, theme)
     for axis in (over_time, by_joint):
         style_axis(axis, theme)
-        _legend_above(axis, theme)
+        legend_above(axis, theme)
     return figure
 
 
@@ -277,49 +219,6 @@ def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array
 
 
 # --- drawing ---------------------------------------------------------------------------------------------
-
-
-def _empty(theme: Theme, size: tuple[float, float]) -> Figure:
-    return Figure(figsize=size, facecolor=theme.background, layout="constrained")
-
-
-def themed_figure(
-    theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any
-) -> tuple[Figure, list]:
-    """An empty figure of ``rows`` x ``columns`` axes in a theme's colours, and the axes in reading order."""
-    figure = _empty(theme, size)
-    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
-    for axis in axes:
-        style_axis(axis, theme)
-    return figure, axes
-
-
-def style_axis(axis: Axes, theme: Theme) -> None:
-    """The look that all figures share: two spines, a quiet grid, small labels."""
-    axis.set_facecolor(theme.background)
-    axis.grid(True, color=theme.grid, linewidth=0.7)
-    axis.set_axisbelow(True)
-    axis.tick_params(colors=theme.muted, labelsize=8, length=3)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(theme.muted)
-    for text in (axis.xaxis.label, axis.yaxis.label, axis.title):
-        text.set_color(theme.foreground)
-        text.set_fontsize(9)
-
-
-def set_title(axis: Axes, text: str, theme: Theme) -> None:
-    """A short bold title, flush left."""
-    axis.set_title(text, loc="left", fontweight="bold", fontsize=9.5, color=theme.foreground)
-
-
-def _legend(axis: Axes, theme: Theme, **kwargs: Any) -> None:
-    axis.legend(frameon=False, fontsize=8, labelcolor=theme.foreground, **kwargs)
-
-
-def _legend_above(axis: Axes, theme: Theme, columns: int = 3) -> None:
-    """A legend to the right above the axes, where no curve can run through it."""
-    _legend(axis, theme, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2)
 
 
 def _last_moment(trial: TrialResult) -> float:
@@ -449,14 +348,7 @@ def _envelope_legend(figure: Figure, theme: Theme) -> None:
     handles = _envelope_handles(theme)
     for colour, label in ((theme.inside, "inside"), (theme.on_limit, "on the envelope")):
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label))
-    figure.legend(
-        handles=handles,
-        loc="outside upper center",
-        ncols=5,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=theme.foreground,
-    )
+    figure_legend(figure, theme, handles)
 
 
 def _spans(time: Array, mask: Array) -> list[tuple[float, float]]:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.figures import LIGHT, Theme, set_title, themed_figure
+from sprintlab.evaluation.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors.identification import ChannelFit, Identification
 
 Array = NDArray[Any]
@@ -37,16 +37,7 @@ def identification_figure(result: Identification, title: str, theme: Theme = LIG
         else:
             _draw_residuals(over_speed, channel, speed[channel.rows], "speed [rad/s]", outlying, theme)
         set_title(met, f"{title}: {channel.name}" if row == 0 else channel.name, theme)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=theme.foreground,
-    )
+    figure_legend(figure, theme, labelled(axes[0]), columns=3, place="lower")
     return figure
 
 

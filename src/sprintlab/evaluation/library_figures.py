@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.figures import LIGHT, Theme, set_title, themed_figure
+from sprintlab.evaluation.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors import LibraryMotor, joint_torque, no_load_speed, saturate, torque_limits
 
 _POINTS = 400
@@ -42,14 +42,7 @@ def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> F
     absolute.set_ylim(bottom=0.5, top=2.0 * absolute.dataLim.y1)
     normalised.set_xlim(0.0, 1.0)
     normalised.set_ylim(0.0, 1.05)
-    figure.legend(
-        *absolute.get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize=8,
-        labelcolor=theme.foreground,
-    )
+    figure_legend(figure, theme, labelled(absolute), columns=3, place="lower")
     return figure
 
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.figures import LIGHT, Theme, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
+from sprintlab.evaluation.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
 from sprintlab.motors.chart import (
     SATURATED,
@@ -61,16 +61,7 @@ def workbench_figure(
     for axis, text in ((models, title), (inside, "Copper loss and mechanical power, refined + saturation")):
         _finish(axis, text, top, drive, theme)
     models.set_ylabel("joint torque [N m]")
-    handles, labels = models.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=theme.foreground,
-    )
+    figure_legend(figure, theme, labelled(models), columns=4, place="lower")
     return figure
 
 

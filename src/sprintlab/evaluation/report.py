@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 
 from sprintlab.evaluation import figures
@@ -23,9 +22,12 @@ from sprintlab.evaluation.report_text import (
     summary,
 )
 from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, TrialResult
+from sprintlab.evaluation.theme import THEMES, Theme, png_bytes
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]
+PlannedFigure = tuple[str, str, str, Callable[[Theme], Figure]]
+"""Name, heading, caption and drawing function of a figure."""
 
 METHOD = (
     "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and stiff contact; the policy runs at 50 "
@@ -76,10 +78,15 @@ def make_pictures(
     Raises:
         SimulationError: a trajectory is missing or holds NaN.
     """
+    return draw_pictures(_plan(result, robot), progress)
+
+
+def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: None) -> tuple[Picture, ...]:
+    """Draw planned figures in both looks; errors are those of what draws."""
     pictures = []
-    for name, title, caption, draw in _plan(result, robot):
+    for name, title, caption, draw in plan:
         progress(title)
-        light, dark = (figures.png_bytes(draw(theme)) for theme in figures.THEMES)
+        light, dark = (png_bytes(draw(theme)) for theme in THEMES)
         pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
     return tuple(pictures)
 
@@ -102,8 +109,7 @@ def render_report(
         video: MP4 file, embedded when given.
         video_message: one line that stands where the video would, when there is none.
     """
-    template = _environment().from_string(_template_text())
-    return template.render(
+    return page_template("report.html.j2").render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
         subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
         verdict="exploit audit passed"
@@ -114,7 +120,7 @@ def render_report(
         summary=summary(result, robot),
         setup=list(setup_rows(result, robot)),
         results=list(result_rows(result)),
-        figures=[_embedded(picture) for picture in pictures],
+        figures=[embedded(picture) for picture in pictures],
         audit=[_audit_row(item) for item in result.audit.items],
         trials=list(_trial_rows(result)),
         joints=list(_joint_rows(result, robot)),
@@ -125,10 +131,8 @@ def render_report(
     )
 
 
-def _plan(
-    result: RaceResult, robot: RobotDescription
-) -> Iterator[tuple[str, str, str, Callable[[figures.Theme], Figure]]]:
-    """Name, heading, caption and drawing function of every figure, in the order of the report."""
+def _plan(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
+    """Every figure in the order of the report."""
     raw, paced = representative(result.raw), representative(result.self_paced)
     yield (
         "sprint",
@@ -175,20 +179,18 @@ def _plan(
     )
 
 
-def _template_text() -> str:
-    folder = resources.files("sprintlab.evaluation") / "templates"
-    return (folder / "report.html.j2").read_text(encoding="utf-8")
-
-
-def _environment() -> Environment:
-    return Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=False)
+def page_template(name: str) -> Template:
+    """A template of the folder ``templates``, which may include the others."""
+    loader = PackageLoader("sprintlab.evaluation", "templates")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined).get_template(name)
 
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def _embedded(picture: Picture) -> dict[str, str]:
+def embedded(picture: Picture) -> dict[str, str]:
+    """A picture as the templates take it."""
     return {
         "name": picture.name,
         "title": picture.title,

@@ -6,15 +6,11 @@ tells what its feet do. What it does not know is not drawn.
 
 from __future__ import annotations
 
-import base64
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -22,9 +18,10 @@ from sprintlab.control import Policy
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import QUANTITIES, json_ready, quantity_numbers
-from sprintlab.evaluation.report import Picture
+from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
 from sprintlab.evaluation.report_text import number
 from sprintlab.evaluation.results import Trajectory, TrialResult
+from sprintlab.evaluation.theme import LIGHT, Theme, themed_figure
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions
 from sprintlab.robots import RobotDescription
@@ -112,11 +109,9 @@ def sampled_speed(trajectory: Trajectory, time: FloatArray) -> FloatArray:
     return np.interp(time, trajectory.time, smooth)
 
 
-def comparison_figure(
-    run: TrackRun, simulation: TrialResult | None, theme: figures.Theme = figures.LIGHT
-) -> Figure:
+def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
     """Command, measured speed and simulated speed over time; way over time below."""
-    figure, axes = figures.themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
+    figure, axes = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
     speed, way = axes
     speed.plot(run.command_time, run.command[:, 0], color=theme.command, linewidth=1.2, label="command")
     if simulation is not None:
@@ -154,17 +149,10 @@ def make_run_pictures(
     Raises:
         SimulationError: a trajectory is missing or holds NaN.
     """
-    pictures = []
-    for name, title, caption, draw in _plan(run, simulation, robot):
-        progress(title)
-        light, dark = (figures.png_bytes(draw(theme)) for theme in figures.THEMES)
-        pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
-    return tuple(pictures)
+    return draw_pictures(_plan(run, simulation, robot), progress)
 
 
-def _plan(
-    run: TrackRun, simulation: TrialResult | None, robot: RobotDescription
-) -> Iterator[tuple[str, str, str, Callable[[figures.Theme], Figure]]]:
+def _plan(run: TrackRun, simulation: TrialResult | None, robot: RobotDescription) -> Iterator[PlannedFigure]:
     yield (
         "comparison",
         "Robot and simulation" if simulation else "The run",
@@ -253,20 +241,10 @@ def render_run_report(
     facts: Sequence[tuple[str, str]],
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    return environment.from_string(_template("run_report.html.j2")).render(
-        style=re.search(r"<style>(.*?)</style>", _template("report.html.j2"), re.DOTALL)[1],  # type: ignore[index]
+    return page_template("run_report.html.j2").render(
         rows=list(number_rows(run_numbers(run, simulation))),
         compared=simulation is not None,
-        figures=[
-            {
-                "title": picture.title,
-                "caption": picture.caption,
-                "light": base64.b64encode(picture.light).decode("ascii"),
-                "dark": base64.b64encode(picture.dark).decode("ascii"),
-            }
-            for picture in pictures
-        ],
+        figures=[embedded(picture) for picture in pictures],
         facts=facts,
     )
 
@@ -284,7 +262,3 @@ def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
         if values != [None, None]:
             robot, simulation = (number(float("nan") if v is None else v, digits) for v in values)
             yield {"name": name, "robot": robot, "simulation": simulation, "unit": unit}
-
-
-def _template(name: str) -> str:
-    return (resources.files("sprintlab.evaluation") / "templates" / name).read_text(encoding="utf-8")

@@ -17,16 +17,17 @@ from sprintlab.evaluation.ablation.record import EvaluationRecord
 from sprintlab.evaluation.ablation.table import collapsed
 from sprintlab.evaluation.command_modes import CommandSequence
 from sprintlab.evaluation.estimates import estimate_pair
-from sprintlab.evaluation.figures import (
+from sprintlab.evaluation.figures import on_envelope, recorded
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.evaluation.theme import (
     LIGHT,
     Theme,
-    on_envelope,
-    recorded,
+    figure_legend,
+    labelled,
     set_title,
     style_axis,
     themed_figure,
 )
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import MotorModel, no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 
@@ -60,7 +61,7 @@ def envelope_figure(robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
         set_title(axis, kind, theme)
         axis.set_xlabel("joint speed [rad/s]")
     axes[0].set_ylabel("joint torque [N m]")
-    _figure_legend(figure, axes[0], theme)
+    figure_legend(figure, theme, labelled(axes[0]))
     return figure
 
 
@@ -220,27 +221,7 @@ def _cloud_legend(figure: Figure, theme: Theme) -> None:
         Line2D([], [], color=theme.muted, linestyle=_STYLES[model], label=name)
         for model, name in MODEL_NAMES.items()
     ]
-    figure.legend(
-        handles=marks,
-        loc="outside upper center",
-        ncols=3,
-        frameon=False,
-        fontsize=8,
-        labelcolor=theme.foreground,
-    )
-
-
-def _figure_legend(figure: Figure, axis: Axes, theme: Theme) -> None:
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper center",
-        ncols=len(labels),
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=theme.foreground,
-    )
+    figure_legend(figure, theme, marks, columns=3)
 
 
 def commands_figure(runs: Sequence[tuple[CommandSequence, TrialResult]], theme: Theme = LIGHT) -> Figure:
@@ -269,7 +250,7 @@ def commands_figure(runs: Sequence[tuple[CommandSequence, TrialResult]], theme: 
         Line2D([], [], color=theme.command, linestyle="--", label="command"),
         Line2D([], [], color=theme.speed, label="speed"),
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=8.5)
+    figure_legend(figure, theme, handles)
     return figure
 
 
@@ -289,7 +270,7 @@ def estimate_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
         axis.plot(pair.time, pair.estimate[:, column], color=theme.second, linewidth=1.2, label="estimate")
         axis.set_ylabel(label, fontsize=8)
     axes[-1].set_xlabel("time [s]")
-    _figure_legend(figure, axes[0], theme)
+    figure_legend(figure, theme, labelled(axes[0]))
     return figure
 
 
@@ -314,7 +295,7 @@ def methods_figure(records: Mapping[str, Sequence[EvaluationRecord]], theme: The
         Line2D([], [], color=theme.speed, marker="o", linestyle="", label="ours, one seed"),
         Line2D([], [], color=theme.second, label="the paper's robot"),
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False, fontsize=8.5)
+    figure_legend(figure, theme, handles)
     return figure
 
 
@@ -336,5 +317,5 @@ def learning_figure(curves: Mapping[str, Sequence[Mapping[str, Array]]], theme: 
         axis.fill_between(time / 60.0, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.15)
     axis.set_xlabel("training time [min]")
     axis.set_ylabel("speed, 99.9th percentile [m/s]")
-    _figure_legend(figure, axis, theme)
+    figure_legend(figure, theme, labelled(axis))
     return figure

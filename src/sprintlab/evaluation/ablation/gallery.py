@@ -17,8 +17,8 @@ from sprintlab.evaluation.ablation import figures
 from sprintlab.evaluation.ablation.measure import Candidate
 from sprintlab.evaluation.ablation.runs import Run, by_method, committed_records
 from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
-from sprintlab.evaluation.figures import png_bytes
 from sprintlab.evaluation.results import SprintResult, TrialResult
+from sprintlab.evaluation.theme import png_bytes
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
 from sprintlab.motors import MotorModel
 from sprintlab.plant import PlantOptions

@@ -1,0 +1,146 @@
+"""The look that all figures share: colours of a theme, axes, legends, PNG files.
+
+Nothing here touches ``pyplot``, so figures can be made in threads and without a display.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theme:
+    """Colours of one look; ``name`` is ``"light"`` or ``"dark"``.
+
+    Attributes:
+        legs: one colour a leg, order FL, FR, RL, RR.
+        on_limit: torque samples that sit on the envelope.
+        inside: torque samples inside it.
+    """
+
+    name: str
+    background: str
+    foreground: str
+    muted: str
+    grid: str
+    command: str
+    speed: str
+    second: str
+    on_limit: str
+    inside: str
+    envelope: str
+    shade: str
+    legs: tuple[str, str, str, str]
+
+
+LIGHT = Theme(
+    name="light",
+    background="#ffffff",
+    foreground="#1c2430",
+    muted="#667085",
+    grid="#e4e7ec",
+    command="#667085",
+    speed="#0b6bcb",
+    second="#c2410c",
+    on_limit="#d92d20",
+    inside="#0b6bcb",
+    envelope="#dbeafe",
+    shade="#f2f4f7",
+    legs=("#0b6bcb", "#0e9384", "#c2410c", "#7a5af8"),
+)
+DARK = Theme(
+    name="dark",
+    background="#12161d",
+    foreground="#e6e9ef",
+    muted="#98a2b3",
+    grid="#2a313c",
+    command="#98a2b3",
+    speed="#5cb0ff",
+    second="#ff9559",
+    on_limit="#ff6b5e",
+    inside="#5cb0ff",
+    envelope="#1b2f49",
+    shade="#1a202a",
+    legs=("#5cb0ff", "#3ccfbf", "#ff9559", "#b5a3ff"),
+)
+THEMES = (LIGHT, DARK)
+
+
+def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, facecolor=figure.get_facecolor())
+    return buffer.getvalue()
+
+
+def empty_figure(theme: Theme, size: tuple[float, float]) -> Figure:
+    """A figure without axes; size in inches."""
+    return Figure(figsize=size, facecolor=theme.background, layout="constrained")
+
+
+def themed_figure(
+    theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any
+) -> tuple[Figure, list]:
+    """An empty figure of ``rows`` x ``columns`` axes in a theme's colours, and the axes in reading order."""
+    figure = empty_figure(theme, size)
+    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
+    for axis in axes:
+        style_axis(axis, theme)
+    return figure, axes
+
+
+def style_axis(axis: Axes, theme: Theme) -> None:
+    """The look that all figures share: two spines, a quiet grid, small labels."""
+    axis.set_facecolor(theme.background)
+    axis.grid(True, color=theme.grid, linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=theme.muted, labelsize=8, length=3)
+    for side, spine in axis.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(theme.muted)
+    for text in (axis.xaxis.label, axis.yaxis.label, axis.title):
+        text.set_color(theme.foreground)
+        text.set_fontsize(9)
+
+
+def set_title(axis: Axes, text: str, theme: Theme) -> None:
+    """A short bold title, flush left."""
+    axis.set_title(text, loc="left", fontweight="bold", fontsize=9.5, color=theme.foreground)
+
+
+def axis_legend(axis: Axes, theme: Theme, **kwargs: Any) -> None:
+    """A legend of one axis without a frame."""
+    axis.legend(frameon=False, fontsize=8, labelcolor=theme.foreground, **kwargs)
+
+
+def legend_above(axis: Axes, theme: Theme, columns: int = 3) -> None:
+    """A legend to the right above the axes, where no curve can run through it."""
+    axis_legend(axis, theme, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2)
+
+
+def figure_legend(
+    figure: Figure, theme: Theme, handles: Sequence[Artist], columns: int | None = None, place: str = "upper"
+) -> None:
+    """One legend for all axes of a figure, ``"upper"`` or ``"lower"``, outside of them; one row by itself."""
+    where: Any = f"outside {place} center"
+    figure.legend(
+        handles=handles,
+        loc=where,
+        ncols=columns or len(handles),
+        frameon=False,
+        fontsize=8.5,
+        labelcolor=theme.foreground,
+    )
+
+
+def labelled(axis: Axes) -> list[Artist]:
+    """What an axis would put into its legend."""
+    return axis.get_legend_handles_labels()[0]
