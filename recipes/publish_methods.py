@@ -5,8 +5,8 @@
     sprintlab ablate results/methods --recorded --markdown docs/results.md
     sprintlab figures --markdown docs/results.md
 
-Runs come from "sprintlab sweep", or from "sprintlab train" with --output runs/methods/<method>/seed-<number>: the
-latter have no curve.csv, which is then made of their log.jsonl.
+Runs come from "sprintlab sweep", or from "sprintlab train" with --output runs/methods/<method>/seed-<number>:
+the latter have no curve.csv, which is then made of their log.jsonl.
 
 The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
 taken only where none passes it.
@@ -57,9 +57,7 @@ def publish(options: Options) -> list[Path]:
     runs = find_runs(options.runs)
     missing = [str(run.folder) for run in runs if not (run.policy.is_file() and run.evaluation.is_file())]
     if missing:
-        raise SprintlabError(
-            f"without policy or evaluation: {', '.join(missing)}; run sprintlab ablate first"
-        )
+        raise SprintlabError(f"no policy or evaluation in {', '.join(missing)}: run sprintlab ablate first")
     for run in runs:
         record = read_evaluation(run.evaluation)
         _copy_small_files(run, options.results / run.method / run.folder.name)
