@@ -1,5 +1,6 @@
 import json
 import re
+import shutil
 
 import mujoco
 import numpy as np
@@ -111,6 +112,28 @@ def test_scene_is_drawn_and_moves(tab, page_file):
         before = tab.evaluate(picture)
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "scheme"), [(390, 780, "light"), (760, 400, "dark"), (1280, 720, "dark")]
+)
+def test_every_window_shows_numbers_robot_and_knobs_without_a_network(
+    browser, page_file, width, height, scheme
+):
+    size = {"width": width, "height": height}
+    context = browser.new_context(viewport=size, color_scheme=scheme, offline=True)
+    tab, asked = context.new_page(), []
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.goto(page_file.as_uri())
+    tab.wait_for_function("window.replay !== undefined && replay.state.now > 0.1")
+    head, foot = (tab.locator(name).bounding_box() for name in ("header.panel", "footer.panel"))
+    assert head["x"] + head["width"] <= width
+    assert foot["y"] + foot["height"] <= height
+    assert foot["y"] - head["y"] - head["height"] > 0.35 * height  # room between them for the robot
+    tops = {round(box.bounding_box()["y"]) for box in tab.locator("#numbers b").all()}
+    assert len(tops) == 1
+    assert asked == [page_file.as_uri()]
+    context.close()
+
+
 # --- command ------------------------------------------------------------------------------------------------
 
 
@@ -146,6 +169,49 @@ def test_incomplete_trajectory_is_refused(tmp_path):
     np.savez(tmp_path / "part.npz", time=np.arange(3.0))
     with pytest.raises(SprintlabError, match="lacks qpos"):
         load_arrays(tmp_path / "part.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("time", lambda values: values[::-1], "time does not rise"),
+        ("time", lambda values: values[0], "no two samples"),
+        ("time", lambda values: values.astype(str), "time holds what is no finite number"),
+        ("qpos", lambda values: np.where(values == values[9, 0], np.nan, values), "qpos holds"),
+        ("qpos", lambda values: values[:, 0], "qpos has shape"),
+        ("command", lambda values: values[:100], "command has shape"),
+        ("velocity", lambda values: values[:, :0], "velocity has shape"),
+    ],
+)
+def test_damaged_trajectories_are_refused(recorded, tmp_path, name, change, message):
+    np.savez(tmp_path / "damaged.npz", **{**recorded, name: change(recorded[name])})
+    with pytest.raises(SprintlabError, match=message):
+        load_arrays(tmp_path / "damaged.npz")
+
+
+def test_a_plain_array_is_no_trajectory(tmp_path):
+    np.save(tmp_path / "plain.npy", np.zeros(5))
+    with pytest.raises(SprintlabError, match="cannot be read as an npz archive"):
+        load_arrays(tmp_path / "plain.npy")
+
+
+def test_trajectory_with_other_joints_is_refused(recorded, robot):
+    fewer = {**recorded, "motor_torque": recorded["motor_torque"][:, :6]}
+    with pytest.raises(SprintlabError, match="6 joints, robot bp2 has 12"):
+        render_replay(fewer, robot, ReplayText(title="x"))
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    ["{bad", "[1]", '{"robot": 5}', '{"time_100m_s": "fast"}', '{"audit": 3}'],
+    ids=["no json", "list", "robot", "time", "audit"],
+)
+def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numbers, capsys):
+    shutil.copy(trajectory_file, tmp_path)
+    (tmp_path / "result.json").write_text(numbers)
+    assert main(["replay", str(tmp_path)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / "replay.html").exists()
 
 
 def test_trajectory_of_another_robot_is_refused(recorded, robot):

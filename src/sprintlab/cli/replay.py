@@ -13,6 +13,14 @@ from sprintlab.cli.output import print_json, stdout_console
 from sprintlab.core.errors import SprintlabError
 
 RUNS = Path("runs")
+_FIELDS: dict[str, tuple[type, ...]] = {
+    "robot": (str,),
+    "policy": (str,),
+    "time_100m_s": (int, float),
+    "top_speed_command_m_s": (int, float),
+    "audit": (dict,),
+}
+"""What the page takes from the numbers of a race; each may be missing or null."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +77,7 @@ def race_result(path: Path) -> dict[str, Any]:
     """The numbers beside a trajectory; empty where there are none.
 
     Raises:
-        SprintlabError: the file is there and is no JSON object.
+        SprintlabError: the file is there and is not what a race writes.
     """
     if not path.is_file():
         return {}
@@ -79,7 +87,11 @@ def race_result(path: Path) -> dict[str, Any]:
         raise SprintlabError(f"{path} cannot be read: {error}") from error
     if not isinstance(numbers, dict):
         raise SprintlabError(f"{path} is no result of a race")
-    return numbers
+    given = {name: value for name, value in numbers.items() if value is not None}
+    for name, kinds in _FIELDS.items():
+        if name in given and not isinstance(given[name], kinds):
+            raise SprintlabError(f"{path} is no result of a race: {name} = {given[name]!r}")
+    return given
 
 
 def replay_text(trajectory: Path, robot: str, result: dict[str, Any]) -> Any:

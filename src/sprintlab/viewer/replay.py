@@ -36,16 +36,8 @@ Array = NDArray[Any]
 FRAME_RATE = 125.0
 """Frames a second in the page [Hz]; between them it interpolates."""
 
-NEEDED_ARRAYS = (
-    "time",
-    "qpos",
-    "velocity",
-    "command",
-    "joint_velocity",
-    "motor_torque",
-    "torque_lower",
-    "torque_upper",
-)
+JOINT_ARRAYS = ("joint_velocity", "motor_torque", "torque_lower", "torque_upper")
+NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +57,8 @@ def load_arrays(path: Path) -> dict[str, Array]:
     """The arrays of a recorded trajectory that a replay needs.
 
     Raises:
-        SprintlabError: the file is missing, no npz archive, lacks an array, or holds no two samples.
+        SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples, or an array
+            does not fit the others or holds what is no number.
     """
     try:
         with np.load(path) as archive:
@@ -73,13 +66,29 @@ def load_arrays(path: Path) -> dict[str, Array]:
             arrays = {name: archive[name] for name in NEEDED_ARRAYS if name in archive}
     except FileNotFoundError:
         raise SprintlabError(f"{path} does not exist; a race writes it") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SprintlabError(f"{path} is no trajectory: it cannot be read as an npz archive") from error
     if missing:
         raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
-    if len(arrays["time"]) < 2:
+    if arrays["time"].size < 2:
         raise SprintlabError(f"{path} holds no two samples: there is nothing to replay")
+    for name, values in arrays.items():
+        _check_array(path, name, values, len(arrays["time"]) if arrays["time"].ndim else 0)
+    if not np.all(np.diff(arrays["time"]) > 0.0):
+        raise SprintlabError(f"{path} is no trajectory: its time does not rise")
     return arrays
+
+
+def _check_array(path: Path, name: str, values: Array, samples: int) -> None:
+    """Refuse what is no ``(samples,)`` time or ``(samples, n)`` table of finite numbers."""
+    dimensions = 1 if name == "time" else 2
+    if values.ndim != dimensions or len(values) != samples or values.size == 0:
+        expected = f"({samples},)" if dimensions == 1 else f"({samples}, n)"
+        raise SprintlabError(
+            f"{path} is no trajectory: {name} has shape {values.shape} instead of {expected}"
+        )
+    if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        raise SprintlabError(f"{path} is no trajectory: {name} holds what is no finite number")
 
 
 def write_replay(path: Path, arrays: Mapping[str, Array], robot: RobotDescription, text: ReplayText) -> None:
@@ -105,6 +114,10 @@ def render_replay(arrays: Mapping[str, Array], robot: RobotDescription, text: Re
             f"the trajectory has {arrays['qpos'].shape[1]} coordinates, robot {robot.name} has {model.nq}: "
             "name the robot that ran with --robot"
         )
+    for name in JOINT_ARRAYS:
+        if arrays[name].shape[1] != len(robot.joint_names):
+            joints = f"{arrays[name].shape[1]} joints, robot {robot.name} has {len(robot.joint_names)}"
+            raise SprintlabError(f"{name} of the trajectory has {joints}")
     frames = _frames(arrays["time"])
     scene = {
         "names": [name.replace("_", " ") for name in robot.joint_names],

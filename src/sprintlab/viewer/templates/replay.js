@@ -155,7 +155,7 @@ const GROUND_VERTEX = `#version 300 es
 layout(location=0) in vec3 place; uniform mat4 view; uniform vec3 centre; out vec3 world;
 void main() { world = place + vec3(centre.xy, 0.0); gl_Position = view * vec4(world, 1.0); }`;
 
-// A running track: lanes along x, a line every ten metres, start and finish broad.
+// A running track of nine lanes along x, a line every ten metres, start and finish broad.
 const GROUND_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 world; uniform vec3 eye, haze; uniform float distance_; out vec4 pixel;
@@ -164,11 +164,11 @@ float line(float offset, float half_width) {
   return 1.0 - smoothstep(half_width - blur, half_width + blur, abs(offset));
 }
 void main() {
-  float lane = 1.22, edge = 1.5 * lane;
-  vec3 color = mix(vec3(0.30, 0.42, 0.27), vec3(0.60, 0.28, 0.20), step(abs(world.y), 2.0 * lane));
+  float lane = 1.22, edge = 4.5 * lane;
+  vec3 color = mix(vec3(0.30, 0.42, 0.27), vec3(0.60, 0.28, 0.20), step(abs(world.y), edge + 0.5));
   vec2 tile = floor(world.xy); color *= 0.97 + 0.03 * mod(tile.x + tile.y, 2.0);
   float mark = 0.0;
-  for (int i = 0; i < 4; i++) mark = max(mark, line(world.y - (float(i) * lane - edge), 0.025));
+  for (int i = 0; i < 10; i++) mark = max(mark, line(world.y - (float(i) * lane - edge), 0.025));
   float ten = world.x - 10.0 * round(world.x / 10.0), inside = step(abs(world.y), edge);
   bool goal = abs(world.x) < 5.0 || abs(world.x - distance_) < 5.0;
   mark = max(mark, inside * line(ten, goal ? 0.08 : 0.02));
@@ -314,7 +314,8 @@ class Scene {
 
 class Orbit {
   constructor(canvas) {
-    Object.assign(this, { azimuth: -0.9, elevation: 0.22, distance: 2.6, centre: [0, 0, 0.4], pointers: new Map() });
+    const upright = Math.max(1, 0.8 * canvas.clientHeight / Math.max(canvas.clientWidth, 1));
+    Object.assign(this, { azimuth: -0.9, elevation: 0.22, distance: 2.6 * upright, centre: [0, 0, 0.4], pointers: new Map() });
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -395,7 +396,8 @@ function drawPlot() {
   pen.font = "11px system-ui, sans-serif";
   pen.fillStyle = tone("--quiet");
   pen.strokeStyle = tone("--line");
-  for (let value = 0; value <= top; value += top > 6 ? 4 : 1) {
+  const step = (top > 6 ? 4 : 1) * (height < 70 ? 2 : 1);
+  for (let value = 0; value <= top; value += step) {
     pen.beginPath(); pen.moveTo(left, y(value)); pen.lineTo(width - 4, y(value)); pen.stroke();
     pen.textAlign = "right"; pen.fillText(`${value}`, left - 6, y(value) + 4);
   }
