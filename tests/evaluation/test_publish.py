@@ -1,12 +1,14 @@
 """The recipe that puts finished runs where they are committed."""
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 
 import pytest
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.ablation.gallery import read_curve
 from sprintlab.evaluation.ablation.record import (
     AuditEntry,
     AuditRecord,
@@ -91,5 +93,21 @@ def test_small_files_and_the_best_honest_policy_are_kept(recipe, runs, tmp_path)
 
 def test_a_run_that_was_not_evaluated_is_refused(recipe, runs, tmp_path):
     (runs / "sprint" / "seed-0" / "evaluation.json").unlink()
-    with pytest.raises(SprintlabError, match=r"evaluation\.json"):
-        recipe.publish(recipe.Options(runs=runs, results=tmp_path, policies=tmp_path))
+    options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")
+    with pytest.raises(SprintlabError, match=r"no policy or evaluation in .*seed-0: run sprintlab ablate"):
+        recipe.publish(options)
+    assert not options.results.exists() and not options.policies.exists()
+
+
+def test_a_run_of_train_gets_its_curve_from_its_log(recipe, runs, tmp_path):
+    run = runs / "sprint" / "seed-2"
+    (run / "curve.csv").unlink()
+    rows = [{"iteration": index, "seconds": 0.1 * index, "speed_p999": 0.01 * index} for index in range(2000)]
+    (run / "log.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")
+    recipe.publish(options)
+    curve = read_curve(options.results / "sprint" / "seed-2" / "curve.csv")
+    assert len(curve["seconds"]) == 500 and curve["speed_p999"][-1] == 19.99
+    (run / "log.jsonl").write_text("{")
+    with pytest.raises(SprintlabError, match=r"log\.jsonl is no training log"):
+        recipe.publish(options)
