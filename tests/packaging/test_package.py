@@ -65,6 +65,8 @@ def test_wheel_holds_data_and_nothing_foreign(built):
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert "Requires-Python: <3.14,>=3.10" in metadata
+    required = re.findall(r"^Requires-Dist: ([\w-]+)(?!.*extra ==)", metadata, re.MULTILINE)
+    assert "numpy" in required and not {"scipy", "torch", "viser"} & set(required)
 
 
 def test_sdist_holds_sources_and_tests(built):
