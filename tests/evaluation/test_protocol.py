@@ -2,13 +2,14 @@
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
-from sprintlab.evaluation.protocol import ProtocolSettings, check_step_size, run_protocol, run_speed
+from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol, run_speed, step_size_requests
 from sprintlab.evaluation.race import find_top_speed
 
 SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
@@ -126,12 +127,11 @@ def test_the_pool_refuses_a_missing_file_before_it_starts_workers(robot, tmp_pat
         TrialPool(tmp_path / "none.onnx", robot)
 
 
-def test_the_step_size_check_compares_the_same_trial(standing_policy, robot):
-    with TrialPool(standing_policy, robot, workers=1) as pool:
-        check = check_step_size(pool, 0.5, hold=0.5)
-    assert (check.coarse_step, check.fine_step) == (0.001, 0.00025)
-    assert check.coarse.completed and check.fine.completed
-    assert abs(check.held_speed_difference) < 0.01
+def test_the_step_size_check_compares_the_same_trial():
+    coarse, fine = step_size_requests(0.5, hold=0.5)
+    assert (coarse.plant.timestep, fine.plant.timestep) == (0.001, 0.00025)
+    assert replace(coarse, plant=fine.plant) == fine
+    assert coarse.plant.contact_time_constant >= 2.0 * coarse.plant.timestep
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.results import ProtocolResult, SpeedResult, StepSizeCheck
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import PlantOptions, TrialSettings
 
@@ -227,26 +227,3 @@ def step_size_requests(
         contact_time_constant=max(plant.contact_time_constant, 2.0 * coarse_step),
     )
     return replace(fine, plant=softer), fine
-
-
-def check_step_size(
-    pool: TrialPool,
-    top_speed: float,
-    *,
-    plant: PlantOptions | None = None,
-    coarse_step: float = COARSE_STEP,
-    hold: float = 4.0,
-) -> StepSizeCheck:
-    """Run one nominal trial with 1 ms steps and with the plant's own, 0.25 ms (raw command).
-
-    Raises:
-        SimulationError: as ``run_trial``.
-    """
-    requests = step_size_requests(top_speed, plant, coarse_step, hold)
-    coarse, fine = pool.trials(requests)
-    return StepSizeCheck(
-        coarse_step=requests[0].plant.timestep,
-        fine_step=requests[1].plant.timestep,
-        coarse=coarse,
-        fine=fine,
-    )

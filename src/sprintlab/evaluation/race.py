@@ -126,7 +126,7 @@ def _run_all(
     pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
 ) -> _Outcome:
     """Everything in one batch, longest first, so that no core waits for another."""
-    step_requests = list(reversed(step_size_requests(top_speed, settings.plant, hold=settings.hold)))
+    coarse, fine = step_size_requests(top_speed, settings.plant, hold=settings.hold)
     sprint_requests = [
         TrialRequest(
             top_speed=top_speed,
@@ -138,7 +138,7 @@ def _run_all(
         for paced in (False, True)
     ]
     raw, paced = (settings.requests(top_speed, self_paced) for self_paced in (False, True))
-    steps = step_requests if step_check else []
+    steps = (fine, coarse) if step_check else ()
     results = pool.run([*steps, *sprint_requests, *raw, *paced])
     sprints = [result for result in results if isinstance(result, SprintResult)]
     trials = [result for result in results if isinstance(result, TrialResult)]
@@ -149,7 +149,7 @@ def _run_all(
             _speed_result(top_speed, False, trials[: settings.trials], settings),
             _speed_result(top_speed, True, trials[settings.trials :], settings),
         ),
-        step_check=_step_check(step_requests[1], step_requests[0], checks) if step_check else None,
+        step_check=_step_check(coarse, fine, checks) if step_check else None,
     )
 
 

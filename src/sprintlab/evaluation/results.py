@@ -356,11 +356,6 @@ class StepSizeCheck:
     coarse: TrialResult
     fine: TrialResult
 
-    @property
-    def held_speed_difference(self) -> float:
-        """Fine minus coarse held speed [m/s]."""
-        return self.fine.metrics.held_speed - self.coarse.metrics.held_speed
-
 
 @dataclass(frozen=True, kw_only=True)
 class RaceResult:

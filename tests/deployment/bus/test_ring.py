@@ -55,15 +55,6 @@ def test_a_late_reader_starts_with_the_oldest_message_that_is_left(ring):
     assert reader.lost == 0
 
 
-def test_skip_passes_over_what_is_there(ring):
-    writer, reader, _ = ring
-    writer.write(message(1))
-    reader.skip()
-    assert reader.read() is None
-    writer.write(message(2))
-    assert reader.read() == message(2)
-
-
 def test_a_message_that_changes_while_it_is_copied_is_dropped(ring, monkeypatch):
     writer, reader, _ = ring
     writer.write(message(7))

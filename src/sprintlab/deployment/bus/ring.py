@@ -67,10 +67,6 @@ class RingReader(_Ring):
         self.torn = 0
         self._next = max(self._words[0] - slots + 1, 0)
 
-    def skip(self) -> None:
-        """Pass over everything that has been written so far."""
-        self._next = self._words[0]
-
     def read(self) -> bytes | None:
         """The next message, or None if all have been read."""
         while True:

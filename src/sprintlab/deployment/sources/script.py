@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 
 _STANDING = 1.0  # [s] between standing and running
-
-Wish = Callable[[SourceView], FloatArray | None]
 
 
 class ScriptedSource:

@@ -72,6 +72,3 @@ PAPER_TABLE = {
 
 REFERENCE_METHOD = "sprint"
 """The method whose J is 1."""
-
-PAPER_SPRINT_TIME = 11.67
-"""The paper's 100 m outdoors [s]."""
