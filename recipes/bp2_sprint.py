@@ -3,8 +3,8 @@
     python recipes/bp2_sprint.py --output runs/bp2-sprint
     sprintlab export runs/bp2-sprint/checkpoint.pt runs/bp2-sprint/sprint.onnx
 
-The settings are the defaults of that day: without jitter of the delay and without holding the heading, and
-with fewer targets at rest.
+The settings are the defaults of that day: without jitter of the delay and without holding the heading, with
+fewer targets at rest, and with more memory for contacts than four feet need.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ def shipped_settings() -> TrainingSettings:
         schedule=AdaptiveSchedule(targets=TargetSampling(zero_share=0.04)),
         heading_hold=False,
         randomization=replace(defaults.randomization, delay_jitter=0.0),
+        simulation=replace(defaults.simulation, max_constraints=24, max_contacts=8),
     )
 
 

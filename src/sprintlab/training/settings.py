@@ -32,7 +32,8 @@ class SimulationSettings:
         contact_time_constant: of the feet on the floor [s]; soft contact lends 0.5 to 1.7 m/s.
         solver_iterations: Newton iterations a step.
         line_search_iterations: of the solver's line search.
-        max_constraints: rows allocated an environment (four feet, pyramidal, condim 3: 16).
+        max_constraints: rows allocated an environment: four feet, pyramidal, condim 3; the solver works in
+            blocks of 16, full or not.
         max_contacts: contacts allocated an environment.
         knee_spring: whether the passive knee springs are there.
         battery: behind the bus that a robot's joints share; ``None``, as in the paper: the bus is stiff.
@@ -50,8 +51,8 @@ class SimulationSettings:
     contact_time_constant: float = 0.005
     solver_iterations: int = 3
     line_search_iterations: int = 12
-    max_constraints: int = 24
-    max_contacts: int = 8
+    max_constraints: int = 16
+    max_contacts: int = 4
     knee_spring: bool = True
     battery: Battery | None = None
     heat: WindingHeat | None = None
