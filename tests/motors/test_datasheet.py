@@ -108,10 +108,15 @@ def test_published_servo_motor():
         ("4.2 V/krpm", "back_emf_constant", 4.2e-3 * RPM),
         ("6000 rpm", "no_load_speed", 6000 / RPM),
         ("80 mN·m", "peak_torque", 0.08),
+        ("2.5 oz-in", "peak_torque", 0.017654),
+        ("1 lb-ft", "peak_torque", 1.3558),
+        ("17 g mm^2", "rotor_inertia", 1.7e-8),
+        ("0.01 oz-in-s²", "rotor_inertia", 7.0616e-5),
+        ("15 oz-in/A", "torque_constant", 0.10592),
     ],
 )
 def test_units_in_the_spellings_of_data_sheets(text, entry, value):
-    assert parse_quantity(entry, text) == pytest.approx(value)
+    assert parse_quantity(entry, text) == pytest.approx(value, rel=1e-4)
 
 
 @pytest.mark.parametrize("text", ["95", "ohm", "95 V", 0.095, None, "1,2 ohm", ""])
@@ -126,9 +131,37 @@ def test_missing_conventions_are_all_named_with_what_they_would_mean():
     with pytest.raises(SprintlabError) as caught:
         convert(table)
     message = str(caught.value)
-    assert "resistance = '0.4 ohm' does not say which: 'lines', 'phase'" in message
+    assert "resistance = '0.4 ohm' does not say which: between = 'lines', 'phase'" in message
     assert "'line amplitude' (psi = 5 mWb, as kv)" in message
     assert "'line rms' (psi = 3.536 mWb)" in message
+
+
+def test_constants_may_be_taken_behind_the_gear():
+    """A geared motor's sheet gives its speed and torque constants at the output."""
+    table = sheet_of(MOTOR, gear_ratio=36.0)
+    kv, constant = (table[name]["value"].split() for name in ("kv", "torque_constant"))
+    table["kv"] = {"value": f"{float(kv[0]) / 36.0!r} rpm/V", "voltage": "dc", "at": "output"}
+    torque = f"{36.0 * float(constant[0])!r} mN m/A"
+    table["torque_constant"] = {"value": torque, "current": "line rms", "at": "output"}
+    emf = f"{36.0 * MOTOR.pole_pairs * MOTOR.flux_linkage!r} V s/rad"
+    table["back_emf_constant"] = {"value": emf, "voltage": "phase amplitude", "at": "output"}
+    same(convert(table).motor, MOTOR)
+
+
+def test_a_contradiction_may_take_two_other_conventions_to_resolve():
+    """A servo whose K_e and K_t are equal in SI, the convention of DC motors, read as rms values."""
+    table = sheet_of(MOTOR, kv=None)
+    table["back_emf_constant"] = {"value": "51 V/krpm", "voltage": "line-to-line rms"}
+    table["torque_constant"] = {"value": "0.49 N m/A", "current": "line rms"}
+    with pytest.raises(InvalidValueError) as caught:
+        convert(table)
+    hint = "they agree if back_emf_constant is 'line-to-line amplitude' and torque_constant is 'dc'"
+    assert hint in str(caught.value)
+
+
+def test_decimal_commas_are_named():
+    with pytest.raises(InvalidValueError, match="decimals stand behind a point"):
+        parse_quantity("resistance", "0,19 ohm")
 
 
 def test_a_phase_value_needs_the_connection():

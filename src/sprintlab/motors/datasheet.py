@@ -33,7 +33,7 @@ import tomli_w
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_text
-from sprintlab.motors.datasheet_file import Datasheet, Entry
+from sprintlab.motors.datasheet_file import ENTRIES, Datasheet, Entry
 from sprintlab.motors.parameters import PmsmParameters
 
 FLUX_ENTRIES = ("flux_linkage", "back_emf_constant", "kv", "torque_constant")
@@ -43,6 +43,12 @@ TOLERANCE = 0.05
 
 _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
+_VOLTAGE_READINGS = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
+_READINGS = {
+    "kv": _VOLTAGE_READINGS,
+    "back_emf_constant": _VOLTAGE_READINGS,
+    "torque_constant": ("line amplitude", "line rms", "dc"),
+}  # conventions that a hint tries; those that equal one of these are left out
 _DELTA = math.sqrt(3.0)
 _ROUNDING = 5e-3  # a negative saturation of this size is not worth a word
 
@@ -184,7 +190,7 @@ class _Conversion:
         return entry
 
     def _refuse_ambiguous(self) -> None:
-        """Name every entry whose convention is missing, with what each reading would mean."""
+        """Name every entry whose convention is missing, how to write it, and what each reading would mean."""
         unclear = [self._ambiguity(entry) for entry in self._sheet.entries.values() if entry.ambiguous]
         unclear += [
             f"{entry.name} is given for a phase, so connection must say star or delta"
@@ -196,7 +202,8 @@ class _Conversion:
 
     def _ambiguity(self, entry: Entry) -> str:
         readings = [f"'{word}'{self._reading(entry, word)}" for word in entry.ambiguous]
-        return f"{entry.name} = '{entry.text}' does not say which: {', '.join(readings)}"
+        key = next(iter(ENTRIES[entry.name].conventions))
+        return f"{entry.name} = '{entry.text}' does not say which: {key} = {', '.join(readings)}"
 
     def _reading(self, entry: Entry, word: str) -> str:
         """What a convention would mean for the flux, and which clear entries say the same."""
@@ -270,6 +277,7 @@ class _Conversion:
             self._notes.append(f"{entry.name} = '{entry.text}' {said}: the sheet trusts {chosen}")
             return
         readings = self._agreeing(entry, reference) + self._agreeing(other, value)
+        readings = readings or self._agreeing_together(entry, other)
         hint = f"; they agree if {' or if '.join(readings)}" if readings else ""
         raise InvalidValueError(
             f"datasheet.{entry.name}",
@@ -279,25 +287,31 @@ class _Conversion:
 
     def _agreeing(self, entry: Entry, reference: float) -> list[str]:
         """Other conventions of ``entry`` that give the reference flux."""
-        words: dict[str, tuple[str, ...]] = {
-            "kv": ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms"),
-            "torque_constant": ("line amplitude", "line rms", "dc"),
-        }
-        words["back_emf_constant"] = words["kv"]
         found: list[str] = []
-        for word in words.get(entry.name, ()):
+        for word in _READINGS.get(entry.name, ()):
             flux = self._flux_of(entry, word)
             if word != entry.convention and flux and _agree(flux, reference, self._tolerance):
                 found.append(f"{entry.name} is '{word}'")
         return found
+
+    def _agreeing_together(self, entry: Entry, other: Entry) -> list[str]:
+        """Conventions of both entries, each other than the one given, under which they agree."""
+        return [
+            f"{other.name} is '{word}' and {reading}"
+            for word in _READINGS.get(other.name, ())
+            if word != other.convention and (flux := self._flux_of(other, word))
+            for reading in self._agreeing(entry, flux)
+        ]
 
     def _flux_of(self, entry: Entry, convention: str) -> float | None:
         """The flux linkage if ``entry`` followed ``convention`` [Wb]; ``None`` if it gives none."""
         pairs, connection = self._sheet.pole_pairs, self._sheet.connection
         laws: dict[str, Callable[[], float]] = {
             "flux_linkage": lambda: entry.value,
-            "back_emf_constant": lambda: entry.value / (voltage_factor(convention, connection) * pairs),
-            "kv": lambda: 1.0 / (entry.value * voltage_factor(convention, connection) * pairs),
+            "back_emf_constant": lambda: (
+                self._motor_side(entry) / (voltage_factor(convention, connection) * pairs)
+            ),
+            "kv": lambda: 1.0 / (self._motor_side(entry) * voltage_factor(convention, connection) * pairs),
             "torque_constant": lambda: (
                 self._motor_side(entry) / (1.5 * current_factor(convention, connection) * pairs)
             ),
@@ -307,7 +321,7 @@ class _Conversion:
 
     def _flux_step(self, entry: Entry) -> float:
         """Write one way to the flux out."""
-        pairs, value = self._sheet.pole_pairs, entry.value
+        pairs, value = self._sheet.pole_pairs, self._motor_side(entry)
         across = voltage_factor(entry.convention, self._sheet.connection)
         through = current_factor(entry.convention, self._sheet.connection)
         shown: dict[str, tuple[str, str]] = {
@@ -316,7 +330,7 @@ class _Conversion:
             "kv": ("1 / (K_v c N)", f"1 / ({value:.5g} rad/s/V x {across:.4g} x {pairs})"),
             "torque_constant": (
                 "K_t / (1.5 c N)",
-                f"{self._motor_side(entry):.5g} / (1.5 x {through:.4g} x {pairs})",
+                f"{value:.5g} / (1.5 x {through:.4g} x {pairs})",
             ),
         }
         formula, numbers = shown[entry.name]
@@ -406,7 +420,7 @@ class _Conversion:
         return self._step("saturation as stated", "alpha", f"{value:g}", value, "")
 
     def _motor_side(self, entry: Entry) -> float:
-        """A torque, a torque constant or a speed before the gear."""
+        """An entry as it is before the gear: speeds are higher there, torques lower."""
         if not entry.at_output:
             return entry.value
         ratio = self._sheet.gear_ratio
@@ -415,7 +429,7 @@ class _Conversion:
                 f"datasheet.{entry.name}", "at = 'output'", "the sheet must give gear_ratio, a plain number"
             )
         check_range("datasheet.gear_ratio", ratio, 1.0, 500.0)
-        return entry.value * ratio if entry.name == "no_load_speed" else entry.value / ratio
+        return entry.value * ratio if entry.name in ("no_load_speed", "kv") else entry.value / ratio
 
     def _check_rated(self, constant: float) -> None:
         current, torque = self._sheet.entries.get("rated_current"), self._sheet.entries.get("rated_torque")

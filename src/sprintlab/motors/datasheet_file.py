@@ -40,8 +40,17 @@ _RPM = 2.0 * pi / 60.0
 _OHM = {"ohm": 1.0, "mohm": 1e-3}
 _HENRY = {"H": 1.0, "mH": 1e-3, "uH": 1e-6}
 _AMPERE = {"A": 1.0, "mA": 1e-3}
-_TORQUE = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2}
-_INERTIA = {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7, "g m^2": 1e-3}
+_OUNCE_INCH = 7.0615518e-3  # [N m]
+_TORQUE = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "oz in": _OUNCE_INCH, "lb ft": 192.0 * _OUNCE_INCH}
+_INERTIA = {
+    "kg m^2": 1.0,
+    "kg cm^2": 1e-4,
+    "g cm^2": 1e-7,
+    "g m^2": 1e-3,
+    "kg mm^2": 1e-6,
+    "g mm^2": 1e-9,
+    "oz in s^2": _OUNCE_INCH,
+}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
@@ -74,12 +83,17 @@ ENTRIES: dict[str, EntryKind] = {
             "mV/rpm": 1e-3 / _RPM,
         },
         conventions={"voltage": VOLTAGES},
+        sided=True,
     ),
     "kv": EntryKind(
-        units={"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, conventions={"voltage": (*VOLTAGES, "dc")}
+        units={"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0},
+        conventions={"voltage": (*VOLTAGES, "dc")},
+        sided=True,
     ),
     "torque_constant": EntryKind(
-        units={"N m/A": 1.0, "mN m/A": 1e-3}, conventions={"current": CURRENTS}, sided=True
+        units={"N m/A": 1.0, "mN m/A": 1e-3, "oz in/A": _OUNCE_INCH},
+        conventions={"current": CURRENTS},
+        sided=True,
     ),
     "rated_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
     "peak_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
@@ -197,6 +211,8 @@ def parse_quantity(name: str, text: object) -> float:
     """
     units = ENTRIES[name].units
     allowed = f"write a number and its unit: {', '.join(units)}"
+    if isinstance(text, str) and "," in text:
+        allowed += "; decimals stand behind a point"
     match = _NUMBER.fullmatch(text) if isinstance(text, str) else None
     if match is None:
         raise InvalidValueError(name, text, allowed)
@@ -235,10 +251,10 @@ def _template_line(name: str, kind: EntryKind) -> str:
 
 
 def _plain_unit(unit: str) -> str:
-    """One spelling for the many of a unit: small letters, no blanks and dots, ``u`` for micro."""
+    """One spelling for the many of a unit: small letters, no blanks, dots and dashes, ``u`` for micro."""
     unit = unit.replace("²", "^2").replace("Ω", "ohm").replace("Ω", "ohm")
     unit = re.sub("[µμ]", "u", unit)
-    return re.sub(r"[\s·*⋅.]", "", unit).casefold().replace("ω", "ohm").replace("m2", "m^2")
+    return re.sub(r"[\s·*⋅.-]", "", unit).casefold().replace("ω", "ohm").replace("m2", "m^2")
 
 
 def _entry(name: str, written: Any) -> Entry:

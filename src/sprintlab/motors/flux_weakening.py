@@ -19,6 +19,7 @@ vector control considering inverter capacity", IEEE Trans. Ind. Appl. 26(5), 199
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sprintlab.motors.arrays import Array, as_arrays
@@ -29,6 +30,8 @@ _SMALLEST_SHARE = 1e-12
 """Of the largest voltage at hand: keeps quotients finite at standstill."""
 _SECTIONS = 64
 """Golden sections of the d-axis current; 0.618^64 is 4e-14."""
+_SCANNED = 33
+"""Points at which the d-axis current is tried before."""
 _GOLDEN_SHARE = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -145,7 +148,8 @@ def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_volt
 
     For one current the highest speed is a root of a quadratic. Over the d-axis current, which the torque
     leaves free between the current limit and zero, that speed has one maximum (speeds above a given one are
-    reached on a chord of the voltage disk), which golden sections find.
+    reached on a chord of the voltage disk), beside which it may be zero throughout: a braking torque that no
+    voltage could hold at low speed. A coarse scan brackets the maximum, golden sections find it.
 
     Returns:
         Mechanical speed [rad/s], not negative. Infinity for no torque where the current limit reaches the
@@ -171,18 +175,34 @@ def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_volt
         discriminant = drop**2 + linkage * spare
         nothing = xp.zeros_like(discriminant)
         root = (xp.sqrt(xp.maximum(discriminant, nothing)) - drop) / linkage
-        return xp.where(discriminant < 0, nothing, xp.maximum(root, nothing))
+        # Below zero where no speed fits: how far from it, so that the search climbs there too.
+        return xp.where(discriminant < 0, discriminant / linkage, xp.maximum(root, nothing))
 
-    high = 0.0 * (quadrature + limit + voltage + resistance + inductance)
-    low = high - xp.sqrt(xp.maximum((limit - quadrature) * (limit + quadrature), high))
+    none = 0.0 * (quadrature + limit + voltage + resistance + inductance)
+    most = -xp.sqrt(xp.maximum((limit - quadrature) * (limit + quadrature), none))
+    low, high = _around_highest(xp, highest, most, none)
     for _ in range(_SECTIONS):
         step = _GOLDEN_SHARE * (high - low)
         left, right = high - step, low + step
         upward = highest(right) >= highest(left)
         low, high = xp.where(upward, left, low), xp.where(upward, high, right)
-    speed = xp.maximum(highest(high), highest(xp.zeros_like(high))) / pole_pairs
+    speed = xp.maximum(xp.maximum(highest(high), highest(none)), none) / pole_pairs
     endless = (limit * inductance >= flux) & (voltage * inductance > resistance * flux) & (torque == 0)
     return xp.where(endless, xp.zeros_like(speed) + float("inf"), speed)
+
+
+def _around_highest(
+    xp: Any, function: Callable[[Array], Array], low: Array, high: Array
+) -> tuple[Array, Array]:
+    """The neighbours of the best of ``_SCANNED`` evenly spaced points between ``low`` and ``high``."""
+    step = (high - low) / (_SCANNED - 1)
+    best, value = high, function(high)
+    for index in range(_SCANNED - 1):
+        point = low + index * step
+        found = function(point)
+        better = found > value
+        best, value = xp.where(better, point, best), xp.where(better, found, value)
+    return xp.maximum(best - step, low), xp.minimum(best + step, high)
 
 
 def _current_plane(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> _CurrentPlane:
