@@ -37,7 +37,7 @@ from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
 PACKAGES = ("sprintlab", "mujoco", "numpy", "onnxruntime")
-WAYS = ("raw", "self-paced")
+WAYS: tuple[str, ...] = ("raw", "self-paced")
 
 
 @dataclass(frozen=True, kw_only=True)
