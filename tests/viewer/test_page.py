@@ -1,16 +1,22 @@
 """The live page in a real browser."""
 
 import json
+import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
-from sprintlab.cli.main import main
+from sprintlab.cli.main import main, parse
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.joystick import DEFAULT_DEVICE
+from sprintlab.viewer.live import Session
 
 pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'")
+
+from sprintlab.viewer.page import Page, PageOptions
 
 PATIENCE = 60_000  # milliseconds; software rendering on a shared core is slow
 
@@ -60,8 +66,54 @@ def test_policy_that_is_not_there_is_refused(capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_port_out_of_range_is_refused():
-    from sprintlab.viewer.page import PageOptions
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--gamepad", "no-such-device"),
+        ("--gamepad", "."),
+        ("--host", "no such host"),
+        ("--port", "70000"),
+        ("--duration", "nan"),
+        ("sprint", "--robot", "go1"),
+    ],
+    ids=["no pad", "no device", "no host", "no port", "no time", "other robot"],
+)
+def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
+    assert main(["play", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
 
+
+def test_gamepad_option_takes_a_device_or_none():
+    assert parse(["play"]).gamepad is None
+    assert parse(["play", "--gamepad"]).gamepad == DEFAULT_DEVICE
+    assert parse(["play", "sprint", "--gamepad", "/dev/input/js1", "--open"]).gamepad == Path(
+        "/dev/input/js1"
+    )
+    assert parse(["play", "sprint", "--gamepad", "--port", "9000"]).gamepad == DEFAULT_DEVICE
+
+
+def test_interrupt_ends_the_command_as_done():
+    command = [sys.executable, "-m", "sprintlab.cli.main", "play", "--port", "8250"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        assert "http://localhost:" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=30.0)[1] == ""
+        assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("host", "address"), [("0.0.0.0", "http://localhost:"), ("127.0.0.1", "http://127.0.0.1:")]
+)
+def test_address_can_be_opened_on_this_machine(robot, policy, host, address):
+    page = Page(Session(robot, {"sprint": policy}), PageOptions(host=host, port=8271))
+    page.end()
+    page.run()
+    assert page.address.startswith(address)
+
+
+def test_port_out_of_range_is_refused():
     with pytest.raises(InvalidValueError, match="port"):
         PageOptions(port=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,15 +53,20 @@ class Play:
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
-        """Serve the page; raises ``SprintlabError`` when viser is missing or a policy is refused."""
+        """Serve the page until Ctrl-C or the end of its time.
+
+        Raises:
+            SprintlabError: viser is missing, policy or gamepad are refused, or nothing can be served there.
+        """
         if importlib.util.find_spec("viser") is None:
             raise SprintlabError(MISSING)
         from sprintlab.viewer.page import Page, PageOptions
 
         options = PageOptions(host=self.host, port=self.port, duration=self.duration, gamepad=self.gamepad)
         page = Page(self._session(), options)
-        self._announce(page.address)
-        page.run()
+        with suppress(KeyboardInterrupt):
+            self._announce(page.address)
+            page.run()
         return 0
 
     def _session(self) -> Any:

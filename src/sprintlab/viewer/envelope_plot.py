@@ -146,5 +146,5 @@ def _labels(panel: _Panel) -> str:
 
 
 def _svg(name: str, body: str) -> str:
-    label = f'<text x="{_MARGIN}" y="15" class="name">{name}</text>'
+    label = f'<text x="{_MARGIN}" y="{_HEIGHT - 9:g}" class="name">{name}</text>'
     return f'<svg class="envelope" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}">{body}{label}</svg>'
