@@ -42,7 +42,7 @@ def play(browser: Browser, speed: float) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         address = process.stdout.readline().split()[1]
-        page = browser.new_page(viewport={"width": 1200, "height": 1060})
+        page = browser.new_page(viewport={"width": 1440, "height": 800})
         page.goto(address)
         page.wait_for_selector("#status", timeout=PATIENCE)
         slider = page.locator("input[type=text], input[inputmode]").first
