@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE
@@ -38,6 +39,15 @@ MODEL_NAMES: dict[str, str] = {
     "simplified-dc": "v_d = 0",
     "refined": "refined",
 }
+METHOD_COLOURS = {
+    "baseline": "#667085",
+    "no-envelope": "#d92d20",
+    "simplified-dc": "#e08600",
+    "fixed-acceleration": "#7a5af8",
+    "uniform-commands": "#0e9384",
+    "sprint": "#0b6bcb",
+}
+"""One colour a method in every figure; each is legible on white and on black."""
 _STYLES: dict[str, Any] = {"square": ":", "simplified-dc": "--", "refined": "-"}
 _SMOOTHING = 0.2  # [s], about one stride
 _POINTS = 2500  # of a cloud that are drawn
@@ -275,28 +285,46 @@ def estimate_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
 
 
 def methods_figure(records: Mapping[str, Sequence[EvaluationRecord]], theme: Theme = LIGHT) -> Figure:
-    """Max velocity by method: every seed as a dot, the mean as a bar, the paper's number as a mark."""
+    """Max velocity by method, raw: every seed as a dot, the mean as a bar, the paper's number as a mark."""
     names = [method for method in records if records[method] or method in PAPER_TABLE]
     figure, axes = themed_figure(theme, (9.5, 3.8), 1, 1)
     axis = axes[0]
     for place, method in enumerate(names):
         values = [record.raw.max_velocity for record in records[method] if not collapsed(record)]
         if values:
-            axis.bar(place, float(np.mean(values)), 0.55, color=theme.envelope)
-            axis.plot([place] * len(values), values, "o", color=theme.speed, markersize=4)
+            colour = method_colour(method, theme)
+            axis.bar(place, float(np.mean(values)), 0.55, color=colour, alpha=0.3)
+            apart = place + np.linspace(-0.12, 0.12, len(values)) * (len(values) > 1)
+            axis.plot(apart, values, "o", color=colour, markersize=5)
         paper = PAPER_TABLE.get(method)
         if paper is not None and paper.max_velocity is not None:
-            axis.plot([place - 0.3, place + 0.3], [paper.max_velocity] * 2, color=theme.second)
-        if len(values) < len(records[method]):
-            axis.text(place, 0.3, f"{len(records[method]) - len(values)} collapsed", ha="center", fontsize=8)
+            axis.plot(
+                [place - 0.3, place + 0.3], [paper.max_velocity] * 2, color=theme.foreground, linewidth=1.5
+            )
+        if note := _missing_text(len(records[method]), len(values)):
+            axis.text(place, 0.3, note, ha="center", fontsize=8, color=theme.foreground)
     axis.set_xticks(range(len(names)), names)
+    axis.set_xlim(-0.6, len(names) - 0.4)
     axis.set_ylabel("max velocity, raw [m/s]")
     handles = [
-        Line2D([], [], color=theme.speed, marker="o", linestyle="", label="ours, one seed"),
-        Line2D([], [], color=theme.second, label="the paper's robot"),
+        Line2D([], [], color=theme.muted, marker="o", linestyle="", label="ours, one seed"),
+        Patch(color=theme.muted, alpha=0.3, label="ours, mean"),
+        Line2D([], [], color=theme.foreground, label="the paper's robot"),
     ]
     figure_legend(figure, theme, handles)
     return figure
+
+
+def method_colour(method: str, theme: Theme) -> str:
+    """The method's colour in every figure; that of text for a method that is not the paper's."""
+    return METHOD_COLOURS.get(method, theme.foreground)
+
+
+def _missing_text(seeds: int, running: int) -> str:
+    """Why there are fewer dots than seeds."""
+    if not seeds:
+        return "not trained"
+    return f"{seeds - running} of {seeds} collapsed" if running < seeds else ""
 
 
 def learning_figure(curves: Mapping[str, Sequence[Mapping[str, Array]]], theme: Theme = LIGHT) -> Figure:
@@ -308,8 +336,8 @@ def learning_figure(curves: Mapping[str, Sequence[Mapping[str, Array]]], theme: 
     """
     figure, axes = themed_figure(theme, (9.5, 4.2), 1, 1)
     axis = axes[0]
-    colours = (*theme.legs, theme.foreground, theme.on_limit)
-    for (method, seeds), colour in zip(curves.items(), colours, strict=False):
+    for method, seeds in curves.items():
+        colour = method_colour(method, theme)
         end = min(float(curve["seconds"][-1]) for curve in seeds)
         time = np.linspace(0.0, end, 300)
         values = np.stack([np.interp(time, curve["seconds"], curve["speed_p999"]) for curve in seeds])
