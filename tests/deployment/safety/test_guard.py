@@ -158,8 +158,8 @@ def test_the_controller_measures_the_link(bp2, sprint_policy, each_way_ms):
     world = SimulatedWorld(bp2, SimulatorOptions(to_controller=link, to_robot=link, fix_rate=0.0))
     controller = Controller(sprint_policy, bp2, StandUp())
     ages = []
-    servo = controller._guard.servo
-    controller._guard.servo = lambda *given: ages.append(given[-1]) or servo(*given)
+    servo = controller._commands.guard.servo
+    controller._commands.guard.servo = lambda *given: ages.append(given[-1]) or servo(*given)
     while world.time < 0.6:
         now = round(1e9 * world.time)
         states = [state for state in world.messages(now) if isinstance(state, RobotState)]

@@ -7,24 +7,24 @@ It steps at 1 kHz. Every 20 ms it reads the command source and, in ``run``, the 
 
 from __future__ import annotations
 
-import math
 import time as clock
 from collections import Counter, deque
 from collections.abc import Sequence
 
 import numpy as np
 
-from sprintlab.commands import heading_angle, heading_command, wrap_angle
+from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.deployment.controller.course import Course, LastFix
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
 from sprintlab.deployment.controller.motion import JointMotion, Motion, SinkMotion, Waypoint, folded_pose
+from sprintlab.deployment.controller.outgoing import CommandWriter
 from sprintlab.deployment.interface import (
     CommandSource,
     ControlTick,
     FloatArray,
     JointCommand,
-    JointMode,
     OperatorCommand,
     PositionFix,
     Request,
@@ -35,16 +35,13 @@ from sprintlab.deployment.interface import (
 from sprintlab.deployment.safety import (
     RESPONSES,
     BodyMonitor,
-    CommandGuard,
     Fault,
-    LinkAge,
     Reaction,
     SafetySettings,
     SourceMonitor,
     StateMonitor,
     VelocityLimiter,
     VelocityLimits,
-    implied_torque,
     trunk_tilt,
 )
 from sprintlab.deployment.safety.timer import Persistence
@@ -58,36 +55,11 @@ _SINK_TIME = 1.5  # s
 _DAMP_TIME = 1.0  # s of damping after sinking
 _SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
 _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
-_LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
 _WARM_UP_STEPS = 20
 _LATE_WINDOW = 50  # policy steps
-_HIGHEST_START = 2**63  # of the command numbers: what a robot says must not let them overflow
-
-
-class Course:
-    """The line along which a run began: what heading, offset and speed are relative to."""
-
-    def __init__(self, heading: float) -> None:
-        self.heading = heading
-        self.origin: FloatArray | None = None
-
-    def relative_heading(self, state: RobotState) -> float:
-        """Yaw away from the course [rad]."""
-        return float(wrap_angle(np.asarray(float(heading_angle(state.quaternion)) - self.heading)))
-
-    def offset_and_speed(self, fix: PositionFix | None) -> tuple[float, float | None]:
-        """Offset to the left [m] and speed along the course [m/s]; zero and None without a fix."""
-        if fix is None:
-            return 0.0, None
-        if self.origin is None:
-            self.origin = fix.position
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        east, north = (fix.position - self.origin)[:2].tolist()
-        vx, vy = fix.velocity[:2].tolist()
-        return c * north - s * east, c * vx + s * vy
 
 
 class Controller:
@@ -125,12 +97,10 @@ class Controller:
         self._runtime = PolicyRuntime(policy, robot)
         self._states = StateMonitor(robot, self._safety)
         self._body = BodyMonitor(robot, self._safety)
-        self._guard = CommandGuard(robot)
-        self._link = LinkAge()
+        self._commands = CommandWriter(robot)
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
         self._folded = folded_pose(robot)
-        self._zeros = np.zeros(len(robot.joint_names))
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
         self._motion: Motion = JointMotion(self._targets, 0.0)
@@ -139,11 +109,8 @@ class Controller:
         self._slow = Persistence(_BRAKED_TIME)
         self._start: int | None = None
         self._now = self._next_policy = 0
-        self._sequence = 0
-        self._last_command: JointCommand | None = None
         self._answer, self._answered_at = 0, 0.0
-        self._fix: PositionFix | None = None
-        self._fix_at = 0.0
+        self._fix = LastFix(self._safety.fix_timeout)
         self._faults: list[Fault] = []
         self._run_started = 0.0
         self._brake_started: float | None = None
@@ -223,12 +190,12 @@ class Controller:
 
     def _warm_up(self) -> None:
         """Go every way now that is slow the first time: later a robot waits."""
-        still = _standing_state(self._robot)
+        still, guard = _standing_state(self._robot), self._commands.guard
         for _ in range(_WARM_UP_STEPS):
             self._runtime.step(_measurement(still), self._velocity)
             for age in (0.0, 1e-3):
-                self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still, age)
-            self._guard.damping(self._robot.damping, still)
+                guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still, age)
+            guard.damping(self._robot.damping, still)
             self._body.check(still, 0.0, carried=True)
             self._states.accept(still, 0.0)
             self._limiter.advance(self._velocity, 0.0)
@@ -260,18 +227,13 @@ class Controller:
             self._answer, self._answered_at = state.command_sequence, time
             if self.mode is Mode.PASSIVE:
                 # A robot that obeyed another controller before drops what does not count on from there.
-                self._sequence = min(max(self._sequence, self._answer), _HIGHEST_START)
+                self._commands.count_on_from(self._answer)
         carried = self.mode in (Mode.STAND, Mode.RUN)
         self._note(*self._body.check(state, time, carried=carried))
 
     def _take_fix(self, fix: PositionFix | None, time: float) -> None:
-        if fix is None:
-            return
-        finite = np.isfinite(fix.position).all() and np.isfinite(fix.velocity).all()
-        if not finite or (self._fix is not None and fix.sequence <= self._fix.sequence):
+        if fix is not None and not self._fix.take(fix, time):
             self._note(Fault.FIX_INVALID)
-            return
-        self._fix, self._fix_at = fix, time
 
     def _watch_link(self, time: float) -> None:
         if self.mode not in ACTIVE_MODES:
@@ -289,7 +251,8 @@ class Controller:
         """Whatever comes next may be a robot that was restarted."""
         self._states.reset()
         self._body.reset()
-        self._fix, self._answer = None, 0
+        self._fix.forget()
+        self._answer = 0
 
     # ---- reactions -----------------------------------------------------------------------------------
 
@@ -348,7 +311,7 @@ class Controller:
             return None
 
     def _view(self, state: RobotState, time: float) -> SourceView:
-        fix = self._fresh_fix(time)
+        fix = self._fix.fresh(time)
         offset, speed = self._course.offset_and_speed(fix)
         return SourceView(
             time=time,
@@ -360,9 +323,6 @@ class Controller:
             lateral_offset=offset,
             forward_speed=speed,
         )
-
-    def _fresh_fix(self, time: float) -> PositionFix | None:
-        return self._fix if time - self._fix_at <= self._safety.fix_timeout else None
 
     def _obey(self, request: Request, state: RobotState, time: float) -> None:
         if request == Request.STOP and self.mode in ACTIVE_MODES:
@@ -401,7 +361,7 @@ class Controller:
             self._note(Fault.SOURCE_LOST)
             self._react(time)
         if self.braking or self.mode is Mode.STAND:
-            offset, _ = self._course.offset_and_speed(self._fresh_fix(time))
+            offset, _ = self._course.offset_and_speed(self._fix.fresh(time))
             heading = self._course.relative_heading(state)
             yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
             self._velocity = self._limiter.brake(dt, yaw_rate)
@@ -425,7 +385,7 @@ class Controller:
     def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
         ran, self.mode = self.mode is Mode.RUN, mode
         standing = np.array(self._robot.default_pose)
-        here = self._bumpless_start(state)
+        here = self._commands.bumpless_start(state)
         if mode is Mode.STAND_UP:
             self._held = self._balancing = False
             self._motion = JointMotion(
@@ -445,15 +405,6 @@ class Controller:
             self._start_run(state, time)
         else:
             self._forget_robot()
-
-    def _bumpless_start(self, state: RobotState) -> FloatArray:
-        """Targets [rad] that ask for the torque of the last command: a motion from there begins smoothly."""
-        if self._last_command is None:
-            return state.joint_position.copy()
-        torque = implied_torque(self._last_command, state)
-        offset = np.clip(torque / self._robot.stiffness, -_LARGEST_SAG, _LARGEST_SAG)
-        lower, upper = self._robot.position_limits.T
-        return np.clip(state.joint_position + offset, lower, upper)
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()
@@ -505,22 +456,14 @@ class Controller:
     def _command(self, now: int) -> JointCommand:
         state = self._states.last
         if self.mode is Mode.PASSIVE or state is None:
-            return self._send(now, JointMode.OFF, self._zeros, self._zeros, self._zeros, self._zeros)
+            return self._commands.off(now, state)
         if self.mode is not Mode.STOP and not self._damps_after_sinking():
-            age = self._link.both_ways(state.command_sequence, now)
-            servo = self._guard.servo(self._targets, self._robot.stiffness, self._robot.damping, state, age)
-            if all(math.isfinite(float(part.sum())) for part in servo):
-                return self._send(now, JointMode.SERVO, *servo)
+            command = self._commands.servo(now, state, self._targets)
+            if command is not None:
+                return command
             self._note(Fault.POLICY_INVALID)
             self._enter_stop(Fault.POLICY_INVALID.value)
-        return self._damp(now, state)
-
-    def _damp(self, now: int, state: RobotState) -> JointCommand:
-        """Damping within the envelope; the full gains where nobody knows the joints' speeds any more."""
-        if self._states.stale(self._time):
-            damping = np.array(self._robot.damping)
-            return self._send(now, JointMode.DAMPING, self._zeros, self._zeros, damping, self._zeros)
-        return self._send(now, JointMode.DAMPING, *self._guard.damping(self._robot.damping, state))
+        return self._commands.damping(now, state, stale=self._states.stale(self._time))
 
     @property
     def _time(self) -> float:
@@ -529,29 +472,6 @@ class Controller:
 
     def _damps_after_sinking(self) -> bool:
         return self.mode is Mode.LIE_DOWN and self._time >= self._motion.end_time
-
-    def _send(
-        self,
-        now: int,
-        mode: JointMode,
-        target: FloatArray,
-        stiffness: FloatArray,
-        damping: FloatArray,
-        feedforward: FloatArray,
-    ) -> JointCommand:
-        self._sequence += 1
-        self._link.sent(self._sequence, now)
-        self._last_command = JointCommand(
-            sequence=self._sequence,
-            timestamp=now,
-            mode=mode,
-            target_position=target,
-            stiffness=stiffness,
-            damping=damping,
-            feedforward_torque=feedforward,
-            state_sequence=self._states.last.sequence if self._states.last else 0,
-        )
-        return self._last_command
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:
