@@ -33,8 +33,11 @@ LABELS = {
     SATURATED: "refined + saturation",
 }
 _STYLES = {"refined": "-", "simplified-dc": "--", "square": ":", SATURATED: "-"}
+_WIDTHS = {"refined": 2.0, "flux-weakening": 1.3, SATURATED: 1.3}  # without saturation one covers the other
 _CURVE_POINTS = 801
 _GRID_POINTS = 241
+_BISECTIONS = 50
+_ROOM = 0.93  # share of the envelope within which a label stays clear of its edge
 _WIDEST = 1.6  # times the no-load speed: how much of flux weakening is shown
 
 
@@ -51,8 +54,7 @@ def workbench_figure(
     """
     figure, (models, inside) = themed_figure(theme, (13.0, 5.4), 1, 2, sharex=True, sharey=True)
     top = shown_speed(drive)
-    speed = np.linspace(-top, top, _CURVE_POINTS)
-    _draw_models(models, drive, speed, theme)
+    _draw_models(models, drive, top, theme)
     _draw_marks(models, drive, theme)
     _draw_inside(inside, figure, drive, top, theme)
     if operated is not None:
@@ -73,16 +75,15 @@ def shown_speed(drive: JointDrive) -> float:
     return 1.12 * max(min(longest, farthest), drive.no_load_speed)
 
 
-def _draw_models(axis: Axes, drive: JointDrive, speed: Array, theme: Theme) -> None:
+def _draw_models(axis: Axes, drive: JointDrive, top: float, theme: Theme) -> None:
     colours = {"refined": theme.foreground, SATURATED: theme.speed, "flux-weakening": theme.second}
-    beyond = _beyond_voltage(drive, speed)
     for name in envelope_names():
-        hidden = beyond & (name in ("refined", SATURATED))
-        lower, upper = (np.where(hidden, np.nan, limit) for limit in joint_limits(drive, speed, name))
+        speed = _shown_speeds(drive, name, top, _CURVE_POINTS)
+        lower, upper = joint_limits(drive, speed, name)
         look = {
             "color": colours.get(name, theme.muted),
             "linestyle": _STYLES.get(name, "-."),
-            "linewidth": 1.3 if name in colours else 1.0,
+            "linewidth": _WIDTHS.get(name, 1.0),
         }
         axis.plot(speed, upper, label=LABELS.get(name, name), **look)
         axis.plot(speed, lower, **look)
@@ -104,25 +105,58 @@ def _draw_marks(axis: Axes, drive: JointDrive, theme: Theme) -> None:
 
 def _draw_inside(axis: Axes, figure: Figure, drive: JointDrive, top: float, theme: Theme) -> None:
     """Filled contours of copper loss, lines of constant mechanical power, inside what the joint can give."""
-    speed, torque = np.meshgrid(
-        np.linspace(-top, top, _GRID_POINTS), np.linspace(-1.0, 1.0, _GRID_POINTS) * drive.peak_torque
-    )
-    lower, upper = joint_limits(drive, speed, SATURATED)
-    outside = (torque > upper) | (torque < lower) | _beyond_voltage(drive, speed)
-    loss = np.ma.masked_array(joint_copper_loss(drive, torque), outside)
-    power = np.ma.masked_array(speed * torque, outside)
+    across = _shown_speeds(drive, SATURATED, top, _GRID_POINTS)
+    lower, upper = joint_limits(drive, across, SATURATED)
+    share = np.linspace(0.0, 1.0, _GRID_POINTS)[:, None]
+    torque = lower + share * (upper - lower)  # the grid bends with the envelope, so that its edge is smooth
+    speed = np.broadcast_to(across, torque.shape)
+    loss, power = joint_copper_loss(drive, torque), speed * torque
     filled = axis.contourf(speed, torque, loss, levels=10, cmap="YlOrRd", alpha=0.85)
+    for limit in (lower, upper):
+        axis.plot(across, limit, color=theme.speed, linewidth=1.3)
     bar = figure.colorbar(filled, ax=axis, pad=0.02)
     bar.set_label("copper loss [W]", color=theme.foreground, fontsize=9)
     bar.ax.tick_params(colors=theme.muted, labelsize=8)
     levels = MaxNLocator(nbins=10).tick_values(float(power.min()), float(power.max()))
     lines = axis.contour(speed, torque, power, levels[levels != 0.0], colors=theme.foreground, linewidths=0.7)
-    axis.clabel(lines, fmt="%.0f W", fontsize=7)
+    axis.clabel(lines, fmt="%.0f W", fontsize=7, manual=_label_points(drive, np.asarray(levels), top))
 
 
-def _beyond_voltage(drive: JointDrive, speed: Array) -> Array:
-    """Where no current with i_d = 0 satisfies the voltage limit: nothing to draw."""
-    return np.asarray(voltage_infeasible(drive.motor, speed * drive.gear.ratio, drive.bus_voltage))
+def _label_points(drive: JointDrive, powers: Array, top: float) -> list[tuple[float, float]]:
+    """Speed and torque of each power's labels: toward the corner of each quadrant, where there is room."""
+    corner = peak_torque_speed(drive, "refined") or drive.no_load_speed
+    slope = float(joint_limits(drive, 0.0, SATURATED)[1]) / corner
+    points: list[tuple[float, float]] = []
+    for power in powers[powers != 0.0].tolist():
+        speed = np.sqrt(abs(power) / slope)
+        for side in (-1.0, 1.0):
+            at, torque = side * speed, side * np.sign(power) * slope * speed
+            lower, upper = (_ROOM * limit for limit in joint_limits(drive, at, SATURATED))
+            if lower < torque < upper and speed < _ROOM * top:
+                points.append((float(at), float(torque)))
+    return points
+
+
+def _shown_speeds(drive: JointDrive, name: str, top: float, count: int) -> Array:
+    """Speeds of a curve, as far as a current satisfies the model's voltage limit, dense where it ends."""
+    model: MotorModel = "refined" if name == SATURATED else next(m for m in MOTOR_MODELS if m == name)
+    end = min(_last_speed(drive, model, top), top)
+    return end * np.sin(np.linspace(-0.5 * np.pi, 0.5 * np.pi, count))
+
+
+def _last_speed(drive: JointDrive, model: MotorModel, top: float) -> float:
+    """Where the voltage limit leaves no current, by bisection; ``top`` where it leaves one there."""
+
+    def fits(speed: float) -> bool:
+        return not voltage_infeasible(drive.motor, speed * drive.gear.ratio, drive.bus_voltage, model)
+
+    inside, outside = 0.0, top
+    if fits(outside):
+        return top
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if fits(middle) else (inside, middle)
+    return inside
 
 
 def _draw_points(axis: Axes, operated: OperatingPoints, theme: Theme) -> None:
