@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib import metadata
 
 import pytest
 
@@ -40,6 +41,10 @@ def test_robot_table_has_a_row_for_every_parameter(call):
     assert [row["quantity"] for row in rows] == [row.quantity for row in parameter_table("bp2")]
     assert all(row["basis"] and row["unit"] for row in rows)
     assert "thigh.length" in call("robot", "show").out
+
+
+def test_the_version_is_that_of_the_package(call):
+    assert call("--version") == (0, f"sprintlab {metadata.version('sprintlab')}\n", "")
 
 
 def test_robot_list(call):

@@ -66,7 +66,7 @@ def parse(arguments: Sequence[str]) -> Any:
     return tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
         prog="sprintlab",
-        description="How fast can a legged robot run before its motors stop it?",
+        description="How fast can a legged robot run before its motors stop it? --version prints the version.",
         args=list(arguments),
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
     )
@@ -84,6 +84,11 @@ def run(arguments: Sequence[str]) -> int:
     """
     if list(arguments[:1]) == ["train"] and len(arguments) > 1:
         return run_training(arguments[1:])
+    if list(arguments) == ["--version"]:
+        from importlib.metadata import version
+
+        print(f"sprintlab {version('sprintlab')}")
+        return 0
     return parse(arguments).run()
 
 
