@@ -9,7 +9,8 @@ Runs come from "sprintlab sweep", or from "sprintlab train" with --output runs/m
 the latter have no curve.csv, which is then made of their log.jsonl.
 
 The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
-taken only where none passes it.
+taken only where none passes it. A gait timed by the policy's clock that runs as well with other clocks counts
+as passing.
 """
 
 from __future__ import annotations
@@ -68,9 +69,9 @@ def publish(options: Options) -> list[Path]:
 
 
 def _rank(record: EvaluationRecord) -> tuple[bool, float]:
-    """Whether the audit passed, then the speed; a policy that runs nowhere comes last."""
+    """Whether it is honest, then the speed; a policy that runs nowhere comes last."""
     speed = record.raw.max_velocity
-    return record.raw.audit_passed, speed if speed == speed else -1.0
+    return record.honest, speed if speed == speed else -1.0
 
 
 def _copy_small_files(run: Run, folder: Path) -> None:

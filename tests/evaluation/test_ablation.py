@@ -22,6 +22,7 @@ from sprintlab.evaluation.ablation.pages import (
 )
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE
 from sprintlab.evaluation.ablation.record import (
+    AuditEntry,
     AuditRecord,
     ClockEntry,
     ClockRecord,
@@ -46,6 +47,7 @@ from sprintlab.evaluation.ablation.table import (
     table_cells,
     table_numbers,
 )
+from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
 from sprintlab.evaluation.results import EstimateBand, SpeedResult
 from sprintlab.evaluation.tables import spread
@@ -407,16 +409,38 @@ def test_the_hundred_metres_are_run_where_most_speed_was_held():
     assert SearchRecord(speeds=(speed(1.0, passed=False),)).fastest is None
 
 
-def test_the_clock_table_has_a_row_a_policy():
-    entry = ClockEntry(
+def test_a_clock_that_costs_nothing_is_told_from_one_that_the_speed_lives_on():
+    def clock(*held, completed=10):
+        entries = (clock_entry(held[0]), *(clock_entry(speed, completed) for speed in held[1:]))
+        return ClockRecord(top_speed=12.0, entries=entries, followed=1.0)
+
+    item = AuditEntry(name=CLOCK_ITEM, value=0.0, unit="policy steps", threshold=0.02, passed=False)
+    search = SearchRecord(speeds=(speed(9.0, audit=AuditRecord(items=(item,))),))
+    assert not record(raw=search).honest  # nobody has looked
+    assert record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9)).honest
+    assert not record(raw=search, clock=clock(12.0, 10.0, 12.0, 11.9)).honest
+    assert not record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9, completed=8)).honest
+    other = msgspec.structs.replace(item, name="foot slip per step")
+    slips = SearchRecord(speeds=(speed(9.0, audit=AuditRecord(items=(item, other))),))
+    assert not record(raw=slips, clock=clock(12.0, 12.0, 12.0, 12.0)).honest
+    (row,) = method_rows({"sprint": [record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9))]})
+    assert dict(zip(TABLE_COLUMNS, table_cells(row), strict=True))["audit"] == "0 of 1, 1 but for the clock"
+
+
+def clock_entry(held, completed=9):
+    return ClockEntry(
         rate=50.0,
         jitter=0.0,
         trials=10,
-        completed=9,
-        held_speed=12.0,
+        completed=completed,
+        held_speed=held,
         stride_frequency=50 / 7,
         clock_distance=0.0,
     )
+
+
+def test_the_clock_table_has_a_row_a_policy():
+    entry = clock_entry(12.0)
     clock = ClockRecord(top_speed=12.0, entries=(entry,) * 4, followed=1.0)
     cells = dict(zip(CLOCK_COLUMNS, clock_cells(record(clock=clock)), strict=True))
     assert cells["policy steps a stride"] == "7.00" and cells["stride follows the clock [%]"] == "100"

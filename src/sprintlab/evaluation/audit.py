@@ -14,6 +14,9 @@ import numpy as np
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.evaluation.results import AuditItem, AuditReport, TrialMetrics
 
+CLOCK_ITEM = "stride period from policy clock"
+"""Name of the item that marks a gait timed by the policy's clock; other clocks tell whether that matters."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class AuditThresholds:
@@ -83,7 +86,7 @@ def audit_trials(trials: Sequence[TrialMetrics], thresholds: AuditThresholds | N
                 "beyond it a motor cannot drive; impacts may exceed it briefly",
             ),
             _at_least(
-                "stride period from policy clock",
+                CLOCK_ITEM,
                 _median(clock),
                 limits.clock_distance,
                 "policy steps",

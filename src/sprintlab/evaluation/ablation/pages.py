@@ -143,7 +143,8 @@ CLOCK_NOTE = (
 )
 ESTIMATE_NOTE = (
     "Root mean square errors of the filtered estimate, as the policy used it, against the simulator; raw "
-    "trials at the best speed of each seed, by the true forward speed."
+    "trials at the best speed of each seed, by the true forward speed. In a flight gait feet are in the air "
+    "most of the time: who always said flight would be right as often as one minus the duty factor."
 )
 
 

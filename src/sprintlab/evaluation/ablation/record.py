@@ -10,12 +10,15 @@ import msgspec
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.clock_check import ClockCheck
 from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.results import AuditReport, EstimateBand, SpeedResult, SprintResult
 
 FORMAT_VERSION = 1
+
+HARMLESS_LOSS = 0.05
+"""A gait that loses no more of its speed than this with any other clock does not live on its clock."""
 
 COLLAPSE_SPEED = 2.0
 """A policy that holds less than this has learnt no running: it counts as collapsed [m/s]."""
@@ -191,6 +194,18 @@ class ClockRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     entries: tuple[ClockEntry, ...]
     followed: Number
 
+    @property
+    def greatest_loss(self) -> float:
+        """Share of the held speed that the worst other clock costs; ``nan`` where nobody completes."""
+        own, *others = (number(entry.held_speed) for entry in self.entries)
+        return 1.0 - min(others) / own if all(math.isfinite(held) for held in others) else math.nan
+
+    @property
+    def harmless(self) -> bool:
+        """Whether the policy runs with every clock: 9 of 10 complete, at ``HARMLESS_LOSS`` less at most."""
+        complete = all(entry.completed >= 0.9 * entry.trials for entry in self.entries)
+        return complete and self.greatest_loss <= HARMLESS_LOSS
+
 
 class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Everything that an evaluation found out about one policy.
@@ -234,6 +249,15 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     sprint: SprintRecord | None
     sprint_self_paced: SprintRecord | None
     clock: ClockRecord | None = None
+
+    @property
+    def honest(self) -> bool:
+        """Whether the audit passed at the best raw speed, or failed in nothing but a harmless clock."""
+        best = self.raw.best
+        if best is None:
+            return False
+        failed = [item.name for item in best.audit.items if not item.passed]
+        return not failed or (failed == [CLOCK_ITEM] and self.clock is not None and self.clock.harmless)
 
 
 def number(value: Number) -> float:

@@ -9,7 +9,14 @@ from itertools import pairwise
 from typing import Any
 
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE, REFERENCE_METHOD
-from sprintlab.evaluation.ablation.record import COLLAPSE_SPEED, EvaluationRecord, SprintRecord, number, plain
+from sprintlab.evaluation.ablation.record import (
+    COLLAPSE_SPEED,
+    EvaluationRecord,
+    Numbers,
+    SprintRecord,
+    number,
+    plain,
+)
 from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.estimates import merge_bands, total_band
 from sprintlab.evaluation.results import EstimateBand
@@ -37,6 +44,8 @@ class MethodRow:
         cost_of_transport: at the max velocity, raw.
         falls: in the trials at the best speed, raw, mean over the seeds.
         audit_passed: how many seeds passed the exploit audit at their best speed.
+        honest: how many did, or failed in nothing but a policy clock that is harmless.
+        duty_factor: mean share of time that a foot is on the ground, at the max velocity, raw.
     """
 
     method: str
@@ -53,6 +62,8 @@ class MethodRow:
     cost_of_transport: Spread
     falls: Spread
     audit_passed: int
+    honest: int
+    duty_factor: Spread
 
 
 def collapsed(record: EvaluationRecord) -> bool:
@@ -108,7 +119,14 @@ def _row(method: str, group: Sequence[EvaluationRecord], unit: float, common: fl
         cost_of_transport=spread([number(speed.cost_of_transport) for speed in best]),
         falls=spread([speed.falls for speed in best]),
         audit_passed=sum(record.raw.audit_passed for record in running),
+        honest=sum(record.honest for record in running),
+        duty_factor=spread([_mean_duty(speed.duty_factor) for speed in best]),
     )
+
+
+def _mean_duty(feet: Numbers) -> float:
+    """Over the feet; ``nan`` where it is not defined."""
+    return sum(number(foot) for foot in feet) / len(feet) if feet else math.nan
 
 
 def _cost_at(record: EvaluationRecord, top_speed: float | None) -> float:
@@ -152,8 +170,16 @@ def table_cells(row: MethodRow) -> tuple[str, ...]:
         row.sprint_time.text(2),
         row.sprint_time_self_paced.text(2),
         str(row.seeds),
-        f"{row.audit_passed} of {row.seeds}" if row.seeds else "-",
+        _audit_text(row),
     )
+
+
+def _audit_text(row: MethodRow) -> str:
+    """How many seeds passed, and how many more would but for a policy clock that is harmless."""
+    if not row.seeds:
+        return "-"
+    more = row.honest - row.audit_passed
+    return f"{row.audit_passed} of {row.seeds}" + (f", {more} but for the clock" if more else "")
 
 
 def _paper_text(value: float | None, digits: int) -> str:
@@ -194,6 +220,7 @@ DETAIL_COLUMNS = (
     "J",
     "J at the common speed",
     "cost of transport",
+    "duty factor",
     "falls of 10",
 )
 """Headings of ``detail_cells``; all with the raw command."""
@@ -207,6 +234,7 @@ def detail_cells(row: MethodRow) -> tuple[str, ...]:
         row.angular_cost.text(2),
         row.common_cost.text(2),
         row.cost_of_transport.text(2),
+        row.duty_factor.text(2),
         row.falls.text(1),
     )
 
@@ -231,6 +259,7 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
     """One policy, as text under ``SEED_COLUMNS``."""
     failed = [] if record.raw.best is None else record.raw.best.audit.items
     marks = ", ".join(item.name for item in failed if not item.passed)
+    marks += " (harmless)" if marks and record.honest else ""
     return (
         record.method,
         str(record.seed),
