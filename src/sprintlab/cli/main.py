@@ -66,7 +66,7 @@ def parse(arguments: Sequence[str]) -> Any:
     return tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
         prog="sprintlab",
-        description="How fast can a legged robot run before its motors stop it? --version prints the version.",
+        description="How fast can a legged robot run before its motors stop it? (See also --version.)",
         args=list(arguments),
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
     )
