@@ -148,10 +148,10 @@ class Ablate:
 
     def _plan(self) -> EvaluationPlan:
         from sprintlab.evaluation.ablation.measure import EvaluationPlan
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
 
         return EvaluationPlan(
-            robot=chosen_robot(self.robot),
+            robot=load_robot(self.robot),
             protocol=self.search.protocol(),
             cache=self.cache,
             workers=self.workers,

@@ -81,13 +81,13 @@ class Evaluate:
         from sprintlab.evaluation.clock_check import check_clock
         from sprintlab.evaluation.pool import TrialPool
         from sprintlab.evaluation.protocol import run_protocol
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
 
         if self.common_speed is not None:
             check_positive("common_speed", self.common_speed, "m/s")
         settings = self.search.protocol(plant=self.drive.plant())
         results = []
-        with TrialPool(policy_path(self.policy), chosen_robot(self.robot), self.workers) as pool:
+        with TrialPool(policy_path(self.policy), load_robot(self.robot), self.workers) as pool:
             for paced, name in ((False, "raw"), (True, "self-paced")):
                 results.append(
                     run_protocol(

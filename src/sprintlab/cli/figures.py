@@ -67,7 +67,7 @@ class Figures:
         from sprintlab.core.checks import check_positive
         from sprintlab.evaluation.ablation.gallery import Gallery
         from sprintlab.evaluation.ablation.runs import find_runs, shipped_candidates
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
 
         check_positive("top_speed", self.top_speed, "m/s")
         policies = {one.method: one for one in shipped_candidates()}
@@ -76,7 +76,7 @@ class Figures:
                 f"no policy named {self.policy!r} (there is: {', '.join(policies) or 'none'})"
             )
         return Gallery(
-            robot=chosen_robot(self.robot),
+            robot=load_robot(self.robot),
             policies=tuple(policies.values()),
             runs=tuple(find_runs(self.results)) if self.results.is_dir() else (),
             main=policies[self.policy],

@@ -154,12 +154,13 @@ def _share(group: Any, kind: str) -> str:
 def _write_replay(folder: Path, robot: str) -> None:
     """The 100 m as an interactive page beside the report."""
     from sprintlab.cli.replay import race_result, replay_text
-    from sprintlab.evaluation.race_files import chosen_robot
+    from sprintlab.robots import load_robot
     from sprintlab.viewer.replay import load_arrays, write_replay
 
     trajectory = folder / "trajectory.npz"
-    text = replay_text(trajectory, chosen_robot(robot).name, race_result(folder / "result.json"))
-    write_replay(folder / "replay.html", load_arrays(trajectory), chosen_robot(robot), text)
+    described = load_robot(robot)
+    text = replay_text(trajectory, described.name, race_result(folder / "result.json"))
+    write_replay(folder / "replay.html", load_arrays(trajectory), described, text)
 
 
 def _print_result(files: RaceFiles) -> None:

@@ -82,7 +82,7 @@ class RobotSim(DriveFlags):
         from sprintlab.core.errors import InvalidValueError
         from sprintlab.deployment.bus import open_endpoint
         from sprintlab.deployment.simulator import SimulatedWorld
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
 
         check_positive("distance", self.distance, "m")
         if self.truth is not None and self.duration is None:
@@ -90,7 +90,7 @@ class RobotSim(DriveFlags):
         pace, options = self._pace(), self._options()
         endpoint = open_endpoint(self.bus)
         try:
-            world = SimulatedWorld(chosen_robot(self.robot), options)
+            world = SimulatedWorld(load_robot(self.robot), options)
             report = self._simulate(world, endpoint, pace)
         finally:
             endpoint.close()

@@ -73,7 +73,7 @@ class Run:
         from sprintlab.deployment.controller import Controller, LoopOptions
         from sprintlab.deployment.safety import VelocityLimits
         from sprintlab.deployment.sources import open_source
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
 
         options = LoopOptions(
             lock_step=self.lock_step,
@@ -81,7 +81,7 @@ class Run:
             duration=self.duration,
             attended=self.source.startswith(_ATTENDED),
         )
-        robot = chosen_robot(self.robot)
+        robot = load_robot(self.robot)
         policy = load_policy(policy_path(self.policy), robot)
         limits = VelocityLimits(forward=self.top_speed)
         with ExitStack() as stack:

@@ -23,7 +23,7 @@ from sprintlab.evaluation.race import evaluate_race
 from sprintlab.evaluation.report import Picture, make_pictures, render_report, representative
 from sprintlab.evaluation.results import RaceResult, Trajectory, TrialResult
 from sprintlab.evaluation.video import render_video
-from sprintlab.robots import RobotDescription, load_robot, load_robot_file
+from sprintlab.robots import RobotDescription, load_robot
 
 Progress = Callable[[str], None]
 
@@ -47,12 +47,8 @@ class RaceFiles:
 
 
 def chosen_robot(name: str) -> RobotDescription:
-    """A robot by name, or from a parameter table of one's own (a path that ends in ``.toml``).
-
-    Raises:
-        RobotModelError: there is no such robot, or its table describes none.
-    """
-    return load_robot_file(name) if name.endswith(".toml") else load_robot(name)
+    """As ``load_robot``."""
+    return load_robot(name)
 
 
 def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
@@ -96,7 +92,7 @@ def run_race(
     """
     if folder is not None and folder.exists():
         raise SprintlabError(f"{folder} exists already; choose another folder for the results")
-    robot = chosen_robot(robot_name)
+    robot = load_robot(robot_name)
     contract = load_policy(policy).contract
     progress("running trials")
     result = evaluate_race(

@@ -272,8 +272,7 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _main() -> None:
-    from sprintlab.evaluation.race_files import chosen_robot
-    from sprintlab.robots import ModelOptions, build_model
+    from sprintlab.robots import ModelOptions, build_model, load_robot
 
     parser = argparse.ArgumentParser(prog="python -m sprintlab.evaluation.video")
     parser.add_argument("trajectory", type=Path)
@@ -283,7 +282,7 @@ def _main() -> None:
     given = parser.parse_args()
     with np.load(given.trajectory) as archive:
         trajectory = {name: archive[name] for name in ("time", "qpos", "velocity")}
-    model = build_model(chosen_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
+    model = build_model(load_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
     write_video(trajectory, model, given.target, tuple(given.hold), VideoOptions())
 
 

@@ -14,8 +14,9 @@ from sprintlab.limits.analysis import (
 )
 from sprintlab.limits.figure import figure_bytes, limit_figure
 from sprintlab.limits.leg import PlanarLeg, planar_leg
+from sprintlab.limits.runner import Runner, runner_from_robot
 from sprintlab.limits.search import Fastest, SearchSettings, fastest_stride
-from sprintlab.limits.stride import Runner, Stride, evaluate, runner_from_robot, violations
+from sprintlab.limits.stride import Stride, evaluate, violations
 
 __all__ = [
     "LIMITS_TO_LIFT",

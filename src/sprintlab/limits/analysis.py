@@ -12,8 +12,9 @@ import numpy as np
 
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.limits.leg import GRAVITY, FloatArray, PlanarLink
+from sprintlab.limits.runner import Runner, runner_from_robot
 from sprintlab.limits.search import Fastest, SearchSettings, fastest_stride
-from sprintlab.limits.stride import GROUPS, STANCE_POINTS, Runner, Stride, evaluate, runner_from_robot
+from sprintlab.limits.stride import GROUPS, STANCE_POINTS, Stride, evaluate
 from sprintlab.motors import Gear, copper_loss, desaturate
 from sprintlab.robots import RobotDescription
 

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from sprintlab.limits.analysis import SpeedLimit
 from sprintlab.limits.leg import FloatArray, rotate
-from sprintlab.limits.stride import STANCE_POINTS, Runner
+from sprintlab.limits.runner import Runner
+from sprintlab.limits.stride import STANCE_POINTS
 
 _STANCE, _SWING, _LIMIT, _QUIET = "#d1495b", "#2b6cb0", "#222222", "#9aa5b1"
 _COLORS = ("#2b6cb0", "#d1495b", "#2f855a", "#b7791f", "#6b46c1")

@@ -11,12 +11,12 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.core.extras import require_package
 from sprintlab.limits.leg import GRAVITY, FloatArray
+from sprintlab.limits.runner import Runner
 from sprintlab.limits.stride import (
     GROUPS,
     PARAMETERS,
     SHAPES,
     SWING_WAVES,
-    Runner,
     evaluate,
     stride_bounds,
     violations,
