@@ -40,6 +40,10 @@ class Workers:
         """Replace each tensor by its mean over the processes; one exchange for all of them."""
         if not self.several or not tensors:
             return
+        if len(tensors) == 1:
+            distributed.all_reduce(tensors[0])
+            tensors[0].div_(self.count)
+            return
         flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
         distributed.all_reduce(flat)
         flat /= self.count
