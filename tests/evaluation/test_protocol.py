@@ -2,6 +2,10 @@
 
 import math
 import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -160,3 +164,35 @@ def test_worker_processes_compute_with_one_thread_each(monkeypatch):
         asked = [processes._executor.submit(os.getenv, f"{name}_NUM_THREADS") for name in ("OMP", "OPENBLAS")]
         assert [answer.result() for answer in asked] == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7" and "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+KILLED = """
+import os, signal, sys, time
+from sprintlab.evaluation.pool import WorkerProcesses
+
+if __name__ == "__main__":
+    processes = WorkerProcesses(2)
+    print(processes._executor.submit(os.getpid).result(), flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_workers_end_with_a_process_that_is_killed(tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    done = subprocess.run([sys.executable, script], stdout=subprocess.PIPE, text=True, timeout=60)
+    worker = int(done.stdout)
+    assert done.returncode == -signal.SIGKILL
+    for _ in range(200):
+        if not alive(worker):
+            return
+        time.sleep(0.05)
+    pytest.fail("the worker lives on")
+
+
+def alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True

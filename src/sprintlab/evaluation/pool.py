@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from functools import lru_cache
+from multiprocessing import connection
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
@@ -48,7 +50,9 @@ class WorkerProcesses:
         check_range("workers", self.count, 1, 1024)
         # Spawned: a fork would copy locks of libraries that run threads.
         context = multiprocessing.get_context("spawn")
-        self._executor = ProcessPoolExecutor(self.count, context) if self.count > 1 else None
+        self._executor = (
+            ProcessPoolExecutor(self.count, context, initializer=_end_with_parent) if self.count > 1 else None
+        )
         # New interpreters inherit the environment, and read these before anything could tell them otherwise.
         self._environment = {name: os.environ.get(name) for name in _THREAD_SETTINGS}
         if self._executor is not None:
@@ -193,6 +197,19 @@ def _run_in_worker(
     policy: PolicyFile, robot: RobotDescription, request: TrialRequest
 ) -> TrialResult | SprintResult:
     return run_request(_loaded(policy), robot, request)
+
+
+def _end_with_parent() -> None:
+    """Make this worker end when the process that started it is gone, however that was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _cancel(futures: Sequence[Future]) -> None:

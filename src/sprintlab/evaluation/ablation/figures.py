@@ -124,7 +124,15 @@ def worlds_figure(
     for column, (heading, trial) in enumerate(worlds):
         _draw_speed(axes[column], trial, theme)
         set_title(axes[column], heading, theme)
-        _note(axes[column], _held_text(trial), theme)
+        axes[column].text(
+            0.5,
+            0.06,
+            _held_text(trial),
+            color=theme.foreground,
+            fontsize=8.5,
+            ha="center",
+            transform=axes[column].transAxes,
+        )
         for row, (name, joints) in enumerate(_HIND.items(), start=1):
             axis = axes[row * len(worlds) + column]
             _draw_cloud(axis, recorded(trial), robot, joints, theme)
@@ -164,7 +172,13 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
     if trial.fall_time is not None:
         axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.4)
         axis.text(
-            trial.fall_time, 0.4, f"fell: {trial.fall_reason} ", color=theme.on_limit, fontsize=8, ha="right"
+            trial.fall_time,
+            0.06,
+            f"fell: {trial.fall_reason} ",
+            color=theme.on_limit,
+            fontsize=8,
+            ha="right",
+            transform=axis.get_xaxis_transform(),
         )
 
 
@@ -220,6 +234,10 @@ def _draw_cloud(
 
 def _cloud_legend(figure: Figure, theme: Theme) -> None:
     marks: list[Any] = [
+        Line2D([], [], color=theme.speed, linewidth=1.7, label="speed, mean over 0.2 s"),
+        Line2D([], [], color=theme.command, linestyle="--", linewidth=1.1, label="speed command"),
+    ]
+    marks += [
         Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label)
         for colour, label in (
             (theme.inside, "inside the real envelope"),
@@ -231,7 +249,7 @@ def _cloud_legend(figure: Figure, theme: Theme) -> None:
         Line2D([], [], color=theme.muted, linestyle=_STYLES[model], label=name)
         for model, name in MODEL_NAMES.items()
     ]
-    figure_legend(figure, theme, marks, columns=3)
+    figure_legend(figure, theme, marks, columns=4)
 
 
 def commands_figure(runs: Sequence[tuple[CommandSequence, TrialResult]], theme: Theme = LIGHT) -> Figure:
