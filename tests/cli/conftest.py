@@ -65,8 +65,8 @@ def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathF
 
 @pytest.fixture(scope="session")
 def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
-    settings = ProtocolSettings(trials=1, required=1)
-    return evaluate_race(policy, robot, top_speed=12.0, settings=settings, workers=1)
+    settings = ProtocolSettings(trials=1, required=1, hold=1.0)
+    return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
 
 
 @pytest.fixture
