@@ -21,7 +21,7 @@ from sprintlab.evaluation.quantities import QUANTITIES, json_ready, quantity_num
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
 from sprintlab.evaluation.report_text import number
 from sprintlab.evaluation.results import Trajectory, TrialResult
-from sprintlab.evaluation.theme import LIGHT, Theme, themed_figure
+from sprintlab.evaluation.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions
 from sprintlab.robots import RobotDescription
@@ -134,7 +134,7 @@ def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Them
     way.set_ylabel("way [m]")
     way.set_xlabel("time since the policy took over [s]")
     speed.set_xlim(0.0, float(run.command_time[-1]))
-    speed.legend(loc="upper right", frameon=False, fontsize=8, labelcolor=theme.foreground)
+    legend_above(speed, theme)
     return figure
 
 
@@ -245,7 +245,7 @@ def render_run_report(
         rows=list(number_rows(run_numbers(run, simulation))),
         compared=simulation is not None,
         figures=[embedded(picture) for picture in pictures],
-        facts=facts,
+        facts=[(name.replace("_", " "), value) for name, value in facts],
     )
 
 
