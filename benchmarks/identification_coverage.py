@@ -90,7 +90,7 @@ def true_values(motor: PmsmParameters, case: Case) -> dict[str, float]:
         "stator_resistance": motor.stator_resistance,
         "q_axis_inductance": motor.q_axis_inductance,
         "flux_linkage": motor.flux_linkage,
-        "flux_temperature_coefficient": case.flux_drift,
+        "flux_drift": case.flux_drift,
         "saturation": motor.saturation,
         "coulomb_friction": 0.01 * motor.peak_torque,
         "viscous_friction": 0.01 * motor.peak_torque / float(no_load_speed(motor, BUS)),

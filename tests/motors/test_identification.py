@@ -123,7 +123,7 @@ def drawn_motor(seed):
 
 def test_intervals_hold_the_truth_as_often_as_they_promise(tmp_path):
     """40 motors, 7 parameters each: 95 % intervals contain 95 %, give or take three standard deviations."""
-    inside = {name: 0 for name in PARAMETER_UNITS if name != "flux_temperature_coefficient"}
+    inside = {name: 0 for name in PARAMETER_UNITS if name != "flux_drift"}
     for seed in range(40):
         motor = drawn_motor(seed)
         bench = load_bench(write_bench(tmp_path / "bench.csv", bench_columns(motor, seed)))
@@ -232,15 +232,15 @@ def warm_bench(motor, coefficient, seed=0):
 @pytest.mark.parametrize("coefficient", [0.0, -0.0011])
 def test_flux_and_resistance_are_referred_to_twenty_degrees(fit, motor, coefficient):
     found = fit(warm_bench(motor, coefficient), motor).estimates
-    expected = {**truth(motor), "flux_temperature_coefficient": coefficient}
-    for name in ("stator_resistance", "flux_linkage", "saturation", "flux_temperature_coefficient"):
+    expected = {**truth(motor), "flux_drift": coefficient}
+    for name in ("stator_resistance", "flux_linkage", "saturation", "flux_drift"):
         assert found[name].determined
         assert abs(found[name].value - expected[name]) < 1.6 * found[name].half_width, name
 
 
 def test_drift_of_the_flux_can_be_held_at_none(fit, motor):
-    found = fit(warm_bench(motor, 0.0), motor, hold=("flux_temperature_coefficient",))
-    assert found.estimates["flux_temperature_coefficient"].value == 0.0
+    found = fit(warm_bench(motor, 0.0), motor, hold=("flux_drift",))
+    assert found.estimates["flux_drift"].value == 0.0
 
 
 def test_without_temperatures_the_resistance_is_that_of_a_warm_winding(fit, motor):
@@ -382,7 +382,7 @@ def test_optional_columns_decide_what_is_determined(fit, motor, missing, lost):
     columns = {name: values for name, values in bench_columns(motor).items() if name not in missing}
     found = fit(columns, motor)
     undetermined = {name for name, estimate in found.estimates.items() if not estimate.determined}
-    assert undetermined == {*lost, "flux_temperature_coefficient"}
+    assert undetermined == {*lost, "flux_drift"}
     assert all(found.estimates[name].reason.startswith("needs") for name in lost)
 
 

@@ -115,7 +115,7 @@ def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, 
     for name in hold:
         if name == "voltage_utilization":
             held[name] = VOLTAGE_UTILIZATION
-        elif name.endswith("friction") or name == "flux_temperature_coefficient":
+        elif name.endswith("friction") or name == "flux_drift":
             held[name] = 0.0
         elif base is None:
             raise SprintlabError(f"{name} cannot be held: give the base motor that it comes from")
@@ -188,7 +188,7 @@ class _Fit:
             "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
             "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
             "flux_linkage": flux,
-            "flux_temperature_coefficient": 1e-3,
+            "flux_drift": 1e-3,
             "saturation": 0.1,
             "coulomb_friction": 0.02 * torque,
             "viscous_friction": 0.02 * torque / speed,
@@ -333,7 +333,7 @@ class _Fit:
         return {
             "stator_resistance": voltage / current,
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
-            "flux_temperature_coefficient": _SMALL_EFFECT / max(warming(bench), 1.0),
+            "flux_drift": _SMALL_EFFECT / max(warming(bench), 1.0),
             "saturation": _LARGEST_SATURATION_WIDTH,
             "coulomb_friction": torque,
             "viscous_friction": torque / speed,
@@ -344,7 +344,7 @@ class _Fit:
             return "needs vq and vd, or rows marked limited with a bus_voltage"
         if name == "voltage_utilization":
             return "needs a bus_voltage and rows marked limited"
-        if name == "flux_temperature_coefficient":
+        if name == "flux_drift":
             return f"needs temperatures that differ by {LEAST_WARMING:g} K"
         return "needs speeds"
 

@@ -33,7 +33,7 @@ PARAMETER_UNITS = {
     "stator_resistance": "ohm",
     "q_axis_inductance": "H",
     "flux_linkage": "Wb",
-    "flux_temperature_coefficient": "1/K",
+    "flux_drift": "1/K",
     "saturation": "",
     "coulomb_friction": "N m",
     "viscous_friction": "N m s/rad",
@@ -45,7 +45,7 @@ BOUNDS = {
     "stator_resistance": (0.0, 100.0),
     "q_axis_inductance": (0.0, 0.1),
     "flux_linkage": (1e-6, 2.0),
-    "flux_temperature_coefficient": (-0.01, 0.01),
+    "flux_drift": (-0.01, 0.01),
     "saturation": (0.0, 0.499),
     "coulomb_friction": (0.0, 1e3),
     "viscous_friction": (0.0, 1e2),
@@ -113,7 +113,7 @@ def linked_flux(values: Parameters, bench: Bench) -> FloatArray:
     if bench.temperature is None:
         return np.full(bench.size, values["flux_linkage"])
     rise = bench.temperature - REFERENCE_TEMPERATURE
-    return values["flux_linkage"] * (1.0 + values["flux_temperature_coefficient"] * rise)
+    return values["flux_linkage"] * (1.0 + values["flux_drift"] * rise)
 
 
 def warming(bench: Bench) -> float:
@@ -144,7 +144,7 @@ def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float) -> Chann
 
 def _flux_names(bench: Bench) -> tuple[str, ...]:
     drifts = warming(bench) >= LEAST_WARMING
-    return ("flux_linkage", "flux_temperature_coefficient") if drifts else ("flux_linkage",)
+    return ("flux_linkage", "flux_drift") if drifts else ("flux_linkage",)
 
 
 def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
