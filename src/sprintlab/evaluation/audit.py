@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sprintlab.control import POLICY_RATE_HZ
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.evaluation.results import AuditItem, AuditReport, TrialMetrics
 
@@ -40,7 +41,7 @@ class AuditThresholds:
     slip_per_step: float = 0.05
     joint_speed_ratio: float = 1.1
     clock_distance: float = 0.02
-    policy_rate: float = 50.0
+    policy_rate: float = POLICY_RATE_HZ
 
     def __post_init__(self) -> None:
         for name in ("penetration", "slip_per_step", "joint_speed_ratio", "clock_distance", "policy_rate"):
@@ -96,7 +97,7 @@ def audit_trials(trials: Sequence[TrialMetrics], thresholds: AuditThresholds | N
     )
 
 
-def clock_distance(stride_frequency: float, policy_rate: float = 50.0) -> float:
+def clock_distance(stride_frequency: float, policy_rate: float = POLICY_RATE_HZ) -> float:
     """Distance of the stride period from the nearest whole number of policy steps, in policy steps.
 
     0 to 0.5; 0 means that the gait is locked to an integer divisor of the policy's rate. ``nan`` for a

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sprintlab.commands import self_paced
+from sprintlab.control import POLICY_RATE_HZ
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.plant import BaseState
 
@@ -14,7 +15,7 @@ COMMAND_MODES = ("uniform", "fixed-acceleration", "adaptive", "step")
 """``"uniform"`` jumps to each target; ``"fixed-acceleration"`` rises and falls to it at a fixed rate;
 ``"adaptive"`` stays within a window of the present speed (ACS); ``"step"`` jumps to the top speed at once."""
 
-_STEP = 0.02  # the command is renewed with every policy step [s]
+_STEP = 1.0 / POLICY_RATE_HZ  # the command is renewed with every policy step [s]
 
 
 @dataclass(kw_only=True)

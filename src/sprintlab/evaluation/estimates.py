@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.control import POLICY_RATE_HZ
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.results import EstimateBand, Trajectory
 
@@ -16,9 +17,6 @@ FloatArray = NDArray[np.float64]
 
 BAND_WIDTH = 2.0
 """Width of a speed band [m/s]."""
-
-POLICY_RATE = 50.0
-"""Estimates are renewed at this rate [Hz]; between two of them the truth moves on."""
 
 CONTACT_PROBABILITY = 0.5
 """A foot with a higher estimated probability counts as on the ground."""
@@ -50,7 +48,8 @@ def estimate_pair(trajectory: Trajectory) -> EstimatePair:
     if trajectory.estimate is None:
         raise SimulationError("the trajectory has no estimate: its policy has no estimator")
     rate = (len(trajectory.time) - 1) / max(float(trajectory.time[-1] - trajectory.time[0]), 1e-9)
-    fresh = slice(None, None, max(1, round(rate / POLICY_RATE)))
+    # Estimates are renewed at the policy's rate; between two of them the truth moves on.
+    fresh = slice(None, None, max(1, round(rate / POLICY_RATE_HZ)))
     return EstimatePair(
         time=trajectory.time[fresh],
         speed=trajectory.velocity[fresh, 0],

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sprintlab.commands import heading_angle, heading_command
-from sprintlab.control import Measurement, Policy, PolicyRuntime
+from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.deployment.controller.course import Course, LastFix
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
@@ -47,7 +47,7 @@ from sprintlab.deployment.safety import (
 from sprintlab.deployment.safety.timer import Persistence
 from sprintlab.robots import RobotDescription
 
-POLICY_PERIOD_NS = 20_000_000
+POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
 
 _FOLD_TIME = 1.0  # s
 _RISE_TIME = 1.5  # s
