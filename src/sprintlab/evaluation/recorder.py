@@ -46,7 +46,7 @@ class Recorder:
         self.command = np.zeros(3)
         self.profile_speed = 0.0
         self.estimate: FloatArray | None = None
-        joints, legs = len(robot.joint_names), robot.leg_names
+        legs = robot.leg_names
         self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
         self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         self._feet = np.array([model.geom(f"{leg}_foot").id for leg in legs])
@@ -54,33 +54,42 @@ class Recorder:
         self._capsule_size = model.geom_size[self._capsules, :2].copy()
         self._shanks = np.array([model.body(f"{leg}_shank").id for leg in legs])
         self._trunk = model.body("trunk").id
-        shapes = {
+        self._lowest_foot = np.full(len(legs), np.inf)
+        shapes = self._motion_shapes(model) | self._supply_shapes()
+        if estimates:
+            shapes["estimate"] = (ESTIMATE_SIZE,)
+        self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
+
+    def _motion_shapes(self, model: mujoco.MjModel) -> dict[str, tuple[int, ...]]:
+        """What every trial records: name and shape of a sample."""
+        joints, legs = (len(self._robot.joint_names),), len(self._robot.leg_names)
+        return {
             "time": (),
             "profile_speed": (),
             "command": (3,),
             "qpos": (model.nq,),
             "qvel": (model.nv,),
-            "joint_target": (joints,),
-            "motor_torque": (joints,),
-            "torque_lower": (joints,),
-            "torque_upper": (joints,),
-            "joint_torque": (joints,),
-            "foot_position": (len(legs), 3),
-            "lowest_foot": (len(legs),),
-            "shank_velocity": (len(legs), 6),
+            "joint_target": joints,
+            "motor_torque": joints,
+            "torque_lower": joints,
+            "torque_upper": joints,
+            "joint_torque": joints,
+            "foot_position": (legs, 3),
+            "lowest_foot": (legs,),
+            "shank_velocity": (legs, 6),
             "center_of_mass": (3,),
             "capsule_position": (*self._capsules.shape, 3),
             "capsule_frame": (*self._capsules.shape, 9),
         }
-        if estimates:
-            shapes["estimate"] = (ESTIMATE_SIZE,)
-        state = None if supply is None else supply()
-        if state is not None:
-            shapes |= {"bus_voltage": (), "copper_loss": (joints,)}
-        if state is not None and state.winding_temperature is not None:
-            shapes["winding_temperature"] = (joints,)
-        self._lowest_foot = np.full(len(legs), np.inf)
-        self._raw = {name: np.zeros((capacity, *shape)) for name, shape in shapes.items()}
+
+    def _supply_shapes(self) -> dict[str, tuple[int, ...]]:
+        """What is recorded of a battery and of windings, where they change."""
+        state = None if self._supply is None else self._supply()
+        if state is None:
+            return {}
+        joints = (len(self._robot.joint_names),)
+        windings = {} if state.winding_temperature is None else {"winding_temperature": joints}
+        return {"bus_voltage": (), "copper_loss": joints, **windings}
 
     def watch_feet(self, data: mujoco.MjData) -> None:
         """Remember how low the feet are in this physics step: an impact is over before the next sample."""
