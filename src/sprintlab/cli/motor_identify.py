@@ -30,7 +30,8 @@ class MotorIdentify:
         pole_pairs: of the motor; the base motor's when left out.
         peak_current: amplitude of the drive's current limit [A], to which saturation and peak torque refer.
         base: motor file that supplies what the bench does not determine.
-        hold: parameters not fitted but taken from the base motor (friction, flux_drift: 0; voltage_utilization: 0.95).
+        hold: parameters not fitted but taken from the base motor (friction and flux_drift: 0,
+            voltage_utilization: 0.95).
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         out: motor file to write; none when left out.
