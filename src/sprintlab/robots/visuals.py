@@ -260,6 +260,11 @@ def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
     )
     dresser.mesh("trunk", "spine", _ACCENT, spine, *_ALONG_X)
     _dress_head_and_tail(dresser, hip_x, size)
+    _dress_shoulders(dresser, hip_x, hip_y, size)
+
+
+def _dress_shoulders(dresser: _Dresser, hip_x: float, hip_y: float, size: float) -> None:
+    """The abduction motors, with a ring."""
     for front in (-1.0, 1.0):
         for side in (-1.0, 1.0):
             x, y = front * hip_x, side * hip_y
