@@ -184,3 +184,4 @@ def test_bad_benches_are_refused(refused, tmp_path):
         "motor", "identify", bench, "--pole-pairs", 21, "--out", tmp_path / "motor.toml"
     )
     assert "hold" in refused("motor", "identify", bench, "--pole-pairs", 21, "--hold", "friction")
+    assert "pole_pairs = 0" in refused("motor", "identify", bench, "--pole-pairs", 0)

@@ -81,7 +81,9 @@ class MotorIdentify:
         from sprintlab.core.errors import InvalidValueError
         from sprintlab.motors.identification import identify, load_bench
 
-        pole_pairs = self.pole_pairs or (int(base.pole_pairs) if base is not None else None)
+        pole_pairs = self.pole_pairs
+        if pole_pairs is None and base is not None:
+            pole_pairs = int(base.pole_pairs)
         if pole_pairs is None:
             raise InvalidValueError(
                 "pole_pairs", None, "give --pole-pairs or --base: it is counted, not fitted"

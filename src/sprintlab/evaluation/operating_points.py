@@ -77,7 +77,8 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
     except (BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:
         raise SprintlabError(
-            f"{path} is no recorded trajectory: it must hold {' and '.join(_NEEDED)} ({error})"
+            f"{path} is no recorded trajectory: it must be the trajectory.npz of a race, with "
+            f"{' and '.join(_NEEDED)}"
         ) from error
     if not joints:
         raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
