@@ -100,36 +100,41 @@ _TEXTS = {
     "envelopes": (
         "Operating envelopes of the motor models",
         "The operating envelope of each motor under the three models, on the robot's bus. Shaded: what a "
-        "model without d-axis voltage allows and the motor cannot give.",
+        "model without d-axis voltage allows and the motor cannot give. Look at 25 to 40 rad/s of hip and "
+        "knee, where a sprint needs its torque.",
     ),
     "worlds": (
         "One policy in two worlds",
-        "Policy `{policy}` in two worlds: with a motor that ignores limits, and with the real one. Red: "
-        "what no real motor of this kind could do.",
+        "Policy `{policy}` in two worlds: left with {world}, right with the real motor. Red: what no real "
+        "motor of this kind could do. Compare the held speeds, and how much of the left clouds is red.",
     ),
     "command-modes": (
         "One policy under every way of changing the command",
         "Policy `{policy}`; the same speed targets, given in different ways: at once (`uniform`), at a "
         "fixed 3 m/s², within 1 m/s of the present speed (`adaptive`, the paper's ACS), and one step to "
-        "the top speed.",
+        "the top speed. Look at where the speed leaves the command, and at falls.",
     ),
     "sprint": (
         "Speed and motor use over the sprint",
-        "Policy `{policy}` over {distance:g} m: speed, and what hind hips and knees do on the way, over "
-        "the envelope that the plant enforces.",
+        "Policy `{policy}` over {distance} m: speed, and what hind hips and knees do on the way, over "
+        "the envelope that the plant enforces. Look at how many points lie on the limit: that joint's "
+        "motor, not the policy, sets the speed.",
     ),
     "estimate": (
         "Estimate against truth over the sprint",
-        "What policy `{policy}` believes of its own body over {distance:g} m, filtered as it uses it, and "
-        "what the simulator knows.",
+        "What policy `{policy}` believes of its own body over {distance} m, filtered as it uses it, and "
+        "what the simulator knows. Look at the gap in forward velocity at top speed; the estimate's low-pass "
+        "smooths the contact of single strides.",
     ),
     "methods": (
         "Max velocity by method",
-        "Max velocity with the raw command: every seed, their mean, and the paper's robot.",
+        "Max velocity with the raw command: every seed, their mean, and the paper's robot. Compare orders "
+        "and ratios; where the seeds of two methods overlap, the order of their means says little.",
     ),
     "learning": (
         "Learning curves",
-        "Speed of the fastest robots in training over time: mean and range over the seeds.",
+        "Speed of the fastest robots in training over time: mean and range over the seeds, each with the "
+        "motor of its own training: high curves of methods without limits are no speeds of the real robot.",
     ),
 }
 """Title and caption of every figure."""
@@ -155,7 +160,7 @@ def _drawings(gallery: Gallery) -> Iterator[Drawing]:
 
 def _drawing(name: str, gallery: Gallery, draw: Callable[[], Figure]) -> Drawing:
     title, caption = _TEXTS[name]
-    caption = caption.format(policy=gallery.main.method, distance=gallery.distance)
+    caption = caption.format(policy=gallery.main.method, distance=f"{gallery.distance:g}")
     return Drawing(name=name, title=title, caption=caption, draw=draw)
 
 
@@ -164,7 +169,7 @@ def _worlds_drawing(gallery: Gallery, candidate: Candidate) -> Drawing:
     return Drawing(
         name=f"worlds-{candidate.method}",
         title=title,
-        caption=caption.format(policy=candidate.method),
+        caption=caption.format(policy=candidate.method, world=_WORLD_NAMES[_other_world(candidate)]),
         draw=lambda: _worlds(gallery, candidate),
     )
 
@@ -179,10 +184,20 @@ def _training_model(candidate: Candidate) -> str:
     return load_policy(candidate.policy).contract.training.actuator_model
 
 
+_WORLD_NAMES: dict[MotorModel, str] = {
+    "square": "a motor that gives its peak torque at every speed",
+    "simplified-dc": "a motor without d-axis voltage",
+}
+
+
+def _other_world(candidate: Candidate) -> MotorModel:
+    """The motor that it was trained with; an ideal one if that was the real one."""
+    return "simplified-dc" if _training_model(candidate) == "simplified-dc" else "square"
+
+
 def _worlds(gallery: Gallery, candidate: Candidate) -> Figure:
     """The policy with the motor it was trained with (an ideal one if that was refined), and the real one."""
-    trained = _training_model(candidate)
-    other: MotorModel = "simplified-dc" if trained == "simplified-dc" else "square"
+    trained, other = _training_model(candidate), _other_world(candidate)
     policy = load_policy(candidate.policy)
     first = f"{candidate.method}: {figures.MODEL_NAMES[other]}" + (", as trained" if other == trained else "")
     second = f"{candidate.method}: refined" + (", as trained" if trained == "refined" else "")
