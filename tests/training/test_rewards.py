@@ -12,7 +12,7 @@ pytest.importorskip("mujoco_warp")
 import torch
 
 from sprintlab.training.kinematics import BodyState
-from sprintlab.training.rewards import PENALTIES, RewardInput, aggregate, penalties, tracking
+from sprintlab.training.rewards import PENALTIES, RewardInput, aggregate, penalties, penalty_terms, tracking
 from sprintlab.training.settings import RewardSettings
 
 SETTINGS = RewardSettings()
@@ -78,11 +78,14 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
 def test_a_penalty_has_its_value(name: str, inputs: RewardInput, expected: float) -> None:
     assert PENALTIES[name](inputs, SETTINGS).tolist() == pytest.approx([expected], rel=1e-5)
     column = list(SETTINGS.penalties()).index(name)
-    assert penalties(inputs, SETTINGS)[0, column].item() == pytest.approx(expected, rel=1e-5)
+    assert penalties(inputs, SETTINGS, penalty_terms(SETTINGS))[0, column].item() == pytest.approx(
+        expected, rel=1e-5
+    )
 
 
 def test_penalties_of_a_broken_robot_are_finite() -> None:
-    broken = penalties(still(velocity=row(0, 0, math.nan), angular_velocity=row(math.inf, 0, 0)), SETTINGS)
+    inputs = still(velocity=row(0, 0, math.nan), angular_velocity=row(math.inf, 0, 0))
+    broken = penalties(inputs, SETTINGS, penalty_terms(SETTINGS))
     assert torch.isfinite(broken).all()
 
 

@@ -43,7 +43,7 @@ from sprintlab.training.kinematics import BodyState, Kinematics, heading_velocit
 from sprintlab.training.networks import TRUTH_SIZE
 from sprintlab.training.randomization import randomize
 from sprintlab.training.readout import Readout
-from sprintlab.training.rewards import RewardInput, aggregate, penalties, tracking
+from sprintlab.training.rewards import RewardInput, aggregate, penalties, penalty_terms, tracking
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.simulation import BatchSimulation
 
@@ -106,6 +106,7 @@ class SprintEnvironment(VecEnv):
         self._stop_lower = tensor(robot.position_limits[:, 0] + robot.soft_stop.zone)
         self._stop_upper = tensor(robot.position_limits[:, 1] - robot.soft_stop.zone)
         weights = self.settings.rewards.penalties().values()
+        self._penalties = penalty_terms(self.settings.rewards)
         self._first_weights = tensor([weight.first for weight in weights])
         self._second_weights = tensor([weight.second for weight in weights])
         amplitudes = (noise.angular_velocity_noise, noise.gravity_noise)
@@ -249,7 +250,7 @@ class SprintEnvironment(VecEnv):
         )
         rewards = self.settings.rewards
         follow, turn, onward = tracking(inputs, rewards)
-        weighted = penalties(inputs, rewards) * self.weights
+        weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
         positive = positive + rewards.progress * onward
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))

@@ -6,7 +6,7 @@ function here and a weight there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -92,13 +92,18 @@ def tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, to
     return torch.exp(-error), torch.exp(-turn), onward
 
 
-def penalties(x: RewardInput, settings: RewardSettings) -> torch.Tensor:
-    """All penalties, unweighted, in the order of ``RewardSettings.penalties``: ``(n, terms)``.
+def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:
+    """The functions behind ``settings.penalties()``, in its order."""
+    return tuple(PENALTIES[name] for name in settings.penalties())
+
+
+def penalties(x: RewardInput, settings: RewardSettings, terms: Sequence[Penalty]) -> torch.Tensor:
+    """All penalties, unweighted, in the order of ``terms``: ``(n, terms)``.
 
     Infinities and NaN of a broken environment become zero: it ends, and must not poison the batch.
     """
-    terms = [PENALTIES[name](x, settings) for name in settings.penalties()]
-    return torch.nan_to_num(torch.stack(terms, 1), nan=0.0, posinf=0.0, neginf=0.0)
+    values = torch.stack([term(x, settings) for term in terms], 1)
+    return torch.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 def aggregate(positive: torch.Tensor, negative: torch.Tensor, settings: RewardSettings) -> torch.Tensor:

@@ -1,0 +1,66 @@
+"""What a GPU compiles can be compiled in one piece: the tracer of ``torch.compile``, without its kernels.
+
+A piece that the tracer cannot follow would still run, in many graphs instead of one, and slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import torch
+
+from sprintlab.training.algorithm import EstimatorPpo
+from sprintlab.training.distributed import Workers
+from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.losses import estimator_losses, generalized_advantages, policy_losses
+from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+
+SETTINGS = TrainingSettings(
+    simulation=SimulationSettings(environments=4),
+    ppo=PpoSettings(steps=2, epochs=1, mini_batches=1, hidden=(16, 8)),
+)
+
+
+def traced(work: Callable[..., Any]) -> Callable[..., Any]:
+    torch.compiler.reset()
+    return torch.compile(work, dynamic=False, fullgraph=True, backend="eager")
+
+
+@pytest.fixture(scope="module")
+def learner() -> EstimatorPpo:
+    return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_step_after_physics_is_one_piece(method: str) -> None:
+    environment = SprintEnvironment(method_settings(method, SETTINGS), "cpu")
+    before = environment.episode_length_buf.clone()
+    traced(environment._transition)()
+    assert torch.equal(environment.episode_length_buf, before + 1)
+
+
+def test_acting_and_recording_are_one_piece_each(learner: EstimatorPpo) -> None:
+    traced(learner._act_with)(torch.zeros_like(learner.environment.action))
+    assert torch.equal(learner.rollout.action[:, 0], learner.rollout.mean[:, 0])
+    traced(learner._record)()
+    assert int(learner.rollout.step) == 1
+
+
+def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
+    rollout, settings = learner.rollout, learner.settings
+    batch, old_std = rollout.policy_batch(0, 4), learner.old_std
+    plain = policy_losses(learner.actor, learner.critic, batch, old_std, settings.ppo)
+    loss, parts = traced(policy_losses)(learner.actor, learner.critic, batch, old_std, settings.ppo)
+    torch.testing.assert_close((loss, parts), plain)
+    noise = torch.zeros(8, settings.estimator.latent)
+    history = rollout.estimator_batch(0, 4, noise)
+    traced(estimator_losses)(learner.actor, history, settings.estimator)
+    traced(generalized_advantages)(
+        rollout.reward, rollout.value, rollout.end, rollout.time_out, rollout.value[:, 0], settings.ppo
+    )
