@@ -168,8 +168,8 @@ def _draw_points(axis: Axes, operated: OperatingPoints, theme: Theme) -> None:
         alpha=0.35,
         linewidths=0,
         rasterized=True,
-        label="recorded",
     )
+    axis.plot([], [], ".", color=theme.inside, label="recorded")  # in the legend large enough to see
 
 
 def _finish(axis: Axes, text: str, top: float, drive: JointDrive, theme: Theme) -> None:
