@@ -7,6 +7,7 @@ import pytest
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.limits import (
     SearchSettings,
+    TrainedSpeed,
     evaluate,
     fastest_stride,
     figure_bytes,
@@ -90,6 +91,16 @@ def test_the_whole_answer_and_its_picture(bp2):
     assert all(0.0 < share <= 1.0 for _, share in seen)
     assert {what for what, _ in seen} == {"speed limit", "without hip torque"}
     assert figure_bytes(limit_figure(limit, bp2)).startswith(b"\x89PNG")
+    above = ["The fastest stride", "Hip over its envelope", "Knee over its envelope"]
+    assert panels(limit, bp2) == [*above, "Limit if this were no limit"]
+    trained = (TrainedSpeed(policy="p", speed=9.0, source="result.json"),)
+    assert panels(replace(limit, lifted=(), trained=trained), bp2) == [*above, "What policies reach"]
+    assert panels(replace(limit, lifted=()), bp2) == above
+
+
+def panels(limit, runner):
+    """Titles of a picture's panels: there is none for what was not asked for."""
+    return [axes.get_title(loc="left") for axes in limit_figure(limit, runner).axes]
 
 
 @pytest.mark.parametrize("fields", [{"factors": (0.1,)}, {"factors": (), "causes": ("luck",)}])

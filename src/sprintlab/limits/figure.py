@@ -13,23 +13,50 @@ from sprintlab.limits.leg import FloatArray, rotate
 from sprintlab.limits.runner import Runner
 from sprintlab.limits.stride import STANCE_POINTS
 
-_STANCE, _SWING, _LIMIT, _QUIET = "#d1495b", "#2b6cb0", "#222222", "#9aa5b1"
+_STANCE, _SWING, _LIMIT, _QUIET = "#d1495b", "#2b6cb0", "#1c2430", "#9aa5b1"
+_GRID = "#e4e7ec"
 _COLORS = ("#2b6cb0", "#d1495b", "#2f855a", "#b7791f", "#6b46c1")
 
 
 def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
     """Leg through a stride, torque over speed, the causes, and the sensitivities."""
-    figure = Figure(figsize=(11.0, 8.4), layout="constrained")
-    axes = figure.subplots(2, 3)
+    asked = (
+        (_draw_lifted, limit.lifted),
+        (_draw_sensitivities, limit.sensitivities),
+        (_draw_trained, limit.trained),
+    )
+    below = [draw for draw, found in asked if found]
+    rows = 2 if below else 1
+    figure = Figure(figsize=(13.0, 4.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, 3, squeeze=False)
     stopped = f", stopped by {limit.cause}" if limit.cause else ""
-    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}")
+    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}", fontweight="bold")
     _draw_leg(axes[0, 0], limit, runner)
     for joint, name in enumerate(("hip", "knee")):
         _draw_cloud(axes[0, 1 + joint], limit, runner, joint, name)
-    _draw_lifted(axes[1, 0], limit)
-    _draw_sensitivities(axes[1, 1], limit)
-    _draw_trained(axes[1, 2], limit)
+    for place, draw in zip(axes[1:].flat, below, strict=False):
+        draw(place, limit)
+    for place in list(axes[1:].flat)[len(below) :]:
+        place.remove()
     return figure
+
+
+def _label(axes: Axes, title: str, across: str, up: str) -> None:
+    """Title at the left, names of the axes, and no more ink than that wants."""
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=20)
+    axes.tick_params(labelsize=8)
+    axes.set(xlabel=across, ylabel=up)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color=_GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _legend(axes: Axes) -> None:
+    """Between title and axes, where no curve can run through it."""
+    axes.legend(
+        frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=5, borderaxespad=0.1,
+        handlelength=0.9, columnspacing=0.6, handletextpad=0.3,
+    )  # fmt: skip
 
 
 def figure_bytes(figure: Figure) -> bytes:
@@ -49,10 +76,9 @@ def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
     axes.plot(*foot[:STANCE_POINTS].T, color=_STANCE, label="stance")
     axes.plot(*foot[STANCE_POINTS:].T, color=_SWING, label="swing")
     axes.axhline(-float(limit.stride.height[0]), color=_QUIET, linewidth=1.0)
-    axes.set(
-        title="the fastest stride, seen from the hip", xlabel="forward [m]", ylabel="up [m]", aspect="equal"
-    )
-    axes.legend(frameon=False, loc="upper left", fontsize="small")
+    axes.set_aspect("equal", adjustable="datalim")
+    _label(axes, "The fastest stride", "forward of the hip [m]", "above the hip [m]")
+    _legend(axes)
 
 
 def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name: str) -> None:
@@ -67,7 +93,8 @@ def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name:
         (slice(STANCE_POINTS, None), _SWING, "swing"),
     ):
         axes.plot(speed[part], torque[part], ".-", color=color, markersize=4, linewidth=0.8, label=label)
-    axes.set(title=f"{name} over its envelope", xlabel="drive speed [rad/s]", ylabel="torque [N m]")
+    _label(axes, f"{name.capitalize()} over its envelope", "drive speed [rad/s]", "torque [N m]")
+    _legend(axes)
 
 
 def _draw_lifted(axes: Axes, limit: SpeedLimit) -> None:
@@ -79,7 +106,8 @@ def _draw_lifted(axes: Axes, limit: SpeedLimit) -> None:
     axes.axvline(limit.speed, color=_LIMIT, linewidth=1.0, linestyle="--")
     axes.invert_yaxis()
     axes.margins(x=0.15)
-    axes.set(title="limit if this were no limit", xlabel="m/s")
+    _label(axes, "Limit if this were no limit", "m/s", "")
+    axes.grid(visible=False, axis="y")
 
 
 def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
@@ -88,16 +116,16 @@ def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
         rows = [(item.factor, item.speed) for item in limit.sensitivities if item.quantity == quantity]
         points: FloatArray = np.array(sorted([*rows, (1.0, limit.speed)]))
         axes.plot(*points.T, "o-", color=color, markersize=4, label=quantity)
-    axes.set(title="how the limit moves", xlabel="factor", ylabel="m/s")
-    if quantities:
-        axes.legend(frameon=False, fontsize="small")
+    _label(axes, "How the limit moves", "factor", "m/s")
+    _legend(axes)
 
 
 def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
-    names = ["limit", *(item.policy for item in limit.trained)]
+    names = ["upper estimate", *(item.policy for item in limit.trained)]
     values = [limit.speed, *(item.speed for item in limit.trained)]
     bars = axes.bar(np.arange(len(names)), values, color=[_LIMIT] + [_SWING] * len(limit.trained), width=0.6)
     axes.set_xticks(np.arange(len(names)), names)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
     axes.margins(x=0.3, y=0.12)
-    axes.set(title="and what policies reach" if limit.trained else "no policy measured yet", ylabel="m/s")
+    _label(axes, "What policies reach", "", "m/s")
+    axes.grid(visible=False, axis="x")

@@ -88,6 +88,7 @@ def training_text(name: str, robot: RobotDescription, fitted: FittedRobot) -> st
 
 _TEMPLATE = '''"""Train a sprint policy for {name}.
 
+    pip install 'sprintlab[train]'
     python train.py --minutes 8 --output runs/{name}
     sprintlab export runs/{name}/checkpoint.pt {name}.onnx
 
