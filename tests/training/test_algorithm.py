@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import pytest
 
@@ -211,3 +212,24 @@ def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:
         assert ours.untyped_storage().data_ptr() == block.values.untyped_storage().data_ptr()
     used = sum(parameter.numel() for parameter in block.parameters)
     assert int((block.values != 0.0).sum()) == used < block.values.numel()
+
+
+def test_bfloat16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
+    """The rollout decides in the same precision: before the first step the ratio is one, as it should be."""
+    short = replace(SETTINGS, ppo=replace(PPO_SETTINGS, precision="bfloat16"))
+    rounded = EstimatorPpo(SprintEnvironment(short, "cpu"), True, Workers())
+    for _ in range(STEPS):
+        rounded.act()
+        rounded.environment.advance()
+        rounded.record()
+    rounded._prepare()
+    batch = rounded.rollout.policy_batch(0, ROBOTS)
+    results = [
+        policy_losses(rounded.actor, rounded.critic, batch, rounded.old_std, settings)
+        for settings in (short.ppo, PPO_SETTINGS)
+    ]
+    (loss, parts), (exact, exact_parts) = results
+    assert float(parts[0]) == pytest.approx(-float(batch.advantage.mean()), abs=1e-5)
+    assert float(parts[3]) == pytest.approx(0.0, abs=1e-6)
+    torch.testing.assert_close(loss, exact, rtol=0.05, atol=0.02)
+    assert not torch.equal(parts, exact_parts)
