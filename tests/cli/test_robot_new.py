@@ -26,6 +26,7 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     )
     assert made.status == 0
     assert "inertia matrix" in made.out and "written: robots/mydog/" in made.out
+    assert "next: sprintlab robot show robots/mydog; python robots/mydog/train.py" in made.out
     listed = call("robot", "list")
     assert listed.out.split() == ["bp2", "go1", "mydog"]
     shown = call("robot", "show", "mydog", "--json")

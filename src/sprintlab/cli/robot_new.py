@@ -101,7 +101,8 @@ class RobotNew:
             table.add_row(check.what, check.outcome, "" if check.good else "look at this")
         console.print(table)
         console.print(f"written: {made.folder}/ (parameters.toml, joints.json, train.py)")
-        console.print(f"next: sprintlab robot show {made.robot.name}; python {made.folder}/train.py --help")
+        # By its folder: a robot of the package may have the same name, and it comes first.
+        console.print(f"next: sprintlab robot show {made.folder}; python {made.folder}/train.py --help")
 
 
 def ask(what: str, option: str, number: bool) -> Any:
