@@ -15,12 +15,14 @@ POINTS = arrays(float, (4, 3), elements=st.floats(-1.0, 1.0).map(lambda value: r
 def test_equals_a_numerical_minimum(points):
     first, first_end, second, second_end = points
 
+    along = np.stack((first_end - first, second - second_end))
+
     def squared(shares):
-        gap = first + shares[0] * (first_end - first) - second - shares[1] * (second_end - second)
-        return float(gap @ gap)
+        gap = first - second + shares @ along
+        return float(gap @ gap), 2.0 * along @ gap
 
     starts = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5)]
-    best = min(minimize(squared, start, bounds=[(0, 1), (0, 1)]).fun for start in starts)
+    best = min(minimize(squared, start, jac=True, bounds=[(0, 1), (0, 1)]).fun for start in starts)
     np.testing.assert_allclose(segment_distance(*points), np.sqrt(best), atol=2e-4)
 
 
