@@ -16,6 +16,7 @@ from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
+from sprintlab.training.run import TrainOptions, keep_milestone
 from sprintlab.training.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -107,3 +108,21 @@ def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) 
     actions = policy.infer(np.zeros((3, 225), dtype=np.float32))
     assert actions.shape == (3, 12)
     assert np.isfinite(actions).all()
+
+
+def test_milestones_are_policies_on_the_way(tmp_path: Path) -> None:
+    """One file at each multiple of the interval; it exports, and cannot be resumed."""
+    options = TrainOptions(
+        output=tmp_path, iterations=3, environments=16, device="cpu", tensorboard=False, milestones=1.0,
+        settings=SETTINGS,
+    )  # fmt: skip
+    runner = Runner(options.full_settings(), "cpu", "test")
+    kept = tmp_path / "milestones"
+    for before, after, expected in ((0.0, 0.9, []), (0.9, 2.3, ["0002.pt"]), (2.3, 2.9, ["0002.pt"])):
+        runner.progress.seconds = after
+        keep_milestone(runner, options, before)
+        assert sorted(path.name for path in kept.glob("*")) == expected
+    exported = export_checkpoint(kept / "0002.pt", tmp_path / "policy.onnx")
+    assert load_policy(exported.path, load_robot("bp2")).contract.training.method == "sprint"
+    with pytest.raises(SprintlabError, match="holds a policy only"):
+        runner.load(read_checkpoint(kept / "0002.pt"))

@@ -35,6 +35,8 @@ class TrainOptions:
         resume: go on from the checkpoint in ``output``.
         start_from: another run's checkpoint whose networks and curriculum this run begins with.
         save_seconds: time between checkpoints.
+        milestones: keep the policy as it is at every multiple of this training time [s], as
+            ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
         keep_schedule: take the command schedule from ``settings`` instead of the method's default.
         keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
         keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
@@ -59,6 +61,7 @@ class TrainOptions:
     resume: bool = False
     start_from: Path | None = None
     save_seconds: float = 60.0
+    milestones: float | None = None
     keep_schedule: bool = False
     keep_motor_model: bool = False
     keep_robots: bool = True
@@ -72,6 +75,8 @@ class TrainOptions:
         check_choice("method", self.method, tuple(METHODS))
         check_positive("minutes", self.minutes, "min")
         check_range("iterations", self.iterations, 1, 10**9)
+        if self.milestones is not None:
+            check_range("milestones", self.milestones, 1.0, 1e6, "s")
         check_range("environments", self.environments, 2, 10**6)
         if self.wandb is not None and not self.tensorboard:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
@@ -181,8 +186,10 @@ def _loop(
     started = saved = time.monotonic()
     ended = seconds <= 0.0 or runner.progress.iteration >= options.iterations
     while not ended:
+        before = runner.progress.seconds
         row = runner.iterate()
         reporter.show(row)
+        keep_milestone(runner, options, before)
         now = time.monotonic()
         over = now - started >= seconds or row["iteration"] >= options.iterations
         due = now - saved >= options.save_seconds
@@ -190,6 +197,16 @@ def _loop(
         if ended or due:
             _save(runner, options)
             saved = time.monotonic()
+
+
+def keep_milestone(runner: Runner, options: TrainOptions, before: float) -> None:
+    """Keep the policy where the last iteration, begun at ``before`` [s], crossed one of its times."""
+    every = options.milestones
+    if every is None or runner.progress.seconds // every == before // every:
+        return
+    seconds = every * (runner.progress.seconds // every)
+    with _stopping_cleanly(runner):
+        runner.save_policy(options.output / "milestones" / f"{seconds:04.0f}.pt")
 
 
 def _save(runner: Runner, options: TrainOptions) -> None:

@@ -7,7 +7,7 @@ import json
 import random
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
@@ -135,8 +135,7 @@ class Runner:
         """
         first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
         return {
-            "format": CHECKPOINT_FORMAT,
-            "settings": self.settings,
+            **self._description(),
             "learner": self.learner.state_dict(),
             **(first or {}),
             "others": others,
@@ -144,6 +143,13 @@ class Runner:
             "growth": self.growth.state_dict(),
             "blend": self.blend.state_dict(),
             "progress": self.progress,
+        }
+
+    def _description(self) -> dict[str, Any]:
+        """What the file is of, and when and where it was written."""
+        return {
+            "format": CHECKPOINT_FORMAT,
+            "settings": self.settings,
             "command_line": self.command_line,
             "device": device_description(self.device),
             "versions": package_versions(),
@@ -177,6 +183,23 @@ class Runner:
         torch.save(state, buffer)
         atomic_write_bytes(path, buffer.getvalue())
 
+    def save_policy(self, path: Path) -> None:
+        """Write what ``sprintlab export`` reads and nothing else, by the leader: a milestone of a run.
+
+        Raises:
+            SprintlabError: the disk refuses.
+        """
+        if not self.workers.leads:
+            return
+        state = {
+            **self._description(),
+            "learner": {"actor": self.learner.actor.state_dict()},
+            "progress": replace(self.progress, log=[]),
+        }
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        atomic_write_bytes(path, buffer.getvalue())
+
     def save_log(self, path: Path) -> None:
         """Write one JSON line an iteration."""
         atomic_write_text(path, "".join(json.dumps(row) + "\n" for row in self.progress.log))
@@ -187,7 +210,12 @@ class Runner:
         With the robots' states in it, and on the same device and versions, the run goes on as if it had not
         stopped. Robots that are not in it (saved without, another number of robots, more processes than
         before) start anew from standing.
+
+        Raises:
+            SprintlabError: the state is a milestone: a policy without what training needs.
         """
+        if "growth" not in state:
+            raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
         self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
