@@ -1,0 +1,175 @@
+"""From nothing to speed: what the policies of a training held, over its seconds.
+
+    sprintlab train sprint --output runs/sprint --milestones 20
+    python benchmarks/speed_over_time.py runs/sprint --output results/throughput/speed_over_time.json \\
+        --figure docs/figures/speed-over-time.png
+
+Every milestone is exported and runs the evaluation's profile in MuJoCo C, raw: rising v* until more than one
+trial in five falls. Its speed is the highest mean speed over the last 2 s of a hold that it passed. Training
+seconds are those of the iterations; starting the process and compiling come before them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes, atomic_write_json
+from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
+from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol
+from sprintlab.evaluation.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
+from sprintlab.robots import load_robot
+from sprintlab.training.export import export_checkpoint
+from sprintlab.training.runner import read_checkpoint
+
+GOAL = (180.0, 10.0)
+"""Training time [s] and held speed [m/s]."""
+
+
+def milestone_files(run: Path) -> list[Path]:
+    """Milestones of a run by time, and its last checkpoint.
+
+    Raises:
+        SprintlabError: the run kept none.
+    """
+    found = sorted((run / "milestones").glob("*.pt"))
+    if not found:
+        raise SprintlabError(f"{run} has no milestones: train with --milestones SECONDS")
+    return [*found, run / "checkpoint.pt"] if (run / "checkpoint.pt").is_file() else found
+
+
+def measure(path: Path, processes: WorkerProcesses, settings: ProtocolSettings) -> dict[str, Any]:
+    """What one policy of a training holds."""
+    state = read_checkpoint(path)
+    progress, robot = state["progress"], load_robot(state["settings"].robot)
+    with tempfile.TemporaryDirectory() as folder:
+        policy = export_checkpoint(path, Path(folder) / "policy.onnx").path
+        with TrialPool(policy, robot, processes=processes) as pool:
+            result = run_protocol(pool, self_paced=False, settings=settings)
+    passed = [tried for tried in result.speeds if tried.passed]
+    return {
+        "seconds": progress.seconds,
+        "iterations": progress.iteration,
+        "environment_steps": progress.environment_steps,
+        "top_speed": max((tried.top_speed for tried in passed), default=0.0),
+        "held_speed": max((tried.mean("held_speed") for tried in passed), default=0.0),
+    }
+
+
+def run_facts(run: Path) -> dict[str, Any]:
+    """What was trained, where and when, from the last file."""
+    state = read_checkpoint(milestone_files(run)[-1])
+    settings = state["settings"]
+    return {
+        "method": settings.method,
+        "seed": settings.seed,
+        "config_hash": settings.digest(),
+        "environments": settings.simulation.environments,
+        "timestep": settings.simulation.timestep,
+        "substeps": settings.simulation.substeps,
+        "precision": settings.ppo.precision,
+        "device": state["device"],
+        "versions": state["versions"],
+        "command_line": state["command_line"],
+        "date": state["date"],
+    }
+
+
+def draw(runs: Sequence[dict[str, Any]], goal: tuple[float, float] = GOAL) -> Figure:
+    """Held speed over training seconds, one line a run, and the goal."""
+    figure, (axis,) = themed_figure(LIGHT, (7.0, 3.8), 1, 1)
+    for run in runs:
+        rows = run["milestones"]
+        label = f"{run['facts']['method']}, seed {run['facts']['seed']}"
+        axis.plot(
+            [r["seconds"] for r in rows], [r["held_speed"] for r in rows], "o-", markersize=3, label=label
+        )
+    axis.plot(*goal, marker="*", markersize=12, linestyle="none", color=LIGHT.second, label="goal")
+    axis.set(xlabel="training time [s]", ylabel="held speed [m/s]", xlim=(0.0, None), ylim=(0.0, None))
+    style_axis(axis, LIGHT)
+    axis_legend(axis, LIGHT, loc="lower right")
+    return figure
+
+
+def show(runs: Sequence[dict[str, Any]]) -> None:
+    """A table a run."""
+    for run in runs:
+        facts = run["facts"]
+        title = f"{facts['method']}, seed {facts['seed']}, {facts['device']}"
+        table = Table("training s", "iterations", "million steps", "v* m/s", "held m/s", title=title)
+        for row in run["milestones"]:
+            counts = (f"{row['iterations']}", f"{row['environment_steps'] / 1e6:.0f}")
+            speeds = (f"{row['top_speed']:g}", f"{row['held_speed']:.2f}")
+            table.add_row(f"{row['seconds']:.0f}", *counts, *speeds)
+        Console().print(table)
+
+
+def parse() -> argparse.Namespace:
+    """The command line, checked."""
+    parser = argparse.ArgumentParser(description="Held speed over the seconds of a training.")
+    parser.add_argument("runs", type=Path, nargs="+", help="folders of runs with milestones")
+    parser.add_argument("--trials", type=int, default=5)
+    parser.add_argument("--grid", type=float, default=0.5, help="step between profile speeds [m/s]")
+    parser.add_argument("--top", type=float, default=15.0, help="highest profile speed [m/s]")
+    parser.add_argument("--jobs", type=int, help="processes; one a core when left out")
+    parser.add_argument("--output", type=Path, help="JSON file")
+    parser.add_argument("--figure", type=Path, help="PNG file")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    chosen = parser.parse_args()
+    check_range("trials", chosen.trials, 2, 1000)
+    check_positive("grid", chosen.grid, "m/s")
+    return chosen
+
+
+def main() -> int:
+    """Measure, write and print; 2 where something is refused."""
+    try:
+        chosen = parse()
+        settings = ProtocolSettings(
+            trials=chosen.trials,
+            required=chosen.trials - max(1, chosen.trials // 5),
+            grid=chosen.grid,
+            first_step=4 * chosen.grid,
+            start=2.0,
+            top=chosen.top,
+        )
+        files = [(run, path) for run in chosen.runs for path in milestone_files(run)]
+        found: dict[Path, list[dict[str, Any]]] = {run: [] for run in chosen.runs}
+        with WorkerProcesses(chosen.jobs) as processes:
+            for run, path in track(files, "milestones", console=Console(stderr=True), disable=chosen.json):
+                found[run].append(measure(path, processes, settings))
+        result = {
+            "evaluation": {"command_line": shlex.join(["python", *sys.argv])},
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "runs": [{"facts": run_facts(run), "milestones": rows} for run, rows in found.items()],
+        }
+        if chosen.output is not None:
+            atomic_write_json(chosen.output, result)
+        if chosen.figure is not None:
+            atomic_write_bytes(chosen.figure, png_bytes(draw(result["runs"])))
+    except SprintlabError as error:
+        print(f"speed_over_time: {error}", file=sys.stderr)
+        return 2
+    if chosen.json:
+        print(json.dumps(result, indent=2))
+    else:
+        show(result["runs"])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
