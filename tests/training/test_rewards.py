@@ -92,8 +92,8 @@ def test_penalties_of_a_broken_robot_are_finite() -> None:
 def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
     inputs = still(velocity=row(3, 1, 0), angular_velocity=row(0, 0, 2))
     on_command = inputs._replace(command=row(3, 1, 2))
-    assert [term.item() for term in tracking(on_command, SETTINGS)] == pytest.approx([1.0, 1.0, 0.3])
-    off = tracking(inputs._replace(command=row(2, 0, 1)), SETTINGS)
+    assert [term.item() for term in tracking(on_command)] == pytest.approx([1.0, 1.0, 0.3])
+    off = tracking(inputs._replace(command=row(2, 0, 1)))
     assert [term.item() for term in off] == pytest.approx([math.exp(-2), math.exp(-1), 0.2])
 
 

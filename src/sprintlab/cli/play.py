@@ -70,10 +70,10 @@ class Play:
         return 0
 
     def _session(self) -> Any:
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
         from sprintlab.viewer.live import Session
 
-        robot = chosen_robot(self.robot)
+        robot = load_robot(self.robot)
         policies = named_policies(self.policies) if self.policies else fitting_policies(robot)
         return Session(robot, policies)
 

@@ -41,14 +41,14 @@ class Replay:
 
     def run(self) -> int:
         """Write the page; raises ``SprintlabError`` when there is no recording or it is another robot's."""
-        from sprintlab.evaluation.race_files import chosen_robot
+        from sprintlab.robots import load_robot
         from sprintlab.viewer.replay import load_arrays, write_replay
 
         trajectory = trajectory_path(self.run_folder)
         result = race_result(trajectory.with_name("result.json"))
         arrays = load_arrays(trajectory)
         page = self.out or trajectory.with_name("replay.html")
-        robot = chosen_robot(self.robot or str(result.get("robot", "bp2")))
+        robot = load_robot(self.robot or str(result.get("robot", "bp2")))
         write_replay(page, arrays, robot, replay_text(trajectory, robot.name, result))
         if self.json:
             print_json({"page": str(page), "bytes": page.stat().st_size})

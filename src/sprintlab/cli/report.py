@@ -76,10 +76,10 @@ class Report:
             atomic_write_json,
             atomic_write_text,
         )
-        from sprintlab.evaluation.race_files import chosen_robot
         from sprintlab.evaluation.run_report import make_run_pictures, render_run_report, run_numbers
+        from sprintlab.robots import load_robot
 
-        robot = chosen_robot(self.robot or record.facts["robot"])
+        robot = load_robot(self.robot or record.facts["robot"])
         logged = logged_run(record, robot)
         run = _track_run(logged, self.distance)
         simulation = None if self.no_simulation else self._simulate(record, logged, robot, report)

@@ -46,11 +46,6 @@ class RaceFiles:
     video_message: str
 
 
-def chosen_robot(name: str) -> RobotDescription:
-    """As ``load_robot``."""
-    return load_robot(name)
-
-
 def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
     """``runs/race-<date>-<time>``; a number is added where that is taken."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")

@@ -249,7 +249,7 @@ class SprintEnvironment(VecEnv):
             base_height_target=self.robot.base_height_target,
         )
         rewards = self.settings.rewards
-        follow, turn, onward = tracking(inputs, rewards)
+        follow, turn, onward = tracking(inputs)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
         positive = positive + rewards.progress * onward

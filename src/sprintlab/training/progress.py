@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import time
-from contextlib import suppress
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import warp as wp
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -128,6 +130,20 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
         config=settings,
         sync_tensorboard=True,
     )
+
+
+@contextmanager
+def preparing(quiet: bool) -> Generator[None]:
+    """Say on stderr that kernels are being compiled, instead of one line of Warp's for each of them."""
+    wp.config.log_level = wp.LOG_WARNING
+    console = Console(stderr=True, highlight=False, quiet=quiet)
+    text = "preparing: kernels are compiled, once a machine (up to two minutes)"
+    if not console.is_terminal:
+        console.print(text, soft_wrap=True)
+        yield
+        return
+    with console.status(text):
+        yield
 
 
 class Reporter:

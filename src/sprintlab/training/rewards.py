@@ -79,7 +79,7 @@ PENALTIES: dict[str, Penalty] = {
 }
 
 
-def tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """What is rewarded, unweighted, each ``(n,)``.
 
     ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the forward speed up to the commanded

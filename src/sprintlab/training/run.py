@@ -15,7 +15,7 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.distributed import Workers, join_workers
 from sprintlab.training.guard import StopRequest, exclusive
 from sprintlab.training.methods import METHODS, method_settings
-from sprintlab.training.progress import Board, Reporter, follow_on_wandb
+from sprintlab.training.progress import Board, Reporter, follow_on_wandb, preparing
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -125,7 +125,8 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
             _remove_halves(options.output)
         if restartable:
             options = replace(options, resume=checkpoint.exists())
-        runner = open_run(options, workers, typed)
+        with preparing(quiet=not workers.leads):
+            runner = open_run(options, workers, typed)
         spent = runner.progress.seconds if restartable else 0.0
         _sit(options, runner, 60.0 * options.minutes - spent)
     return checkpoint
