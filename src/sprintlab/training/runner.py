@@ -193,7 +193,10 @@ class Runner:
             return
         state = {
             **self._description(),
-            "learner": {"actor": self.learner.actor.state_dict()},
+            # Copies: the parameters are views on a block, and a view is saved with all that it looks at.
+            "learner": {
+                "actor": {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
+            },
             "progress": replace(self.progress, log=[]),
         }
         buffer = io.BytesIO()
