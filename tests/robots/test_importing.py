@@ -226,13 +226,24 @@ def test_an_unknown_choice_is_named(tmp_path):
 
 
 def test_the_training_configuration_is_scaled_and_valid(tmp_path):
-    pytest.importorskip("torch")
-    pytest.importorskip("rsl_rl")
     made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
     settings = runpy.run_path(str(made.folder / "train.py"))["settings"]()
     assert robot_fingerprint(load_robot(settings.robot)) == robot_fingerprint(made.robot)
     assert settings.stages.first_top == pytest.approx(4.9)
     assert settings.episodes.knee_clearance == pytest.approx(0.034)
+
+
+def test_the_training_script_says_in_one_sentence_what_is_missing(tmp_path, monkeypatch, capsys):
+    made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
+    monkeypatch.setattr("sprintlab.cli.train.NEEDED", ("a_package_of_training",))
+    monkeypatch.setattr("sys.argv", ["train.py", "--output", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_path(str(made.folder / "train.py"), run_name="__main__")
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert "a_package_of_training" in said and "pip install 'sprintlab[train]'" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_motors_control_range_is_its_torque_limit(tmp_path):

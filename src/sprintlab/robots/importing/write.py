@@ -97,12 +97,14 @@ Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a ru
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
-from sprintlab.training.run import TrainOptions, train
+from sprintlab.cli.train import require_training
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent
@@ -135,10 +137,18 @@ class Options:
     iterations: int = 100_000
     device: str = "auto"
     seed: int = 0
+    resume: bool = False
 
 
 def main(options: Options) -> Path:
-    """Train; returns the checkpoint."""
+    """Train; returns the checkpoint.
+
+    Raises:
+        SprintlabError: the extra is not installed, or an option or the output folder is refused.
+    """
+    require_training()
+    from sprintlab.training.run import TrainOptions, train
+
     return train(
         TrainOptions(
             output=options.output,
@@ -147,11 +157,16 @@ def main(options: Options) -> Path:
             iterations=options.iterations,
             device=options.device,
             seed=options.seed,
+            resume=options.resume,
             settings=settings(),
         )
     )
 
 
 if __name__ == "__main__":
-    print(main(tyro.cli(Options)))
+    try:
+        print(main(tyro.cli(Options)))
+    except SprintlabError as error:
+        print(f"train.py: {{error}}", file=sys.stderr)
+        sys.exit(2)
 '''
