@@ -14,6 +14,9 @@ Result = TypeVar("Result")
 
 WARM_UP = 3
 """Runs before a capture: PyTorch's advice for its allocator, cuBLAS and optimizers."""
+COMPILER_OPTIONS: dict[str, str | int | bool | Callable[..., object]] = {"force_pointwise_cat": True}
+"""Every concatenation is computed where it is used: left to itself the compiler gives each of its parts a
+kernel, which made 86 kernels of the step after physics where 40 do."""
 
 
 @contextmanager
@@ -32,12 +35,10 @@ def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Argumen
     """``work`` with its kernels fused; ``work`` itself where ``fused`` is off.
 
     What cannot be compiled in one piece is an error: in pieces it would run, slowly, and nobody would notice.
-    Every concatenation is computed where it is used: left to itself the compiler gives each of its parts a
-    kernel, which made 86 kernels of the step after physics where 40 do.
     """
     if not fused:
         return work
-    return torch.compile(work, dynamic=False, fullgraph=True, options={"force_pointwise_cat": True})
+    return torch.compile(work, dynamic=False, fullgraph=True, options=COMPILER_OPTIONS)
 
 
 def captured(work: Callable[[], None], device: str) -> Callable[[], None]:
