@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,6 +23,12 @@ settings.register_profile(
     "sprintlab", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("sprintlab")
+
+
+@pytest.fixture(scope="session")
+def torch() -> ModuleType:
+    """PyTorch; a test that asks for it is skipped where it is not installed."""
+    return pytest.importorskip("torch")
 
 
 @pytest.fixture(scope="session")

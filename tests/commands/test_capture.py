@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -26,6 +24,9 @@ from sprintlab.control import (
     update_history,
 )
 
+torch = pytest.importorskip("torch")
+dispatch = pytest.importorskip("torch.utils._python_dispatch")
+
 ENVIRONMENTS = 64
 SHAPES = {
     "quaternion": (4,),
@@ -44,7 +45,7 @@ SHAPES = {
 SCHEDULES = (AdaptiveSchedule(), UniformSchedule(), FixedAccelerationSchedule())
 
 
-class NoHostConstants(TorchDispatchMode):
+class NoHostConstants(dispatch.TorchDispatchMode):
     """Refuses every tensor made from Python data, which a capture would have to copy from the host.
 
     Together with the meta device, which has no values, so that reading one on the host fails by itself.

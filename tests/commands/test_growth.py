@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,7 +35,7 @@ def test_lower_end_follows_the_upper(upper):
     assert -2.0 <= lower <= -1.0
 
 
-def test_fastest_speed_ignores_a_few_outliers_and_is_the_same_in_torch():
+def test_fastest_speed_ignores_a_few_outliers_and_is_the_same_in_torch(torch):
     speed = np.random.default_rng(0).normal(size=8192)
     reference = np.quantile(speed, 0.999, method="inverted_cdf")
     assert fastest_speed(speed) == reference

@@ -2,10 +2,8 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from sprintlab.commands import (
     SpeedProfile,
@@ -60,7 +58,7 @@ def test_sprint_that_ends_while_it_still_accelerates_falls_from_there():
 
 
 @given(command=st.floats(-15, 15), speed=st.floats(-15, 15), window=st.floats(0.1, 3))
-def test_self_paced_command_neither_leads_nor_lags(command, speed, window):
+def test_self_paced_command_neither_leads_nor_lags(command, speed, window, torch):
     paced = float(self_paced(command, speed, window))
     assert abs(paced - speed) <= window * (1 + 1e-9)
     if abs(command - speed) <= window * (1 - 1e-9):
@@ -76,7 +74,7 @@ def test_wrapped_angle_is_the_same_direction(angle):
     assert math.cos(wrapped - angle) == pytest.approx(1.0)
 
 
-def test_heading_of_a_turn_about_the_vertical():
+def test_heading_of_a_turn_about_the_vertical(torch):
     angles = np.linspace(-3.1, 3.1, 9)
     zero = np.zeros_like(angles)
     quaternions = np.stack([np.cos(angles / 2), zero, zero, np.sin(angles / 2)], axis=-1)
@@ -93,7 +91,9 @@ def test_heading_loop_is_critically_damped(speed):
         return [speed * heading, float(heading_command(heading, offset, speed))]
 
     times = np.linspace(0.0, 8.0, 81)
-    run = solve_ivp(derivative, (0.0, 8.0), [0.05, 0.0], t_eval=times, rtol=1e-9, atol=1e-11)
+    run = pytest.importorskip("scipy.integrate").solve_ivp(
+        derivative, (0.0, 8.0), [0.05, 0.0], t_eval=times, rtol=1e-9, atol=1e-11
+    )
     np.testing.assert_allclose(run.y[0], 0.05 * (1 + times) * np.exp(-times), atol=1e-6)
 
 
@@ -103,7 +103,7 @@ def test_heading_loop_recovers_from_far_off_with_nonlinear_kinematics(speed):
         offset, heading = state
         return [speed * math.sin(heading), float(heading_command(heading, offset, speed))]
 
-    run = solve_ivp(derivative, (0.0, 30.0), [2.0, 1.0], max_step=0.05)
+    run = pytest.importorskip("scipy.integrate").solve_ivp(derivative, (0.0, 30.0), [2.0, 1.0], max_step=0.05)
     assert np.max(np.abs(run.y[:, -1])) < 1e-2
 
 

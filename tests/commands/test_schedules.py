@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,11 +32,12 @@ def advance(schedule, state, inputs, lower=-2.0, upper=9.0):
 
 
 def as_torch(inputs):
+    torch = pytest.importorskip("torch")
     return {name: torch.from_numpy(value) for name, value in inputs.items()}
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
-def test_numpy_equals_torch(schedule):
+def test_numpy_equals_torch(schedule, torch):
     generator = np.random.default_rng(1)
     here, there = initial_state(200, np.zeros(1)), initial_state(200, torch.zeros(1, dtype=torch.float64))
     for _ in range(120):
@@ -49,7 +49,7 @@ def test_numpy_equals_torch(schedule):
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
-def test_zero_dimensional_range_equals_python_floats(schedule):
+def test_zero_dimensional_range_equals_python_floats(schedule, torch):
     generator = np.random.default_rng(2)
     inputs = as_torch(draw_inputs(generator, 50))
     state = initial_state(50, torch.zeros(1, dtype=torch.float64))
@@ -61,7 +61,7 @@ def test_zero_dimensional_range_equals_python_floats(schedule):
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)
-def test_float32_stays_float32(schedule):
+def test_float32_stays_float32(schedule, torch):
     inputs = {
         name: value.float() if value.dtype == torch.float64 else value
         for name, value in as_torch(draw_inputs(np.random.default_rng(3), 20)).items()

@@ -2,8 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
-from scipy import signal
 
 from sprintlab.control import LowPass, joint_targets, low_pass, low_pass_coefficient, pd_torque
 from sprintlab.core.errors import InvalidValueError
@@ -12,6 +10,7 @@ from sprintlab.core.errors import InvalidValueError
 @pytest.mark.parametrize(("cutoff", "rate"), [(10.0, 50.0), (3.0, 50.0), (10.0, 1000.0)])
 def test_filter_equals_scipy(cutoff, rate):
     """The step-invariant discretization of w / (s + w), run by ``scipy.signal.lfilter``."""
+    signal = pytest.importorskip("scipy.signal")
     values = np.random.default_rng(0).normal(size=300)
     omega = 2 * math.pi * cutoff
     numerator, denominator, _ = signal.cont2discrete(([omega], [1.0, omega]), 1 / rate, method="zoh")
@@ -28,13 +27,14 @@ def test_filter_equals_scipy(cutoff, rate):
 
 
 def test_cutoff_passes_half_the_power_at_a_high_rate():
+    signal = pytest.importorskip("scipy.signal")
     rate, cutoff = 100_000.0, 10.0
     coefficient = low_pass_coefficient(cutoff, rate)
     _, response = signal.freqz([coefficient], [1.0, coefficient - 1.0], worN=[cutoff], fs=rate)
     assert abs(response[0]) == pytest.approx(1 / math.sqrt(2), rel=1e-3)
 
 
-def test_fresh_rows_start_from_their_value_in_both_libraries():
+def test_fresh_rows_start_from_their_value_in_both_libraries(torch):
     generator = np.random.default_rng(1)
     previous, value = generator.normal(size=(6, 30)), generator.normal(size=(6, 30))
     fresh = np.array([True, False, True, False, False, False])
@@ -51,7 +51,7 @@ def test_impossible_filters_are_refused(settings):
         LowPass(**settings)
 
 
-def test_joint_targets_are_limited_scaled_and_offset():
+def test_joint_targets_are_limited_scaled_and_offset(torch):
     pose, scale = np.linspace(-1, 1, 12), np.linspace(0.2, 0.5, 12)
     action = np.random.default_rng(2).normal(scale=5, size=(100, 12))
     expected = pose + scale * np.clip(action, -4.0, 4.0)

@@ -1,9 +1,7 @@
 import math
 import pickle
 
-import numpy as np
 import pytest
-import torch
 
 from sprintlab.core import errors
 from sprintlab.core.checks import check_choice, check_finite, check_positive, check_range
@@ -16,15 +14,16 @@ def test_what_is_no_finite_number_is_refused(value):
         check_finite("mass", value)
 
 
-@pytest.mark.parametrize("library", [np.array, torch.tensor])
+@pytest.mark.parametrize("library", ["numpy", "torch"])
 def test_every_element_is_looked_at(library):
-    check_finite("mass", library([1.0, 2.0]))
+    asarray = pytest.importorskip(library).asarray
+    check_finite("mass", asarray([1.0, 2.0]))
     with pytest.raises(InvalidValueError, match="mass"):
-        check_finite("mass", library([1.0, math.nan]))
+        check_finite("mass", asarray([1.0, math.nan]))
     with pytest.raises(InvalidValueError, match="mass"):
-        check_positive("mass", library([1.0, 0.0]))
+        check_positive("mass", asarray([1.0, 0.0]))
     with pytest.raises(InvalidValueError, match="mass"):
-        check_range("mass", library([1.0, 3.0]), 0.0, 2.0)
+        check_range("mass", asarray([1.0, 3.0]), 0.0, 2.0)
 
 
 def test_bounds_of_a_range_are_allowed():

@@ -1,10 +1,10 @@
 """Distances between segments and legs."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize import minimize
 
 from sprintlab.evaluation.geometry import leg_distance, segment_distance
 
@@ -13,6 +13,7 @@ POINTS = arrays(float, (4, 3), elements=st.floats(-1.0, 1.0).map(lambda value: r
 
 @given(points=POINTS)
 def test_equals_a_numerical_minimum(points):
+    minimize = pytest.importorskip("scipy.optimize").minimize
     first, first_end, second, second_end = points
 
     along = np.stack((first_end - first, second - second_end))

@@ -3,7 +3,6 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 
 from sprintlab.motors import (
@@ -42,7 +41,7 @@ FUNCTIONS = {
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @given(motor=st.from_type(PmsmParameters), model=st.sampled_from(MOTOR_MODELS))
-def test_numpy_and_torch_agree(name, motor, model):
+def test_numpy_and_torch_agree(name, motor, model, torch):
     function = FUNCTIONS[name]
     expected = function(motor, TORQUES, SPEEDS, model)
     actual = function(motor, torch.tensor(TORQUES), torch.tensor(SPEEDS), model)
@@ -53,7 +52,7 @@ def test_numpy_and_torch_agree(name, motor, model):
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_nothing_looks_into_a_tensor(name, model, surrogate):
+def test_nothing_looks_into_a_tensor(name, model, surrogate, torch):
     """Tensors of the meta device hold no values: whatever asks for one raises."""
     tensor = torch.zeros(41, device="meta")
     for result in FUNCTIONS[name](surrogate, tensor, tensor, model):
@@ -62,7 +61,7 @@ def test_nothing_looks_into_a_tensor(name, model, surrogate):
 
 
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - {"infeasible"}))
-def test_single_precision_stays_single_precision_and_close(name, surrogate):
+def test_single_precision_stays_single_precision_and_close(name, surrogate, torch):
     single = torch.tensor(SPEEDS, dtype=torch.float32), torch.tensor(TORQUES, dtype=torch.float32)
     actual = FUNCTIONS[name](surrogate, single[1], single[0], "refined")
     expected = FUNCTIONS[name](surrogate, TORQUES, SPEEDS, "refined")
@@ -71,7 +70,7 @@ def test_single_precision_stays_single_precision_and_close(name, surrogate):
         np.testing.assert_allclose(other.numpy(), one, rtol=2e-5, atol=2e-4)
 
 
-def test_no_nan_at_absurd_speeds_in_single_precision(surrogate):
+def test_no_nan_at_absurd_speeds_in_single_precision(surrogate, torch):
     speeds = torch.tensor([0.0, 1e-30, 1.0, 1e3, 1e6, 1e9, -1e12], dtype=torch.float32)
     for model in MOTOR_MODELS:
         for bound in torque_limits(surrogate, speeds, 60.0, model):
@@ -83,7 +82,7 @@ def test_numpy_single_precision_is_kept(surrogate):
     assert lower.dtype == upper.dtype == np.float32
 
 
-def test_whole_numbers_are_calculated_as_real_numbers(surrogate):
+def test_whole_numbers_are_calculated_as_real_numbers(surrogate, torch):
     whole = torque_limits(surrogate, np.array([200]), 60)
     assert whole == torque_limits(surrogate, np.array([200.0]), 60.0)
     assert torque_limits(surrogate, torch.tensor([200]), 60)[1].item() == pytest.approx(
@@ -110,7 +109,7 @@ def test_stacked_motors_give_each_joint_its_own_limits(surrogate):
         np.testing.assert_array_equal(upper[:, column], one_upper)
 
 
-def test_motor_like_moves_every_field(surrogate):
+def test_motor_like_moves_every_field(surrogate, torch):
     stacked = stack_motors([surrogate] * 12)
     reference = torch.zeros(3, dtype=torch.float32)
     moved = motor_like(stacked, reference)
@@ -123,7 +122,7 @@ def test_motor_like_moves_every_field(surrogate):
         torch.testing.assert_close(one, other)
 
 
-def test_every_environment_may_have_its_own_bus(surrogate):
+def test_every_environment_may_have_its_own_bus(surrogate, torch):
     buses = torch.tensor([[48.0], [60.0]])
     _, upper = torque_limits(surrogate, torch.full((2, 12), 180.0), buses)
     assert upper.shape == (2, 12)

@@ -3,7 +3,6 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 
 from sprintlab.core.errors import InvalidValueError
@@ -112,7 +111,7 @@ def test_one_hard_working_leg_takes_voltage_from_all(surrogate):
     assert limits[1] < 0.9 * limits[0]
 
 
-def test_every_environment_has_its_own_voltage_in_numpy_and_torch(surrogate):
+def test_every_environment_has_its_own_voltage_in_numpy_and_torch(surrogate, torch):
     motors = stack_motors([surrogate] * 12)
     random = np.random.default_rng(3)
     velocity = random.uniform(-40, 40, (64, 12))
@@ -144,7 +143,7 @@ def test_a_guess_changes_the_way_and_not_the_answer(surrogate):
     assert np.ptp(answers) < 1e-3
 
 
-def test_nothing_looks_into_a_tensor():
+def test_nothing_looks_into_a_tensor(torch):
     battery, tensor = Battery(), torch.zeros(5, device="meta")
     voltage = shared_bus_voltage(battery, tensor, lambda bus: 100.0 * bus)
     assert voltage.shape == (5,)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from sprintlab.motors import (
     MOTOR_MODELS,
@@ -136,7 +135,7 @@ def test_no_torque_fits_beyond_its_critical_speed(corners, model, share):
 
 
 @pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_single_precision_stays_finite_and_ordered(corners, model):
+def test_single_precision_stays_finite_and_ordered(corners, model, torch):
     motor, speed, bus = corners
     single = motor_like(motor, torch.zeros(1))
     lower, upper = torque_limits(

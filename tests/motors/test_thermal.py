@@ -3,7 +3,6 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 
 from sprintlab.core.errors import InvalidValueError
@@ -96,7 +95,7 @@ def test_no_temperature_gives_a_motor_that_divides_by_zero():
     assert (flux_factor(heat, absurd) > 0).all()
 
 
-def test_one_motor_an_element_in_numpy_and_torch(surrogate):
+def test_one_motor_an_element_in_numpy_and_torch(surrogate, torch):
     heat = WindingHeat(heat_capacity=np.linspace(50, 500, 12))
     temperature, loss = np.linspace(20, 150, 12), np.linspace(0, 900, 12)
     expected = warmed(heat, temperature, loss, 1.0)
