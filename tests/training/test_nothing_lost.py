@@ -36,7 +36,7 @@ SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=
 FLAGS = (
     "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
     "--settings.ppo.steps", "2", "--settings.ppo.epochs", "1", "--settings.ppo.mini-batches", "2",
-    "--settings.ppo.hidden", "16", "--no-tensorboard",
+    "--settings.ppo.hidden", "16", "--no-tensorboard", "--no-cloud",
 )  # fmt: skip
 TIMING = {"seconds", "steps_per_second"}
 
@@ -74,7 +74,7 @@ def rows(folder: Path) -> list[dict[str, float]]:
 
 
 def options(folder: Path, **changes) -> TrainOptions:
-    given = {"environments": 16, "device": "cpu", "tensorboard": False, "settings": SETTINGS}
+    given = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "settings": SETTINGS}
     return TrainOptions(output=folder, **(given | changes))
 
 

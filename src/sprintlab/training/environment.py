@@ -195,9 +195,9 @@ class SprintEnvironment(VecEnv):
         self.simulation.previous_target.copy_(self.simulation.target)
         self.simulation.target.copy_(target)
 
-    def advance(self) -> None:
-        """Physics, then rewards, ends, resets, commands and observations."""
-        self.simulation.step()
+    def advance(self, watch: Callable[[int], None] | None = None) -> None:
+        """Physics, then rewards, ends, resets, commands and observations; ``watch`` as in the simulation."""
+        self.simulation.step(watch)
         self._finish_step()
         self._logged_steps += 1
 

@@ -146,6 +146,13 @@ def preparing(quiet: bool) -> Generator[None]:
         yield
 
 
+@contextmanager
+def recording() -> Generator[None]:
+    """Say on a terminal that the robots run on for the cloud of their motors."""
+    with Console(stderr=True).status("recording where the motors work"):
+        yield
+
+
 class Reporter:
     """Progress on stderr: a bar on a terminal, else a line every ten seconds.
 

@@ -12,10 +12,11 @@ import torch
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.training.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.distributed import Workers, join_workers
 from sprintlab.training.guard import StopRequest, exclusive
 from sprintlab.training.methods import METHODS, method_settings
-from sprintlab.training.progress import Board, Reporter, follow_on_wandb, preparing
+from sprintlab.training.progress import Board, Reporter, follow_on_wandb, preparing, recording
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -26,7 +27,7 @@ class TrainOptions:
 
     Attributes:
         method: one of the paper's six.
-        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``tensorboard/``.
+        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``cloud.npz``, ``tensorboard/``.
         minutes: stop after this much time in this sitting.
         iterations: stop at this iteration of the run.
         environments: robots side by side.
@@ -45,6 +46,7 @@ class TrainOptions:
         tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
         wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
         figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
+        cloud: at the end, two more seconds of the robots for ``cloud.npz``: where their motors work.
         settings: everything else; ``method`` and ``environments`` are put into it.
 
     Raises:
@@ -69,6 +71,7 @@ class TrainOptions:
     tensorboard: bool = True
     wandb: str | None = None
     figures: bool = False
+    cloud: bool = True
     settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
@@ -178,6 +181,9 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         from sprintlab.training.figures import learning_figures
 
         learning_figures(options.output / "checkpoint.pt", options.output)
+    if options.cloud and leads:  # last of all: the robots run on, and the run could not
+        with recording():
+            write_cloud(runner, options.output / CLOUD_NAME)
 
 
 def _loop(
@@ -232,6 +238,6 @@ def _stopping_cleanly(runner: Runner) -> Iterator[None]:
 
 def _remove_halves(folder: Path) -> None:
     """Delete what writes that were killed have left; nobody else writes here."""
-    for name in ("checkpoint.pt", "log.jsonl"):
+    for name in ("checkpoint.pt", "log.jsonl", CLOUD_NAME):
         for half in folder.glob(f".{name}.*"):
             half.unlink(missing_ok=True)

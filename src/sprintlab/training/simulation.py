@@ -4,6 +4,7 @@ from __future__ import annotations
 
 # mujoco and warp ship no type stubs for what is used here.
 # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -185,15 +186,23 @@ class BatchSimulation:
         self.supply.launch(substep)
         wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
 
-    def _substeps(self) -> None:
+    def _substeps(self, watch: Callable[[int], None] = lambda _: None) -> None:
         for substep in range(self.settings.substeps):
             self.actuate(substep)
+            watch(substep)
             mujoco_warp.step(self.model, self.data)
 
-    def step(self) -> None:
-        """Advance by one policy step; does not wait for the device."""
+    def step(self, watch: Callable[[int], None] | None = None) -> None:
+        """Advance by one policy step; does not wait for the device.
+
+        Args:
+            watch: called with the number of every substep once its joint torques are known; the substeps are
+                then launched one by one, many times slower than as a graph.
+        """
         with wp.ScopedDevice(self._warp_device):
-            if self._graph is not None:
+            if watch is not None:
+                self._substeps(watch)
+            elif self._graph is not None:
                 wp.capture_launch(self._graph)
             else:
                 self._substeps()
