@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ pytest.importorskip("rsl_rl")
 import torch
 
 from sprintlab.control import check_contract, load_policy
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
 from sprintlab.training.run import TrainOptions, keep_milestone
@@ -126,3 +127,23 @@ def test_milestones_are_policies_on_the_way(tmp_path: Path) -> None:
     assert load_policy(exported.path, load_robot("bp2")).contract.training.method == "sprint"
     with pytest.raises(SprintlabError, match="holds a policy only"):
         runner.load(read_checkpoint(kept / "0002.pt"))
+
+
+def test_the_noise_calms_down_where_it_is_told_to() -> None:
+    """The floor follows the iteration, also after a resume, and the policy's noise follows the floor."""
+    ppo = replace(SETTINGS.ppo, least_std=0.4, calm_iterations=(1, 3), calm_std=0.2, initial_std=0.41)
+    assert [ppo.noise_floor(iteration) for iteration in (0, 1, 2, 3, 9)] == pytest.approx(
+        [0.4, 0.4, 0.3, 0.2, 0.2]
+    )
+    runner = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
+    runner.iterate()
+    with torch.no_grad():
+        runner.learner.actor.std.fill_(0.1)
+    runner.iterate()
+    assert float(runner.learner.actor.std.detach().min()) == pytest.approx(0.4)
+    runner.iterate()
+    resumed = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
+    resumed.load(runner.state())
+    assert float(resumed.learner.least_std) == float(runner.learner.least_std) == pytest.approx(0.2)
+    with pytest.raises(InvalidValueError, match="calm_std"):
+        replace(ppo, calm_std=0.5)

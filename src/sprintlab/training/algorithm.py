@@ -93,6 +93,8 @@ class EstimatorPpo:
         rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
         self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
         self.old_std = self.actor.std.detach().clone()
+        self.least_std = torch.tensor(ppo.least_std, device=self.device)
+        self._most_std = torch.tensor(LARGEST_STD, device=self.device)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
@@ -209,7 +211,7 @@ class EstimatorPpo:
         self.learning_rate.copy_(rate)
         self.block.descend(loss, self._workers)
         with torch.no_grad():
-            self.actor.std.clamp_(self.settings.ppo.least_std, LARGEST_STD)
+            self.actor.std.copy_(torch.clamp(self.actor.std, min=self.least_std, max=self._most_std))
             self._loss_sums[:4] += parts / (self.settings.ppo.epochs * self.settings.ppo.mini_batches)
 
     def _improve_estimator(self, first: int, last: int) -> None:

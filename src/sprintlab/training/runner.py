@@ -95,13 +95,16 @@ class Runner:
         self.learner.update()
         self.workers.average([self.environment.grid_weights])
         statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
-        self._advance_curriculum(statistics["speed_p999"])
-        return self._record(statistics, time.perf_counter() - started)
-
-    def _advance_curriculum(self, fastest: float) -> None:
-        self.growth.update(fastest, self.blend.top)
+        self.growth.update(statistics["speed_p999"], self.blend.top)
         self.blend.update(self.growth.upper)
+        row = self._record(statistics, time.perf_counter() - started)
+        self._set_curriculum()
+        return row
+
+    def _set_curriculum(self) -> None:
+        """Range, stage and noise of the next iteration."""
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
+        self.learner.least_std.fill_(self.settings.ppo.noise_floor(self.progress.iteration))
 
     def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
         steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count
@@ -231,7 +234,7 @@ class Runner:
             self._load_own(saved[rank])
         else:  # a newcomer: random numbers that no process has had
             torch.manual_seed(self.settings.seed + 1_000_003 * rank + self.progress.iteration)
-        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
+        self._set_curriculum()
 
     def _load_own(self, state: dict[str, Any]) -> None:
         robots = state["environment"]

@@ -14,7 +14,7 @@ from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
 PRECISIONS = ("tf32", "bfloat16")
-LATER_FIELDS = {"heading_hold": False, "precision": "tf32"}
+LATER_FIELDS = {"heading_hold": False, "precision": "tf32", "calm_iterations": None, "calm_std": 0.15}
 """Fields that came after the first published hash, with the value that means what was done before they came:
 at that value they do not count in the hash, so that a policy's settings keep theirs."""
 AGGREGATIONS = ("exponential", "clipped", "sum")
@@ -298,6 +298,10 @@ class PpoSettings:
         value_weight: of the value loss.
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
+        calm_iterations: between these two iterations the floor sinks from ``least_std`` to ``calm_std``: a
+            policy runs without noise, and what it is to run like should be practised and estimated. None: it
+            stays.
+        calm_std: floor at the end [-].
         hidden: widths of actor and critic.
         precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
             ``"bfloat16"`` (faster; an exported policy always computes in single precision).
@@ -318,6 +322,8 @@ class PpoSettings:
     value_weight: float = 1.0
     initial_std: float = 0.8
     least_std: float = 0.3
+    calm_iterations: tuple[int, int] | None = None
+    calm_std: float = 0.15
     hidden: tuple[int, ...] = (512, 256, 128)
     precision: str = "tf32"
 
@@ -330,6 +336,17 @@ class PpoSettings:
         check_range("discount", self.discount, 0.0, 1.0)
         check_range("gae", self.gae, 0.0, 1.0)
         check_range("least_std", self.least_std, 1e-6, self.initial_std)
+        if self.calm_iterations is not None:
+            check_range("calm_std", self.calm_std, 1e-6, self.least_std)
+            check_range("calm_iterations[0]", self.calm_iterations[0], 0, self.calm_iterations[1] - 1)
+
+    def noise_floor(self, iteration: int) -> float:
+        """The least deviation of the action noise in an iteration of the run."""
+        if self.calm_iterations is None:
+            return self.least_std
+        first, last = self.calm_iterations
+        share = min(max((iteration - first) / (last - first), 0.0), 1.0)
+        return self.least_std + share * (self.calm_std - self.least_std)
 
 
 @dataclass(frozen=True, kw_only=True)
