@@ -10,7 +10,7 @@ the latter have no curve.csv, which is then made of their log.jsonl.
 
 The best policy of a method is the one with the highest raw max velocity; one that fails the exploit audit is
 taken only where none passes it. A gait timed by the policy's clock that runs as well with other clocks counts
-as passing.
+as passing. With it comes the cloud.npz of its training, for the figures, where there is one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.evaluation.ablation.gallery import CURVE_NAME
 from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluation
-from sprintlab.evaluation.ablation.runs import EVALUATION_NAME, Run, find_runs
+from sprintlab.evaluation.ablation.runs import CLOUD_NAME, EVALUATION_NAME, Run, find_runs
 
 LOG_NAME = "log.jsonl"
 KEPT = (CURVE_NAME, "run.json", EVALUATION_NAME)
@@ -65,7 +65,18 @@ def publish(options: Options) -> list[Path]:
         rank = _rank(record)
         if run.method not in best or rank > best[run.method][0]:
             best[run.method] = (rank, run)
+    for _, run in best.values():
+        _publish_cloud(run, options.results / run.method, {one.cloud.resolve() for one in runs})
     return [_copy(run.policy, options.policies / f"{method}.onnx") for method, (_, run) in best.items()]
+
+
+def _publish_cloud(run: Run, folder: Path, sources: set[Path]) -> None:
+    """Keep the cloud of the best run of a method, and no other: each has some 150 kB."""
+    for old in folder.glob(f"*/{CLOUD_NAME}"):
+        if old.resolve() not in sources:
+            old.unlink()
+    if run.cloud.is_file():
+        _copy(run.cloud, folder / run.folder.name / CLOUD_NAME)
 
 
 def _rank(record: EvaluationRecord) -> tuple[bool, float]:

@@ -39,8 +39,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("run")
     options = TrainOptions(
-        output=folder, environments=8, iterations=3, device="cpu", figures=True, settings=TINY
-    )
+        output=folder, environments=8, iterations=3, device="cpu", figures=True, cloud=False,
+        settings=TINY,
+    )  # fmt: skip
     train(options)
     return folder
 
@@ -128,8 +129,9 @@ def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypat
     fake.init = lambda **words: calls.append(words)
     monkeypatch.setitem(sys.modules, "wandb", fake)
     options = TrainOptions(
-        output=tmp_path, environments=8, iterations=1, device="cpu", wandb="running", settings=TINY
-    )
+        output=tmp_path, environments=8, iterations=1, device="cpu", wandb="running", cloud=False,
+        settings=TINY,
+    )  # fmt: skip
     train(options)
     train(replace(options, iterations=2, resume=True))
     assert [call["project"] for call in calls] == ["running"] * 2

@@ -29,7 +29,8 @@ from sprintlab.training.settings import PpoSettings, TrainingSettings
 folder, runners = Path(sys.argv[1]), []
 tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
 straight = run.TrainOptions(
-    output=folder / "straight", environments=8, iterations=4, device="cpu", tensorboard=False, settings=tiny
+    output=folder / "straight", environments=8, iterations=4, device="cpu", tensorboard=False, cloud=False,
+    settings=tiny,
 )
 halves = replace(straight, output=folder / "halves", iterations=2)
 opened = run.open_run

@@ -1,9 +1,9 @@
-"""Where a recorded run worked in the torque-speed plane of a joint."""
+"""Where a recorded run, or a training, worked in the torque-speed plane of a joint."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -12,13 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.motors import desaturate, torque_limits
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
+from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
 
 _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
 _NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope
 _NEEDED = ("joint_velocity", "joint_torque")
+_CLOUD_FORMAT = 1
+_CLOUD_MARGIN = 5e-3  # share of the peak torque: clouds are kept in half precision
+_CLOUD_SHAPES = {
+    "time": "T",
+    "joint_velocity": "Tnj",
+    "joint_torque": "Tnj",
+    "on_limit": "Tnj",
+    "forward_speed": "Tn",
+    "bus_voltage_factor": "Tn",
+    "resistance_factor": "n",
+    "motor_strength": "nj",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,3 +100,82 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
     if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
         raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
     return OperatingPoints(speed=speed, torque=torque)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingCloud:
+    """What the motors of some robots did in the last seconds of their training: ``T`` moments, ``n`` robots.
+
+    Attributes:
+        robot: its name.
+        motor_model: the motor of the training.
+        time: of each moment ``(T,)`` [s].
+        joint_velocity: ``(T, n, 12)`` [rad/s].
+        joint_torque: delivered to the joint, saturation, gear and the robot's own strength in
+            ``(T, n, 12)`` [N m].
+        on_limit: whether the motor of the training gave less than was asked of it ``(T, n, 12)`` bool.
+        forward_speed: ``(T, n)`` [m/s].
+        bus_voltage_factor: bus voltage over the robot's nominal one ``(T, n)``.
+        resistance_factor: stator resistance over the motor's nominal one ``(n,)``.
+        motor_strength: torque over that of the nominal motor ``(n, 12)``.
+    """
+
+    robot: str
+    motor_model: str
+    time: FloatArray
+    joint_velocity: FloatArray
+    joint_torque: FloatArray
+    on_limit: FloatArray
+    forward_speed: FloatArray
+    bus_voltage_factor: FloatArray
+    resistance_factor: FloatArray
+    motor_strength: FloatArray
+
+    def motor_torque(self, robot: RobotDescription) -> FloatArray:
+        """Motor torque before saturation ``(T, n, 12)`` [N m], as recorded runs have it."""
+        gain = np.asarray(robot.gear.ratio) * np.asarray(robot.gear.efficiency) * self.motor_strength
+        return np.asarray(desaturate(robot.motors, self.joint_torque / gain))
+
+    def impossible(self, robot: RobotDescription) -> NDArray[np.bool_]:
+        """Where the refined model, on the robot's own bus and resistance, forbids the torque ``(T, n, 12)``."""
+        resistance = np.asarray(robot.motors.stator_resistance) * self.resistance_factor[:, None]
+        motors = replace(robot.motors, stator_resistance=resistance)
+        bus = robot.bus_voltage * self.bus_voltage_factor[..., None]
+        lower, upper = torque_limits(motors, self.joint_velocity * np.asarray(robot.gear.ratio), bus)
+        margin = _CLOUD_MARGIN * np.asarray(robot.motors.peak_torque)
+        torque = self.motor_torque(robot)
+        return np.asarray((torque > upper + margin) | (torque < lower - margin))
+
+
+def load_training_cloud(path: Path) -> TrainingCloud:
+    """Read the ``cloud.npz`` of a training run.
+
+    Raises:
+        SprintlabError: the file cannot be read, is no cloud, or is one of another format.
+        InvalidValueError: a value is not finite.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES}
+            words = {name: str(archive[name]) for name in ("robot", "motor_model")}
+            version = int(archive["format"])
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise SprintlabError(f"{path} is no cloud of a training, or is damaged: {error}") from error
+    if version != _CLOUD_FORMAT:
+        raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
+    _check_cloud(path, arrays)
+    arrays["on_limit"] = arrays["on_limit"] > 0.5
+    return TrainingCloud(**arrays, **words)
+
+
+def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Shapes that fit each other, and numbers."""
+    shape = arrays["joint_velocity"].shape
+    sizes = dict(zip("Tnj", shape, strict=False))
+    for name, axes in _CLOUD_SHAPES.items():
+        if len(shape) != 3 or 0 in shape or arrays[name].shape != tuple(sizes[axis] for axis in axes):
+            raise SprintlabError(f"{path} is no cloud of a training: {name} has shape {arrays[name].shape}")
+        if not np.isfinite(arrays[name]).all():
+            raise InvalidValueError(str(path), "NaN", f"{name} must be finite")

@@ -106,7 +106,7 @@ def record_cloud(runner: Runner, steps: int = CLOUD_STEPS, settle: int = SETTLED
         else:
             _watched_advance(environment, sampler, step, step // _EVERY % substeps)
     named = {
-        "robot": settings.robot,
+        "robot": environment.robot.name,
         "motor_model": settings.actuator_model,
         "method": settings.method,
         "seed": settings.seed,

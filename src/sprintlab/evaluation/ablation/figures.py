@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from sprintlab.evaluation.ablation.table import collapsed
 from sprintlab.evaluation.command_modes import CommandSequence
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.figures import on_envelope, recorded
+from sprintlab.evaluation.operating_points import TrainingCloud
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.evaluation.theme import (
     LIGHT,
@@ -51,6 +53,7 @@ METHOD_COLOURS = {
 _STYLES: dict[str, Any] = {"square": ":", "simplified-dc": "--", "refined": "-"}
 _SMOOTHING = 0.2  # [s], about one stride
 _POINTS = 2500  # of a cloud that are drawn
+_SHOWN_ROBOTS = 24  # of a training whose speeds are drawn
 _HIND = {"hind hips": ("RL_hip", "RR_hip"), "hind knees": ("RL_knee", "RR_knee")}
 
 
@@ -135,7 +138,7 @@ def worlds_figure(
         )
         for row, (name, joints) in enumerate(_HIND.items(), start=1):
             axis = axes[row * len(worlds) + column]
-            _draw_cloud(axis, recorded(trial), robot, joints, theme)
+            _draw_cloud(axis, _trial_points(recorded(trial), robot, joints), robot, joints, theme)
             set_title(axis, name, theme)
     axes[0].set_ylabel("forward speed [m/s]")
     for row in (1, 2):
@@ -152,15 +155,77 @@ def sprint_figure(sprint: SprintResult, robot: RobotDescription, theme: Theme = 
         style_axis(axis, theme)
     _draw_speed(axes["speed"], sprint.trial, theme)
     axes["speed"].set_ylabel("forward speed [m/s]")
-    time = f"{sprint.distance:g} m in {sprint.time:.2f} s" if sprint.finished else "not finished"
-    set_title(axes["speed"], time, theme)
+    set_title(axes["speed"], _time_text(sprint), theme)
     _note(axes["speed"], _held_text(sprint.trial), theme)
     for name, joints in _HIND.items():
-        _draw_cloud(axes[name], recorded(sprint.trial), robot, joints, theme)
+        points = _trial_points(recorded(sprint.trial), robot, joints)
+        _draw_cloud(axes[name], points, robot, joints, theme)
         set_title(axes[name], name, theme)
         axes[name].set_ylabel("joint torque [N m]")
     _cloud_legend(figure, theme)
     return figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class BothWorlds:
+    """A policy in its training and in the evaluation.
+
+    Attributes:
+        method: its name.
+        training: what the motors of the training's robots did.
+        sprint: a run over a distance in the evaluation.
+    """
+
+    method: str
+    training: TrainingCloud
+    sprint: SprintResult
+
+
+def clouds_figure(methods: Sequence[BothWorlds], robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
+    """Speeds over time, and the clouds of hind hips and knees below: in training and in the evaluation.
+
+    Args:
+        methods: two columns each, side by side.
+        robot: for the envelopes.
+        theme: colours.
+    """
+    width = 2 * len(methods)
+    size = (4.6 * width if width == 2 else 3.7 * width, 8.2)
+    figure, axes = themed_figure(theme, size, 3, width, sharey="row")
+    grid = np.reshape(np.array(axes, dtype=object), (3, width))
+    for index, method in enumerate(methods):
+        _draw_training(grid[:, 2 * index], method, robot, theme)
+        _draw_evaluation(grid[:, 2 * index + 1], method, robot, theme)
+    for axis, label in zip(grid[:, 0], ("forward speed [m/s]", *["joint torque [N m]"] * 2), strict=True):
+        axis.set_ylabel(label)
+    _cloud_legend(figure, theme)
+    return figure
+
+
+def _draw_training(axes: NDArray[Any], method: BothWorlds, robot: RobotDescription, theme: Theme) -> None:
+    """One column: some robots of the training, then the clouds of all of them."""
+    cloud = method.training
+    shown = cloud.forward_speed[:, :: -(-cloud.forward_speed.shape[1] // _SHOWN_ROBOTS)]
+    axes[0].plot(cloud.time, shown, color=theme.speed, linewidth=0.8, alpha=0.6)
+    axes[0].set_xlabel("time [s]")
+    model = MODEL_NAMES.get(cloud.motor_model, cloud.motor_model)
+    set_title(axes[0], f"{method.method}: training, {model}", theme)
+    _note(axes[0], f"up to {cloud.forward_speed.max():.1f} m/s", theme)
+    for axis, (name, joints) in zip(axes[1:], _HIND.items(), strict=True):
+        _draw_cloud(axis, _training_points(cloud, robot, joints), robot, joints, theme)
+        set_title(axis, name, theme)
+
+
+def _draw_evaluation(axes: NDArray[Any], method: BothWorlds, robot: RobotDescription, theme: Theme) -> None:
+    """One column: the run over a distance, then its clouds."""
+    sprint = method.sprint
+    _draw_speed(axes[0], sprint.trial, theme)
+    set_title(axes[0], f"{method.method}: evaluation, refined", theme)
+    _note(axes[0], _time_text(sprint), theme)
+    for axis, (name, joints) in zip(axes[1:], _HIND.items(), strict=True):
+        points = _trial_points(recorded(sprint.trial), robot, joints)
+        _draw_cloud(axis, points, robot, joints, theme)
+        set_title(axis, name, theme)
 
 
 def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
@@ -182,6 +247,10 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
         )
 
 
+def _time_text(sprint: SprintResult) -> str:
+    return f"{sprint.distance:g} m in {sprint.time:.2f} s" if sprint.finished else "not finished"
+
+
 def _held_text(trial: TrialResult) -> str:
     held = trial.metrics.held_speed
     return f"held {held:.2f} m/s" if math.isfinite(held) else ""
@@ -200,21 +269,56 @@ def _smooth(trajectory: Trajectory) -> Array:
     return np.convolve(speed, kernel, "same") / np.convolve(np.ones_like(speed), kernel, "same")
 
 
-def _draw_cloud(
-    axis: Axes, trajectory: Trajectory, robot: RobotDescription, joints: Sequence[str], theme: Theme
-) -> None:
-    """Torque against speed on the joint's side, what the refined model forbids in red."""
+@dataclass(frozen=True, kw_only=True)
+class _Points:
+    """Samples of some joints, each ``(k,)``, joint side.
+
+    ``torque`` is before saturation [N m], ``limited`` tells where it sits on the limit in force, ``allowed``
+    where the refined model allows it.
+    """
+
+    speed: Array
+    torque: Array
+    limited: NDArray[np.bool_]
+    allowed: NDArray[np.bool_]
+
+
+def _columns(robot: RobotDescription, joints: Sequence[str]) -> tuple[list[int], Array]:
+    """Places of the joints, and what turns motor torque into joint torque."""
     indices = [robot.joint_names.index(name) for name in joints]
-    ratio = np.asarray(robot.gear.ratio)[indices]
-    gain = ratio * np.broadcast_to(robot.gear.efficiency, (12,))[indices]
-    speed = trajectory.joint_velocity[:, indices].ravel()
-    torque = (trajectory.motor_torque[:, indices] * gain).ravel()
+    gain = np.asarray(robot.gear.ratio) * np.broadcast_to(robot.gear.efficiency, (12,))
+    return indices, gain[indices]
+
+
+def _trial_points(trajectory: Trajectory, robot: RobotDescription, joints: Sequence[str]) -> _Points:
+    indices, gain = _columns(robot, joints)
     lower, upper = torque_limits(
         robot.motors, trajectory.joint_velocity * np.asarray(robot.gear.ratio), robot.bus_voltage
     )
     inside = (trajectory.motor_torque <= upper + 1e-3) & (trajectory.motor_torque >= lower - 1e-3)
-    limited = on_envelope(trajectory, robot)[:, indices].ravel()
-    allowed = inside[:, indices].ravel()
+    return _Points(
+        speed=trajectory.joint_velocity[:, indices].ravel(),
+        torque=(trajectory.motor_torque[:, indices] * gain).ravel(),
+        limited=on_envelope(trajectory, robot)[:, indices].ravel(),
+        allowed=inside[:, indices].ravel(),
+    )
+
+
+def _training_points(cloud: TrainingCloud, robot: RobotDescription, joints: Sequence[str]) -> _Points:
+    indices, gain = _columns(robot, joints)
+    return _Points(
+        speed=cloud.joint_velocity[..., indices].ravel(),
+        torque=(cloud.motor_torque(robot)[..., indices] * gain).ravel(),
+        limited=cloud.on_limit[..., indices].ravel().astype(bool),
+        allowed=~cloud.impossible(robot)[..., indices].ravel(),
+    )
+
+
+def _draw_cloud(
+    axis: Axes, points: _Points, robot: RobotDescription, joints: Sequence[str], theme: Theme
+) -> None:
+    """Torque against speed on the joint's side, what the refined model forbids in red."""
+    speed, torque, limited, allowed = points.speed, points.torque, points.limited, points.allowed
     for mask, colour in (
         (allowed & ~limited, theme.inside),
         (allowed & limited, theme.foreground),
@@ -222,7 +326,7 @@ def _draw_cloud(
     ):
         mask = mask & (np.arange(len(mask)) % (len(mask) // _POINTS + 1) == 0)
         axis.scatter(speed[mask], torque[mask], s=2.0, color=colour, alpha=0.5, linewidths=0, rasterized=True)
-    places, limits = _joint_limits(robot, indices[0], reach=1.3)
+    places, limits = _joint_limits(robot, robot.joint_names.index(joints[0]), reach=1.3)
     for model, (low, high) in limits.items():
         for limit in (low, high):
             axis.plot(places, limit, color=theme.muted, linestyle=_STYLES[model], linewidth=1.0)

@@ -17,6 +17,7 @@ from sprintlab.evaluation.ablation import figures
 from sprintlab.evaluation.ablation.measure import Candidate
 from sprintlab.evaluation.ablation.runs import Run, by_method, committed_records
 from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
+from sprintlab.evaluation.operating_points import TrainingCloud, load_training_cloud
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.theme import png_bytes
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
@@ -26,6 +27,8 @@ from sprintlab.robots import RobotDescription
 
 DPI = 80
 CURVE_NAME = "curve.csv"
+CHEAT = "no-envelope"
+"""Method shown beside the main one where there is a cloud of its training: its motors know no limits."""
 _CURVE_COLUMNS = ("seconds", "speed_p999")
 
 Progress = Callable[[str, float | None], None]
@@ -118,7 +121,16 @@ _TEXTS = {
         "Speed and motor use over the sprint",
         "Policy `{policy}` over {distance} m: speed, and what hind hips and knees do on the way, over "
         "the envelope that the plant enforces. Look at how many points lie on the limit: that joint's "
-        "motor, not the policy, sets the speed.",
+        "motor, not the policy, sets the speed. The cloud of the training is not shown: none was kept with "
+        "the run of this policy.",
+    ),
+    "clouds": (
+        "Speed and motor use, in training and in the evaluation",
+        "{policies}: for each, left the last two seconds of its training, robots of its own world with their "
+        "exploration noise, randomization and commands, and right {distance} m in the evaluation. Above the "
+        "speeds, below what hind hips and knees do, over the nominal envelope. Red: what the real motor, on "
+        "the bus and with the resistance of that robot, could not do. Look at how many points lie on the "
+        "limit, and whether a policy uses in training what the evaluation does not give it.",
     ),
     "estimate": (
         "Estimate against truth over the sprint",
@@ -147,7 +159,7 @@ def _drawings(gallery: Gallery) -> Iterator[Drawing]:
     for candidate in _with_worlds(gallery):
         yield _worlds_drawing(gallery, candidate)
     yield _drawing("command-modes", gallery, lambda: figures.commands_figure(command_runs(policy, gallery)))
-    yield _drawing("sprint", gallery, lambda: figures.sprint_figure(_sprint(policy, gallery), robot))
+    yield _sprint_drawing(gallery, policy)
     if policy.estimates:
         yield _drawing("estimate", gallery, lambda: figures.estimate_figure(_sprint(policy, gallery).trial))
     records = by_method(committed_records(gallery.runs))
@@ -162,6 +174,65 @@ def _drawing(name: str, gallery: Gallery, draw: Callable[[], Figure]) -> Drawing
     title, caption = _TEXTS[name]
     caption = caption.format(policy=gallery.main.method, distance=f"{gallery.distance:g}")
     return Drawing(name=name, title=title, caption=caption, draw=draw)
+
+
+def _sprint_drawing(gallery: Gallery, policy: Policy) -> Drawing:
+    """The sprint of the main policy, beside its training where a cloud of it was kept."""
+    clouds = training_clouds(gallery)
+    if not clouds:
+        return _drawing(
+            "sprint", gallery, lambda: figures.sprint_figure(_sprint(policy, gallery), gallery.robot)
+        )
+    title, caption = _TEXTS["clouds"]
+    names = " and ".join(f"`{candidate.method}`" for candidate, _ in clouds)
+    return Drawing(
+        name="sprint",
+        title=title,
+        caption=caption.format(policies=names, distance=f"{gallery.distance:g}"),
+        draw=lambda: _clouds(gallery, clouds),
+    )
+
+
+def training_clouds(gallery: Gallery) -> list[tuple[Candidate, TrainingCloud]]:
+    """The main policy with the cloud of its training, and the cheat's beside it, where their runs kept one.
+
+    Raises:
+        SprintlabError: a cloud is damaged, or of another robot.
+    """
+    shown = [gallery.main]
+    shown += [one for one in gallery.policies if one.method == CHEAT and one.method != gallery.main.method]
+    found = [(candidate, _cloud_path(gallery, candidate)) for candidate in shown]
+    if found[0][1] is None:
+        return []
+    return [(candidate, _cloud(path, gallery.robot)) for candidate, path in found if path is not None]
+
+
+def _cloud_path(gallery: Gallery, candidate: Candidate) -> Path | None:
+    """The cloud of the run that the policy came from."""
+    for run in gallery.runs:
+        if (run.method, run.seed) == (candidate.method, candidate.seed) and run.cloud.is_file():
+            return run.cloud
+    return None
+
+
+def _cloud(path: Path, robot: RobotDescription) -> TrainingCloud:
+    cloud = load_training_cloud(path)
+    if cloud.robot != robot.name:
+        raise SprintlabError(f"{path} is of robot {cloud.robot}, and the figures are of {robot.name}")
+    return cloud
+
+
+def _clouds(gallery: Gallery, clouds: Sequence[tuple[Candidate, TrainingCloud]]) -> Figure:
+    """Every policy once over the distance, beside its training."""
+    worlds = [
+        figures.BothWorlds(
+            method=candidate.method,
+            training=cloud,
+            sprint=_sprint(load_policy(candidate.policy), gallery),
+        )
+        for candidate, cloud in clouds
+    ]
+    return figures.clouds_figure(worlds, gallery.robot)
 
 
 def _worlds_drawing(gallery: Gallery, candidate: Candidate) -> Drawing:

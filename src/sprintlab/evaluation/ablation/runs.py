@@ -17,6 +17,7 @@ from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluati
 POLICY_NAME = "policy.onnx"
 EVALUATION_NAME = "evaluation.json"
 CHECKPOINT_NAME = "checkpoint.pt"
+CLOUD_NAME = "cloud.npz"
 _SEED = re.compile(r"seed-(\d+)")
 
 
@@ -48,6 +49,11 @@ class Run:
     def checkpoint(self) -> Path:
         """The last checkpoint, which need not exist."""
         return self.folder / CHECKPOINT_NAME
+
+    @property
+    def cloud(self) -> Path:
+        """Where the motors of the training worked, which need not exist."""
+        return self.folder / CLOUD_NAME
 
 
 def find_runs(folder: Path) -> list[Run]:
