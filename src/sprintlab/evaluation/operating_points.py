@@ -137,7 +137,7 @@ class TrainingCloud:
         return np.asarray(desaturate(robot.motors, self.joint_torque / gain))
 
     def impossible(self, robot: RobotDescription) -> NDArray[np.bool_]:
-        """Where the refined model, on the robot's own bus and resistance, forbids the torque ``(T, n, 12)``."""
+        """Where the refined model, at the robot's own bus and resistance, forbids it ``(T, n, 12)``."""
         resistance = np.asarray(robot.motors.stator_resistance) * self.resistance_factor[:, None]
         motors = replace(robot.motors, stator_resistance=resistance)
         bus = robot.bus_voltage * self.bus_voltage_factor[..., None]

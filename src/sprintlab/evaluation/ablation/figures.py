@@ -127,15 +127,7 @@ def worlds_figure(
     for column, (heading, trial) in enumerate(worlds):
         _draw_speed(axes[column], trial, theme)
         set_title(axes[column], heading, theme)
-        axes[column].text(
-            0.5,
-            0.06,
-            _held_text(trial),
-            color=theme.foreground,
-            fontsize=8.5,
-            ha="center",
-            transform=axes[column].transAxes,
-        )
+        _remark(axes[column], _held_text(trial), theme)
         for row, (name, joints) in enumerate(_HIND.items(), start=1):
             axis = axes[row * len(worlds) + column]
             _draw_cloud(axis, _trial_points(recorded(trial), robot, joints), robot, joints, theme)
@@ -208,9 +200,9 @@ def _draw_training(axes: NDArray[Any], method: BothWorlds, robot: RobotDescripti
     shown = cloud.forward_speed[:, :: -(-cloud.forward_speed.shape[1] // _SHOWN_ROBOTS)]
     axes[0].plot(cloud.time, shown, color=theme.speed, linewidth=0.8, alpha=0.6)
     axes[0].set_xlabel("time [s]")
-    model = MODEL_NAMES.get(cloud.motor_model, cloud.motor_model)
-    set_title(axes[0], f"{method.method}: training, {model}", theme)
-    _note(axes[0], f"up to {cloud.forward_speed.max():.1f} m/s", theme)
+    set_title(axes[0], f"{method.method}: training", theme)
+    _note(axes[0], MODEL_NAMES.get(cloud.motor_model, cloud.motor_model), theme)
+    _remark(axes[0], f"fastest of {cloud.forward_speed.shape[1]}: {cloud.forward_speed.max():.1f} m/s", theme)
     for axis, (name, joints) in zip(axes[1:], _HIND.items(), strict=True):
         _draw_cloud(axis, _training_points(cloud, robot, joints), robot, joints, theme)
         set_title(axis, name, theme)
@@ -220,8 +212,9 @@ def _draw_evaluation(axes: NDArray[Any], method: BothWorlds, robot: RobotDescrip
     """One column: the run over a distance, then its clouds."""
     sprint = method.sprint
     _draw_speed(axes[0], sprint.trial, theme)
-    set_title(axes[0], f"{method.method}: evaluation, refined", theme)
-    _note(axes[0], _time_text(sprint), theme)
+    set_title(axes[0], f"{method.method}: evaluation", theme)
+    _note(axes[0], MODEL_NAMES["refined"], theme)
+    _remark(axes[0], _time_text(sprint), theme)
     for axis, (name, joints) in zip(axes[1:], _HIND.items(), strict=True):
         points = _trial_points(recorded(sprint.trial), robot, joints)
         _draw_cloud(axis, points, robot, joints, theme)
@@ -259,6 +252,11 @@ def _held_text(trial: TrialResult) -> str:
 def _note(axis: Axes, text: str, theme: Theme) -> None:
     """A remark to the right above the axes."""
     axis.set_title(text, loc="right", fontsize=8.5, color=theme.muted)
+
+
+def _remark(axis: Axes, text: str, theme: Theme) -> None:
+    """A remark in the middle of the lower edge, inside the axes."""
+    axis.text(0.5, 0.06, text, color=theme.foreground, fontsize=8.5, ha="center", transform=axis.transAxes)
 
 
 def _smooth(trajectory: Trajectory) -> Array:
