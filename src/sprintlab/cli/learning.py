@@ -10,6 +10,7 @@ import tyro
 
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
 from sprintlab.cli.train import require_training
+from sprintlab.core.errors import SprintlabError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class Learning:
         """Print and draw.
 
         Raises:
-            SprintlabError: there is no checkpoint, it is damaged, or the extra is not installed.
+            SprintlabError: there is no checkpoint, damaged, or a milestone, or the extra is missing.
         """
         require_training()
         checkpoint = self.run_folder / "checkpoint.pt" if self.run_folder.is_dir() else self.run_folder
@@ -41,7 +42,10 @@ class Learning:
             from sprintlab.training.figures import learning_figures
             from sprintlab.training.runner import read_checkpoint
 
-            numbers = learning_numbers(read_checkpoint(checkpoint))
+            state = read_checkpoint(checkpoint)
+            if "growth" not in state:
+                raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
+            numbers = learning_numbers(state)
             report("drawing", None)
             pictures = learning_figures(checkpoint, self.output or checkpoint.parent)
         if self.json:

@@ -15,6 +15,12 @@ import tyro
 from sprintlab.core.errors import SprintlabError
 
 NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
+DECIDED = {
+    "--settings.method": "--method",
+    "--settings.seed": "--seed",
+    "--settings.simulation.environments": "--environments",
+}
+"""Settings that an option of the run decides, and that option."""
 MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
 
 
@@ -54,6 +60,9 @@ def run_training(arguments: Sequence[str]) -> int:
         SprintlabError: the extra is missing, or an option is refused.
     """
     require_training()
+    for word in (argument.partition("=")[0] for argument in arguments):
+        if word in DECIDED:
+            raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
     from sprintlab.training.run import TrainOptions, train
 
     train(_parse(TrainOptions, method_as_option(arguments)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -112,12 +111,7 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
         project: there.
         folder: of the run; its name becomes the run's, and a resumed run goes on there.
         settings: of the run.
-
-    Raises:
-        SprintlabError: the package is not installed.
     """
-    if importlib.util.find_spec("wandb") is None:
-        raise SprintlabError("Weights & Biases is not installed: pip install 'sprintlab[wandb]'")
     import wandb
 
     name = "-".join(folder.absolute().parts[1:][-3:])

@@ -12,6 +12,7 @@ import torch
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.extras import require_package
 from sprintlab.training.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.distributed import Workers, join_workers
 from sprintlab.training.guard import StopRequest, exclusive
@@ -26,7 +27,7 @@ class TrainOptions:
     """How to train.
 
     Attributes:
-        method: one of the paper's six.
+        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``cloud.npz``, ``tensorboard/``.
         minutes: stop after this much time in this sitting.
         iterations: stop at this iteration of the run.
@@ -78,6 +79,8 @@ class TrainOptions:
         check_choice("method", self.method, tuple(METHODS))
         check_positive("minutes", self.minutes, "min")
         check_range("iterations", self.iterations, 1, 10**9)
+        check_range("seed", self.seed, 0, 2**32 - 1)
+        check_positive("save_seconds", self.save_seconds, "s")
         if self.milestones is not None:
             check_range("milestones", self.milestones, 1.0, 1e6, "s")
         check_range("environments", self.environments, 2, 10**6)
@@ -95,11 +98,17 @@ class TrainOptions:
 
 
 def pick_device(wanted: str) -> str:
-    """``auto`` is the first GPU, else the CPU. Raises ``SprintlabError`` for a GPU that is not there."""
+    """``auto`` is the first GPU, else the CPU.
+
+    Raises:
+        SprintlabError: a name that is none, or a GPU that is not there.
+    """
+    gpus = [f"cuda:{number}" for number in range(torch.cuda.device_count())]
     if wanted == "auto":
-        return "cuda:0" if torch.cuda.is_available() else "cpu"
-    if wanted.startswith("cuda") and not torch.cuda.is_available():
+        return gpus[0] if gpus else "cpu"
+    if wanted.startswith("cuda") and not gpus:
         raise SprintlabError(f"device {wanted} asked for, but PyTorch sees no GPU")
+    check_choice("device", wanted, ("auto", "cpu", "cuda", *gpus))
     return wanted
 
 
@@ -119,6 +128,8 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         KeyboardInterrupt: Ctrl-C; the iteration was finished and saved.
         SystemExit: 143 on SIGTERM, finished and saved likewise.
     """
+    if options.wandb is not None:
+        require_package("wandb", extra="wandb", use="--wandb")
     workers = join_workers()
     checkpoint = options.output / "checkpoint.pt"
     if options.resume and not checkpoint.is_file():
@@ -176,6 +187,8 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         _loop(runner, options, seconds, stop, reporter)
         if stop:
             reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
+        else:
+            reporter.say(f"done: iteration {progress.iteration}, {options.output / 'checkpoint.pt'}")
         stop.leave()
     if options.figures and leads:
         from sprintlab.training.figures import learning_figures

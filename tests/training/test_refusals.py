@@ -1,0 +1,51 @@
+"""Bad input to ``sprintlab train`` and ``learning``: one sentence, status 2, nothing trained."""
+
+import importlib.util
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("rsl_rl")
+pytest.importorskip("mujoco_warp")
+
+from sprintlab.cli.main import main
+from sprintlab.training.distributed import Workers
+from sprintlab.training.run import TrainOptions, open_run
+from sprintlab.training.settings import TrainingSettings
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nosuch"], "method = 'nosuch'"),
+        (["sprint", "--seed", "-1"], "seed = -1"),
+        (["sprint", "--save-seconds", "nan"], "save_seconds = nan"),
+        (["sprint", "--save-seconds", "-1"], "save_seconds = -1.0"),
+        (["sprint", "--device", "gpu7"], "device = 'gpu7' is not allowed: choose one of auto, cpu"),
+        (["sprint", "--device", "cuda:99"], "cuda:99"),
+        (["sprint", "--settings.seed", "3"], "use --seed"),
+        (["sprint", "--settings.method=baseline"], "use --method"),
+        (["sprint", "--resume"], "there is nothing to resume"),
+    ],
+)
+def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
+    assert main(["train", *arguments, "--output", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert said[-1].startswith("sprintlab: ") and words in said[-1]
+    assert not (tmp_path / "run" / "checkpoint.pt").exists()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")
+def test_a_missing_tracker_is_told_before_anything_is_prepared(tmp_path, capsys):
+    assert main(["train", "sprint", "--wandb", "runs", "--output", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.strip().endswith("pip install 'sprintlab[wandb]'")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_milestone_has_no_learning_curve(tmp_path, capsys):
+    options = TrainOptions(environments=2, device="cpu", output=tmp_path, settings=TrainingSettings())
+    open_run(options, Workers()).save_policy(tmp_path / "0001.pt")
+    capsys.readouterr()
+    assert main(["learning", str(tmp_path / "0001.pt"), "--json"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and "is a milestone" in captured.err
