@@ -94,6 +94,62 @@ def test_curves_of_finished_runs_make_a_learning_figure(drawn, standing_policy, 
     assert drawings[-1].name == "learning" and (tmp_path / "learning.png").read_bytes().startswith(PNG)
 
 
+@pytest.fixture
+def clouded(cloud_arrays, tmp_path):
+    """Runs of two methods, each with the cloud of its training."""
+    for method in ("sprint", "no-envelope"):
+        folder = tmp_path / "runs" / method / "seed-0"
+        folder.mkdir(parents=True)
+        np.savez(folder / "cloud.npz", **cloud_arrays)
+    return tmp_path / "runs"
+
+
+def sprint_drawing(policies, runs, robot, tmp_path):
+    """The drawing of the sprint, written."""
+    made = write_gallery(
+        Gallery(robot=robot, policies=policies, runs=tuple(find_runs(runs)), main=policies[0]), tmp_path
+    )
+    return next(one for one in made if one.name == "sprint")
+
+
+def test_training_and_evaluation_stand_side_by_side(drawn, clouded, standing_policy, robot, tmp_path):
+    policies = (candidate(standing_policy), candidate(standing_policy, "no-envelope"))
+    drawing = sprint_drawing(policies, clouded, robot, tmp_path)
+    assert drawing.caption.startswith("`sprint` and `no-envelope`: for each, left the last two seconds")
+    assert (tmp_path / "sprint.png").read_bytes().startswith(PNG)
+    figure = drawing.draw()
+    assert len(figure.axes) == 12
+    titles = [axis.get_title(loc="left") for axis in figure.axes[:4]]
+    assert titles == [
+        "sprint: training",
+        "sprint: evaluation",
+        "no-envelope: training",
+        "no-envelope: evaluation",
+    ]
+    assert figure.axes[0].get_title(loc="right") == "square (ideal motor)"
+    assert figure.axes[4].get_title(loc="right") == "25 % on the limit, 50 % impossible"
+
+
+def test_a_cheat_without_a_cloud_is_left_out(drawn, clouded, standing_policy, robot, tmp_path):
+    (clouded / "no-envelope" / "seed-0" / "cloud.npz").unlink()
+    policies = (candidate(standing_policy), candidate(standing_policy, "no-envelope"))
+    drawing = sprint_drawing(policies, clouded, robot, tmp_path)
+    assert drawing.caption.startswith("`sprint`: for each") and len(drawing.draw().axes) == 6
+
+
+def test_without_a_cloud_of_its_own_run_the_caption_says_so(drawn, clouded, standing_policy, robot, tmp_path):
+    (clouded / "sprint" / "seed-0").rename(clouded / "sprint" / "seed-1")  # not the policy's seed
+    drawing = sprint_drawing((candidate(standing_policy),), clouded, robot, tmp_path)
+    assert "The cloud of the training is not shown" in drawing.caption and len(drawing.draw().axes) == 3
+
+
+def test_a_cloud_of_another_robot_is_refused(drawn, clouded, cloud_arrays, standing_policy, robot, tmp_path):
+    path = clouded / "sprint" / "seed-0" / "cloud.npz"
+    np.savez(path, **(cloud_arrays | {"robot": np.array("go1")}))
+    with pytest.raises(SprintlabError, match="is of robot go1, and the figures are of bp2"):
+        sprint_drawing((candidate(standing_policy),), clouded, robot, tmp_path)
+
+
 def test_an_estimate_is_drawn_against_the_truth(run):
     estimate = np.zeros((1000, 8))
     figure = figures.estimate_figure(run(estimate=estimate))

@@ -91,6 +91,29 @@ def test_small_files_and_the_best_honest_policy_are_kept(recipe, runs, tmp_path)
     assert kept == ["curve.csv", "evaluation.json"]
 
 
+def test_only_the_best_run_keeps_its_cloud(recipe, runs, tmp_path):
+    options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")
+    clouds = [options.results / "sprint" / f"seed-{seed}" / "cloud.npz" for seed in range(3)]
+    clouds[0].parent.mkdir(parents=True)
+    clouds[0].write_bytes(b"of an older best run")
+    for seed in range(3):
+        (runs / "sprint" / f"seed-{seed}" / "cloud.npz").write_bytes(bytes([seed]))
+    recipe.publish(options)
+    assert [path.exists() for path in clouds] == [False, False, True]
+    assert clouds[2].read_bytes() == bytes([2])
+    (runs / "sprint" / "seed-2" / "cloud.npz").unlink()
+    recipe.publish(options)
+    assert not any(path.exists() for path in clouds)  # none is better than that of another training
+
+
+def test_clouds_survive_where_runs_are_published_onto_themselves(recipe, runs, tmp_path):
+    for seed in range(3):
+        (runs / "sprint" / f"seed-{seed}" / "cloud.npz").write_bytes(bytes([seed]))
+    recipe.publish(recipe.Options(runs=runs, results=runs, policies=tmp_path / "policies"))
+    kept = [(runs / "sprint" / f"seed-{seed}" / "cloud.npz").read_bytes() for seed in range(3)]
+    assert kept == [bytes([seed]) for seed in range(3)]
+
+
 def test_a_run_that_was_not_evaluated_is_refused(recipe, runs, tmp_path):
     (runs / "sprint" / "seed-0" / "evaluation.json").unlink()
     options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")

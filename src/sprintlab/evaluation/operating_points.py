@@ -173,9 +173,11 @@ def load_training_cloud(path: Path) -> TrainingCloud:
 def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
     """Shapes that fit each other, and numbers."""
     shape = arrays["joint_velocity"].shape
-    sizes = dict(zip("Tnj", shape, strict=False))
+    if len(shape) != 3 or 0 in shape or shape[2] != 12:
+        raise SprintlabError(f"{path} is no cloud of a training: joint_velocity has shape {shape}")
+    sizes = dict(zip("Tnj", shape, strict=True))
     for name, axes in _CLOUD_SHAPES.items():
-        if len(shape) != 3 or 0 in shape or arrays[name].shape != tuple(sizes[axis] for axis in axes):
+        if arrays[name].shape != tuple(sizes[axis] for axis in axes):
             raise SprintlabError(f"{path} is no cloud of a training: {name} has shape {arrays[name].shape}")
         if not np.isfinite(arrays[name]).all():
             raise InvalidValueError(str(path), "NaN", f"{name} must be finite")
