@@ -39,6 +39,8 @@ def test_variations_make_all_combinations(call, tmp_path):
         (("--set", "ppo.steps=0"), ("steps", "0")),
         (("--seeds", "0"), ("seeds",)),
         (("--minutes", "-1"), ("minutes",)),
+        (("--save-seconds", "nan"), ("save_seconds",)),
+        (("--device", "gpu7"), ("gpu7", "cuda:NUMBER")),
     ],
 )
 def test_bad_input_is_refused_in_one_sentence(call, tmp_path, arguments, words):

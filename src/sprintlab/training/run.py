@@ -108,7 +108,7 @@ def pick_device(wanted: str) -> str:
         return gpus[0] if gpus else "cpu"
     if wanted.startswith("cuda") and not gpus:
         raise SprintlabError(f"device {wanted} asked for, but PyTorch sees no GPU")
-    check_choice("device", wanted, ("auto", "cpu", "cuda", *gpus))
+    check_choice("device", wanted, ("auto", "cpu", *(["cuda", *gpus] if gpus else [])))
     return wanted
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import shlex
 import types
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.methods import METHODS, method_settings
 from sprintlab.training.settings import TrainingSettings
@@ -58,6 +59,9 @@ class RunPlan:
         check_range("iterations", self.iterations, 1, 10**9)
         check_positive("minutes", self.minutes, "min")
         check_range("environments", self.environments, 2, 10**6)
+        check_positive("save_seconds", self.save_seconds, "s")
+        if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):  # whether it is there, the worker knows
+            raise InvalidValueError("device", self.device, "must be auto, cpu, cuda or cuda:NUMBER")
         self.base_settings()
 
     @property
