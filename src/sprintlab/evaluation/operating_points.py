@@ -125,7 +125,7 @@ class TrainingCloud:
     time: FloatArray
     joint_velocity: FloatArray
     joint_torque: FloatArray
-    on_limit: FloatArray
+    on_limit: NDArray[np.bool_]
     forward_speed: FloatArray
     bus_voltage_factor: FloatArray
     resistance_factor: FloatArray
@@ -156,8 +156,10 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES}
-            words = {name: str(archive[name]) for name in ("robot", "motor_model")}
+            arrays: dict[str, NDArray[Any]] = {
+                name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES
+            }
+            robot, motor_model = str(archive["robot"]), str(archive["motor_model"])
             version = int(archive["format"])
     except OSError as error:
         raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
@@ -167,7 +169,7 @@ def load_training_cloud(path: Path) -> TrainingCloud:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
     _check_cloud(path, arrays)
     arrays["on_limit"] = arrays["on_limit"] > 0.5
-    return TrainingCloud(**arrays, **words)
+    return TrainingCloud(robot=robot, motor_model=motor_model, **arrays)
 
 
 def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:

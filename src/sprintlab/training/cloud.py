@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -28,7 +29,7 @@ SETTLED_STEPS = 1000
 _EVERY = 4
 _ROBOTS = 128
 
-Arrays = dict[str, NDArray[np.generic]]
+Arrays = dict[str, NDArray[Any]]
 
 
 class CloudSampler:
@@ -133,5 +134,6 @@ def write_cloud(runner: Runner, path: Path) -> None:
         SprintlabError: the disk refuses.
     """
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **record_cloud(runner))
+    arrays: dict[str, Any] = record_cloud(runner)
+    np.savez_compressed(buffer, **arrays)
     atomic_write_bytes(path, buffer.getvalue())
