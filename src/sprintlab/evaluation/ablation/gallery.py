@@ -108,8 +108,9 @@ _TEXTS = {
     ),
     "worlds": (
         "One policy in two worlds",
-        "Policy `{policy}` in two worlds: left with {world}, right with the real motor. Red: what no real "
-        "motor of this kind could do. Compare the held speeds, and how much of the left clouds is red.",
+        "Policy `{policy}` in two worlds: left with {world}, right with the real motor; all else is the "
+        "evaluation's. Red: what no real motor of this kind could do. Compare the held speeds, and how much "
+        "of the left clouds is red.",
     ),
     "command-modes": (
         "One policy under every way of changing the command",
