@@ -9,13 +9,15 @@ fewer targets at rest, and with more memory for contacts than four feet need.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
+from sprintlab.cli.train import require_training
 from sprintlab.commands import AdaptiveSchedule, TargetSampling
-from sprintlab.training.run import TrainOptions, train
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.settings import TrainingSettings
 
 ITERATIONS = 2500
@@ -44,7 +46,14 @@ def shipped_settings() -> TrainingSettings:
 
 
 def main(options: Options) -> Path:
-    """Train; returns the checkpoint."""
+    """Train; returns the checkpoint.
+
+    Raises:
+        SprintlabError: the extra is not installed, or an option or the output folder is refused.
+    """
+    require_training()
+    from sprintlab.training.run import TrainOptions, train
+
     return train(
         TrainOptions(
             output=options.output,
@@ -59,4 +68,8 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    print(main(tyro.cli(Options)))
+    try:
+        print(main(tyro.cli(Options)))
+    except SprintlabError as error:
+        print(f"bp2_sprint.py: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -10,13 +10,15 @@ range. Lengths, masses and speeds are the Go1's.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
+from sprintlab.cli.train import require_training
 from sprintlab.commands import AdaptiveSchedule, TargetSampling
-from sprintlab.training.run import TrainOptions, train
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -52,7 +54,14 @@ class Options:
 
 
 def main(options: Options) -> Path:
-    """Train both sittings one after the other; returns the last checkpoint."""
+    """Train both sittings one after the other; returns the last checkpoint.
+
+    Raises:
+        SprintlabError: the extra is not installed, or an option or the output folder is refused.
+    """
+    require_training()
+    from sprintlab.training.run import TrainOptions, train
+
     first = TrainOptions(
         output=options.output / "first",
         minutes=options.minutes,
@@ -76,4 +85,8 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    print(main(tyro.cli(Options)))
+    try:
+        print(main(tyro.cli(Options)))
+    except SprintlabError as error:
+        print(f"go1_sprint.py: {error}", file=sys.stderr)
+        sys.exit(2)
