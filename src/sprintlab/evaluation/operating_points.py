@@ -164,7 +164,11 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     except OSError as error:
         raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
     except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise SprintlabError(f"{path} is no cloud of a training, or is damaged: {error}") from error
+        needed = ", ".join((*_CLOUD_SHAPES, "robot", "motor_model", "format"))
+        raise SprintlabError(
+            f"{path} is no cloud of a training, or is damaged: it must be a cloud.npz of sprintlab train, with "
+            f"{needed}"
+        ) from error
     if version != _CLOUD_FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
     _check_cloud(path, arrays)
