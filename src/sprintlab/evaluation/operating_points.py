@@ -166,8 +166,8 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
         needed = ", ".join((*_CLOUD_SHAPES, "robot", "motor_model", "format"))
         raise SprintlabError(
-            f"{path} is no cloud of a training, or is damaged: it must be a cloud.npz of sprintlab train, with "
-            f"{needed}"
+            f"{path} is no cloud of a training, or is damaged: it must be the cloud.npz of a run, "
+            f"with {needed}"
         ) from error
     if version != _CLOUD_FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
