@@ -9,6 +9,7 @@ pytest.importorskip("rsl_rl")
 pytest.importorskip("mujoco_warp")
 
 from sprintlab.cli.main import main
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.distributed import Workers
 from sprintlab.training.run import TrainOptions, open_run
 from sprintlab.training.settings import TrainingSettings
@@ -49,3 +50,14 @@ def test_a_milestone_has_no_learning_curve(tmp_path, capsys):
     assert main(["learning", str(tmp_path / "0001.pt"), "--json"]) == 2
     captured = capsys.readouterr()
     assert captured.out == "" and "is a milestone" in captured.err
+
+
+def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, monkeypatch, capsys):
+    def full(*_arguments):
+        raise SprintlabError("No space left on device")
+
+    monkeypatch.setattr("sprintlab.training.runner.atomic_write_bytes", full)
+    few = ["--environments", "2", "--iterations", "1", "--device", "cpu", "--no-tensorboard", "--no-cloud"]
+    assert main(["train", "sprint", *few, "--output", str(tmp_path)]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "stopped at iteration 1" in said and "there is no checkpoint yet" in said

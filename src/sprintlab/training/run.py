@@ -80,7 +80,7 @@ class TrainOptions:
         check_positive("minutes", self.minutes, "min")
         check_range("iterations", self.iterations, 1, 10**9)
         check_range("seed", self.seed, 0, 2**32 - 1)
-        check_positive("save_seconds", self.save_seconds, "s")
+        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
             check_range("milestones", self.milestones, 1.0, 1e6, "s")
         check_range("environments", self.environments, 2, 10**6)
@@ -181,7 +181,7 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         quiet=not leads,
     )
     if leads and progress.iteration:
-        with _stopping_cleanly(runner):  # rows after the checkpoint will be done once more
+        with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
     with StopRequest().listening() as stop, reporter:
         _loop(runner, options, seconds, stop, reporter)
@@ -225,27 +225,30 @@ def keep_milestone(runner: Runner, options: TrainOptions, before: float) -> None
     if every is None or runner.progress.seconds // every == before // every:
         return
     seconds = every * (runner.progress.seconds // every)
-    with _stopping_cleanly(runner):
+    with _stopping_cleanly(runner, options):
         runner.save_policy(options.output / "milestones" / f"{seconds:04.0f}.pt")
 
 
 def _save(runner: Runner, options: TrainOptions) -> None:
     """Checkpoint and log."""
-    with _stopping_cleanly(runner):
+    with _stopping_cleanly(runner, options):
         runner.save(options.output / "checkpoint.pt", options.keep_robots)
         if runner.workers.leads:
             runner.save_log(options.output / "log.jsonl")
 
 
 @contextmanager
-def _stopping_cleanly(runner: Runner) -> Iterator[None]:
+def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
     """Say what a disk that refuses means for the run."""
     try:
         yield
     except SprintlabError as error:
+        if (options.output / "checkpoint.pt").exists():
+            remedy = "the last good checkpoint is untouched: make room and go on with --resume"
+        else:
+            remedy = "there is no checkpoint yet: make room and start again"
         raise SprintlabError(
-            f"training stopped at iteration {runner.progress.iteration}: {error}; "
-            "the last good checkpoint is untouched: make room and go on with --resume"
+            f"training stopped at iteration {runner.progress.iteration}: {error}; {remedy}"
         ) from error
 
 

@@ -59,7 +59,7 @@ class RunPlan:
         check_range("iterations", self.iterations, 1, 10**9)
         check_positive("minutes", self.minutes, "min")
         check_range("environments", self.environments, 2, 10**6)
-        check_positive("save_seconds", self.save_seconds, "s")
+        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):  # whether it is there, the worker knows
             raise InvalidValueError("device", self.device, "must be auto, cpu, cuda or cuda:NUMBER")
         self.base_settings()
