@@ -233,3 +233,5 @@ def test_bfloat16_changes_the_losses_little_and_the_ratio_not_at_all() -> None:
     assert float(parts[3]) == pytest.approx(0.0, abs=1e-6)
     torch.testing.assert_close(loss, exact, rtol=0.05, atol=0.02)
     assert not torch.equal(parts, exact_parts)
+    values = rounded.rollout.value
+    assert not torch.equal(values, values.bfloat16().float()), "values in eight bits drown a step's reward"

@@ -59,6 +59,9 @@ def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
     loss, parts = traced(policy_losses)(learner.actor, learner.critic, batch, old_std, settings.ppo)
     torch.testing.assert_close((loss, parts), plain)
     noise = torch.zeros(8, settings.estimator.latent)
+    traced(learner._note_losses)(parts)
+    traced(learner._limit_std)()
+    traced(learner._update_normalizers)()
     history = rollout.estimator_batch(0, 4, noise)
     traced(estimator_losses)(learner.actor, history, settings.estimator)
     traced(generalized_advantages)(

@@ -71,6 +71,8 @@ class EstimatorPpo:
         self._policy_losses = compiled(policy_losses, fused)
         self._estimator_losses = compiled(estimator_losses, fused)
         self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
+        self._note, self._limit_noise = compiled(self._note_losses, fused), compiled(self._limit_std, fused)
+        self._normalize = compiled(self._update_normalizers, fused and not workers.several)
         self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
 
@@ -185,7 +187,7 @@ class EstimatorPpo:
                 self._improve_policy(self.rollout.policy_batch(first, last))
                 if epoch < self.settings.estimator.epochs:
                     self._improve_estimator(first, last)
-        self._update_normalizers()
+        self._normalize()
         self._roll_back_if_diverged()
 
     def _blocks(self) -> list[tuple[int, int]]:
@@ -207,12 +209,20 @@ class EstimatorPpo:
     def _improve_policy(self, batch: PolicyBatch) -> None:
         loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
         self._workers.average([parts])
-        rate = adapted_learning_rate(self.learning_rate, parts[3], self.settings.ppo.desired_kl)
-        self.learning_rate.copy_(rate)
+        self._note(parts)
         self.block.descend(loss, self._workers)
-        with torch.no_grad():
-            self.actor.std.copy_(torch.clamp(self.actor.std, min=self.least_std, max=self._most_std))
-            self._loss_sums[:4] += parts / (self.settings.ppo.epochs * self.settings.ppo.mini_batches)
+        self._limit_noise()
+
+    @torch.no_grad()
+    def _note_losses(self, parts: torch.Tensor) -> None:
+        """Adapt the learning rate to the divergence, and add the losses to the sums."""
+        ppo = self.settings.ppo
+        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], ppo.desired_kl))
+        self._loss_sums[:4] += parts / (ppo.epochs * ppo.mini_batches)
+
+    @torch.no_grad()
+    def _limit_std(self) -> None:
+        self.actor.std.copy_(torch.clamp(self.actor.std, min=self.least_std, max=self._most_std))
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps
