@@ -12,7 +12,6 @@ samples.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import shlex
@@ -20,7 +19,6 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -28,12 +26,11 @@ from typing import Any
 os.environ.setdefault("MUJOCO_GL", "disabled")
 
 import numpy as np
+from harness import answer
 from rich.console import Console
 from rich.table import Table
 
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_json
 from sprintlab.motors import MOTOR_MODELS, Battery, WindingHeat, load_library_motor, torque_limits
 
 LAUNCHES = 20
@@ -166,6 +163,12 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     return result
 
 
+def measured(chosen: argparse.Namespace) -> dict[str, Any]:
+    """``measure`` with a sign of life on stderr."""
+    with Console(stderr=True).status("measuring"):
+        return measure(chosen)
+
+
 def show(result: dict[str, Any]) -> None:
     """Two small tables."""
     console = Console(highlight=False)
@@ -184,23 +187,5 @@ def show(result: dict[str, Any]) -> None:
     console.print(table)
 
 
-def main() -> int:
-    """Measure and print; 2 where an argument is refused."""
-    try:
-        chosen = parse()
-        with Console(stderr=True).status("measuring"), redirect_stdout(sys.stderr):  # Warp prints there
-            result = measure(chosen)
-        if chosen.output is not None:
-            atomic_write_json(chosen.output, result)
-    except SprintlabError as error:
-        print(f"motor_law: {error}", file=sys.stderr)
-        return 2
-    if chosen.json:
-        print(json.dumps(result, indent=2))
-    else:
-        show(result)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(answer(parse, measured, show))

@@ -12,7 +12,6 @@ seconds are those of the iterations; starting the process and compiling come bef
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from harness import answer
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
@@ -28,7 +28,7 @@ from rich.table import Table
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_bytes, atomic_write_json
+from sprintlab.core.files import atomic_write_bytes
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol
 from sprintlab.evaluation.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
@@ -52,7 +52,7 @@ def milestone_files(run: Path) -> list[Path]:
     return [*found, run / "checkpoint.pt"] if (run / "checkpoint.pt").is_file() else found
 
 
-def measure(path: Path, processes: WorkerProcesses, settings: ProtocolSettings) -> dict[str, Any]:
+def measure_milestone(path: Path, processes: WorkerProcesses, settings: ProtocolSettings) -> dict[str, Any]:
     """What one policy of a training holds."""
     state = read_checkpoint(path)
     progress, robot = state["progress"], load_robot(state["settings"].robot)
@@ -105,9 +105,9 @@ def draw(runs: Sequence[dict[str, Any]], goal: tuple[float, float] = GOAL) -> Fi
     return figure
 
 
-def show(runs: Sequence[dict[str, Any]]) -> None:
+def show(result: dict[str, Any]) -> None:
     """A table a run."""
-    for run in runs:
+    for run in result["runs"]:
         facts = run["facts"]
         title = f"{facts['method']}, seed {facts['seed']}, {facts['device']}"
         table = Table("training s", "iterations", "million steps", "v* m/s", "held m/s", title=title)
@@ -125,7 +125,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--grid", type=float, default=0.5, help="step between profile speeds [m/s]")
     parser.add_argument("--top", type=float, default=15.0, help="highest profile speed [m/s]")
-    parser.add_argument("--jobs", type=int, help="processes; one a core when left out")
+    parser.add_argument("--workers", type=int, help="processes; one a core when left out")
     parser.add_argument("--output", type=Path, help="JSON file")
     parser.add_argument("--figure", type=Path, help="PNG file")
     parser.add_argument("--json", action="store_true", help="print JSON only")
@@ -135,41 +135,34 @@ def parse() -> argparse.Namespace:
     return chosen
 
 
-def main() -> int:
-    """Measure, write and print; 2 where something is refused."""
-    try:
-        chosen = parse()
-        settings = ProtocolSettings(
-            trials=chosen.trials,
-            required=chosen.trials - max(1, chosen.trials // 5),
-            grid=chosen.grid,
-            first_step=4 * chosen.grid,
-            start=2.0,
-            top=chosen.top,
-        )
-        files = [(run, path) for run in chosen.runs for path in milestone_files(run)]
-        found: dict[Path, list[dict[str, Any]]] = {run: [] for run in chosen.runs}
-        with WorkerProcesses(chosen.jobs) as processes:
-            for run, path in track(files, "milestones", console=Console(stderr=True), disable=chosen.json):
-                found[run].append(measure(path, processes, settings))
-        result = {
-            "evaluation": {"command_line": shlex.join(["python", *sys.argv])},
-            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-            "runs": [{"facts": run_facts(run), "milestones": rows} for run, rows in found.items()],
-        }
-        if chosen.output is not None:
-            atomic_write_json(chosen.output, result)
-        if chosen.figure is not None:
-            atomic_write_bytes(chosen.figure, png_bytes(draw(result["runs"])))
-    except SprintlabError as error:
-        print(f"speed_over_time: {error}", file=sys.stderr)
-        return 2
-    if chosen.json:
-        print(json.dumps(result, indent=2))
-    else:
-        show(result["runs"])
-    return 0
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Every milestone of every run; the figure is written here, too.
+
+    Raises:
+        SprintlabError: a run has no milestones, or something cannot be written.
+    """
+    settings = ProtocolSettings(
+        trials=chosen.trials,
+        required=chosen.trials - max(1, chosen.trials // 5),
+        grid=chosen.grid,
+        first_step=4 * chosen.grid,
+        start=2.0,
+        top=chosen.top,
+    )
+    files = [(run, path) for run in chosen.runs for path in milestone_files(run)]
+    found: dict[Path, list[dict[str, Any]]] = {run: [] for run in chosen.runs}
+    with WorkerProcesses(chosen.workers) as processes:
+        for run, path in track(files, "milestones", console=Console(stderr=True), disable=chosen.json):
+            found[run].append(measure_milestone(path, processes, settings))
+    runs = [{"facts": run_facts(run), "milestones": rows} for run, rows in found.items()]
+    if chosen.figure is not None:
+        atomic_write_bytes(chosen.figure, png_bytes(draw(runs)))
+    return {
+        "evaluation": {"command_line": shlex.join(["python", *sys.argv])},
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "runs": runs,
+    }
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(answer(parse, measure, show))

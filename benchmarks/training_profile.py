@@ -11,14 +11,12 @@ one's end, how many kernels, how long they are busy, and which kinds take how mu
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import shlex
 import sys
 from collections import Counter
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from importlib import metadata
@@ -28,13 +26,13 @@ from typing import Any, NamedTuple
 os.environ.setdefault("MUJOCO_GL", "disabled")
 
 import torch
+from harness import answer
 from rich.console import Console
 from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
 
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_json
 from sprintlab.training.runner import Runner, device_description
 from sprintlab.training.settings import PRECISIONS, TrainingSettings
 
@@ -109,17 +107,29 @@ def phases(runner: Runner) -> dict[str, tuple[Callable[[], object], float]]:
     }
 
 
-def measure(settings: TrainingSettings, device: str, repeats: int) -> dict[str, Any]:
-    """All phases of a training."""
-    runner = Runner(settings, device, "profile")
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """All phases of a training, and everything that the numbers depend on.
+
+    Raises:
+        SprintlabError: there is no GPU.
+    """
+    if not torch.cuda.is_available():
+        raise SprintlabError("a profile needs a CUDA device, and there is none")
+    defaults = TrainingSettings()
+    settings = replace(
+        defaults,
+        simulation=replace(defaults.simulation, environments=chosen.environments),
+        ppo=replace(defaults.ppo, precision=chosen.precision),
+    )
+    runner = Runner(settings, chosen.device, "profile")
     for _ in range(WARM_UP_ITERATIONS):
         runner.iterate()
     torch.cuda.synchronize()
-    result: dict[str, Any] = {}
+    measured: dict[str, Any] = {}
     for name, (work, steps) in phases(runner).items():
-        kernels = kernels_of(lambda work=work: [work() for _ in range(repeats)])
-        result[name] = summary(kernels, repeats, steps)
-    return result
+        kernels = kernels_of(lambda work=work: [work() for _ in range(chosen.repeats)])
+        measured[name] = summary(kernels, chosen.repeats, steps)
+    return {**description(settings, chosen.device), "phases": measured}
 
 
 def description(settings: TrainingSettings, device: str) -> dict[str, Any]:
@@ -177,32 +187,5 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     return chosen
 
 
-def main() -> int:
-    """Measure and report; 2 where an argument is refused or there is no GPU."""
-    try:
-        chosen = parse()
-        if not torch.cuda.is_available():
-            raise SprintlabError("a profile needs a CUDA device, and there is none")
-        defaults = TrainingSettings()
-        settings = replace(
-            defaults,
-            simulation=replace(defaults.simulation, environments=chosen.environments),
-            ppo=replace(defaults.ppo, precision=chosen.precision),
-        )
-        with redirect_stdout(sys.stderr):
-            measured = measure(settings, chosen.device, chosen.repeats)
-        result = {**description(settings, chosen.device), "phases": measured}
-        if chosen.output is not None:
-            atomic_write_json(chosen.output, result)
-    except SprintlabError as error:
-        print(f"training_profile: {error}", file=sys.stderr)
-        return 2
-    if chosen.json:
-        print(json.dumps(result, indent=2))
-    else:
-        show(result)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(answer(parse, measure, show))

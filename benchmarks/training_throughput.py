@@ -285,9 +285,9 @@ def with_ratios(parts: dict[str, dict[str, Any]]) -> dict[str, float]:
 
     ratios: dict[str, float] = {}
     for name in parts:
-        for part, base in itertools.product(("whole_step", "ppo"), ("physics", "bare_physics")):
-            if (rate_of_part := rate(name, part)) and (alone := rate(name, base)):
-                ratios[f"{name}: {part} / {base}, steps per second"] = rate_of_part / alone
+        for whole, base in itertools.product(("whole_step", "ppo"), ("physics", "bare_physics")):
+            if (ours := rate(name, whole)) and (alone := rate(name, base)):
+                ratios[f"{name}: {whole} / {base}, steps per second"] = ours / alone
         for measurement in ("whole_step", "ppo"):
             mine, theirs = rate(name, measurement), rate("mjlab", measurement)
             if mine and theirs and name != "mjlab":

@@ -1,0 +1,40 @@
+"""What the benchmarks share: arguments in, JSON or tables out, one sentence where something is refused."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
+
+
+def answer(
+    parse: Callable[[], argparse.Namespace],
+    measure: Callable[[argparse.Namespace], Any],
+    show: Callable[[Any], None],
+) -> int:
+    """Measure, write what ``--output`` names, print JSON with ``--json``, else what ``show`` makes of it.
+
+    Returns:
+        0, or 2 where an argument is refused.
+    """
+    try:
+        chosen = parse()
+        with redirect_stdout(sys.stderr):  # libraries describe themselves at length
+            result = measure(chosen)
+        if chosen.output is not None:
+            atomic_write_json(chosen.output, result)
+    except SprintlabError as error:
+        print(f"{Path(sys.argv[0]).stem}: {error}", file=sys.stderr)
+        return 2
+    if chosen.json:
+        print(json.dumps(result, indent=2))
+    else:
+        show(result)
+    return 0
