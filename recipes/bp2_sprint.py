@@ -9,15 +9,11 @@ fewer targets at rest, and with more memory for contacts than four feet need.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
-
-from sprintlab.cli.train import require_training
+from sprintlab.cli.train import require_training, run_script
 from sprintlab.commands import AdaptiveSchedule, TargetSampling
-from sprintlab.core.errors import SprintlabError
 from sprintlab.training.settings import TrainingSettings
 
 ITERATIONS = 2500
@@ -68,8 +64,4 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    try:
-        print(main(tyro.cli(Options)))
-    except SprintlabError as error:
-        print(f"bp2_sprint.py: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main, Options)

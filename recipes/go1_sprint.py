@@ -10,15 +10,11 @@ range. Lengths, masses and speeds are the Go1's.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
-
-from sprintlab.cli.train import require_training
+from sprintlab.cli.train import require_training, run_script
 from sprintlab.commands import AdaptiveSchedule, TargetSampling
-from sprintlab.core.errors import SprintlabError
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -85,8 +81,4 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    try:
-        print(main(tyro.cli(Options)))
-    except SprintlabError as error:
-        print(f"go1_sprint.py: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main, Options)

@@ -6,8 +6,9 @@ import contextlib
 import importlib.util
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import tyro
@@ -48,6 +49,19 @@ def require_training() -> None:
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         raise SprintlabError(MISSING.format(names=", ".join(missing)))
+
+
+def run_script(main: Callable[[Any], object], options: type[Any]) -> None:
+    """Run the main function of a training script: parse its options, print what it returns.
+
+    Raises:
+        SystemExit: 2, after one sentence on stderr, where something is refused.
+    """
+    try:
+        print(main(tyro.cli(options)))
+    except SprintlabError as error:
+        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+        raise SystemExit(2) from error
 
 
 def run_training(arguments: Sequence[str]) -> int:

@@ -97,14 +97,10 @@ Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a ru
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
-
-from sprintlab.cli.train import require_training
-from sprintlab.core.errors import SprintlabError
+from sprintlab.cli.train import require_training, run_script
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent
@@ -164,9 +160,5 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    try:
-        print(main(tyro.cli(Options)))
-    except SprintlabError as error:
-        print(f"train.py: {{error}}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main, Options)
 '''
