@@ -11,8 +11,10 @@ import math
 import os
 import stat
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 
 DEFAULT_DEVICE = Path("/dev/input/js0")
@@ -113,6 +115,32 @@ class Joystick:
             self.held.add(number)
         elif kind == _BUTTON:
             self.held.discard(number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StickMapping:
+    """Which axes steer; the defaults are an Xbox pad's.
+
+    Attributes:
+        speed_axis: up is forward (left stick).
+        turn_axis: left turns left (right stick).
+        dead_zone: share of an axis around its middle that counts as zero, 0 to 0.9.
+
+    Raises:
+        InvalidValueError: the dead zone is outside its range.
+    """
+
+    speed_axis: int = 1
+    turn_axis: int = 3
+    dead_zone: float = 0.08
+
+    def __post_init__(self) -> None:
+        check_range("gamepad.dead_zone", self.dead_zone, 0.0, 0.9)
+
+    def sticks(self, joystick: Joystick) -> tuple[float, float]:
+        """Wanted shares of highest speed and turning rate, -1 to 1, forward and left positive."""
+        speed, turn = (joystick.axis(axis, self.dead_zone) for axis in (self.speed_axis, self.turn_axis))
+        return 0.0 - speed, 0.0 - turn  # no negative zeros
 
 
 def joystick_name(device: Path, listing: Path = Path("/sys/class/input")) -> str:

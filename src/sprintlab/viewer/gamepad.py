@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.core.checks import check_range
-from sprintlab.core.joystick import Joystick, JoystickError, joystick_name
+from sprintlab.core.joystick import Joystick, JoystickError, StickMapping, joystick_name
 
 RETRY_INTERVAL = 1.0
 """An unplugged pad is looked for this often [s]."""
@@ -19,26 +18,14 @@ ACTIONS = ("push-right", "push-left", STOP, "stand-up")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PadMapping:
-    """Which axis and which button does what; the defaults are an Xbox pad's.
+class PadMapping(StickMapping):
+    """Which axis and which button does what.
 
     Attributes:
-        speed_axis: up is forward (left stick).
-        turn_axis: left turns left (right stick).
-        dead_zone: share of an axis around its middle that counts as zero, 0 to 0.9.
         buttons: number of a button to one of ``ACTIONS``: A, B, X, Y.
-
-    Raises:
-        InvalidValueError: the dead zone is outside its range.
     """
 
-    speed_axis: int = 1
-    turn_axis: int = 3
-    dead_zone: float = 0.08
     buttons: tuple[tuple[int, str], ...] = tuple(enumerate(ACTIONS))
-
-    def __post_init__(self) -> None:
-        check_range("pad.dead_zone", self.dead_zone, 0.0, 0.9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,9 +101,7 @@ class Gamepad:
 
     def _moved_sticks(self, stopped: bool) -> tuple[float, float] | None:
         """The sticks if they moved; after a stop they must come back to the middle first."""
-        mapping, axis = self._mapping, self._joystick.axis
-        sticks = tuple(-axis(number, mapping.dead_zone) for number in (mapping.speed_axis, mapping.turn_axis))
-        sticks = (sticks[0] + 0.0, sticks[1] + 0.0)  # no negative zeros
+        sticks = self._mapping.sticks(self._joystick)
         self._stopped = (self._stopped or stopped) and sticks != (0.0, 0.0)
         if self._stopped:
             sticks = (0.0, 0.0)

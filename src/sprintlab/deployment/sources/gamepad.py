@@ -7,32 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from sprintlab.core.checks import check_positive, check_range
-from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError
+from sprintlab.core.checks import check_positive
+from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError, StickMapping
 from sprintlab.deployment.interface import FloatArray, Request
 from sprintlab.deployment.sources.operator import OperatorSource
 from sprintlab.deployment.sources.slew import SlewLimits, SourceError
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamepadMapping:
-    """Which axis and which button does what; the defaults are an Xbox pad's.
+class GamepadMapping(StickMapping):
+    """Which axis and which button does what.
 
     Attributes:
-        speed_axis: up is forward (left stick).
-        turn_axis: left turns left (right stick).
-        dead_zone: share of an axis around its middle that counts as zero, 0 to 0.9.
         alive_button: no speed unless it is held down (right shoulder).
         buttons: number of a button to the request it makes: A stand, Start run, B lie down, X stop, Back
             passive.
-
-    Raises:
-        InvalidValueError: the dead zone is outside its range.
     """
 
-    speed_axis: int = 1
-    turn_axis: int = 3
-    dead_zone: float = 0.08
     alive_button: int = 5
     buttons: tuple[tuple[int, Request], ...] = (
         (0, Request.STAND),
@@ -41,9 +32,6 @@ class GamepadMapping:
         (2, Request.STOP),
         (6, Request.PASSIVE),
     )
-
-    def __post_init__(self) -> None:
-        check_range("gamepad.dead_zone", self.dead_zone, 0.0, 0.9)
 
 
 class GamepadSource(OperatorSource):
@@ -87,9 +75,8 @@ class GamepadSource(OperatorSource):
         self._pad.close()
 
     def _wish(self) -> FloatArray:
-        mapping = self._mapping
-        if mapping.alive_button not in self._pad.held:
+        if self._mapping.alive_button not in self._pad.held:
             return np.zeros(3)
-        push = -self._pad.axis(mapping.speed_axis, mapping.dead_zone)
+        push, turn = self._mapping.sticks(self._pad)
         speed = self._top_speed * (push if push > 0.0 else 0.2 * push)
-        return np.array([speed, 0.0, -self._pad.axis(mapping.turn_axis, mapping.dead_zone)])
+        return np.array([speed, 0.0, turn])
