@@ -20,7 +20,9 @@ NOTE = (
 
 def clock_numbers(check: ClockCheck) -> dict[str, Any]:
     """JSON-ready numbers; what is not defined becomes null."""
-    return {
+    from sprintlab.evaluation.quantities import json_ready
+
+    numbers = {
         "top_speed_command_m_s": check.top_speed,
         "clocks": [
             {
@@ -28,20 +30,23 @@ def clock_numbers(check: ClockCheck) -> dict[str, Any]:
                 "period_jitter": item.clock.jitter,
                 "trials": item.trials,
                 "completed": item.completed,
-                "held_speed_m_s": _defined(item.held_speed),
-                "stride_frequency_Hz": _defined(item.stride_frequency),
-                "policy_steps_per_stride": _defined(item.stride_steps),
+                "held_speed_m_s": item.held_speed,
+                "stride_frequency_Hz": item.stride_frequency,
+                "policy_steps_per_stride": item.stride_steps,
                 "locked": item.locked,
             }
             for item in check.clocks
         ],
-        "followed_share": _defined(check.followed),
-        "greatest_loss_of_speed": _defined(check.greatest_loss),
+        "followed_share": check.followed,
+        "greatest_loss_of_speed": check.greatest_loss,
     }
+    return json_ready(numbers)
 
 
 def clock_table(check: ClockCheck) -> Table:
     """One row a clock."""
+    from sprintlab.evaluation.ablation.table import number_text
+
     columns = ("policy clock", "completed", "held [m/s]", "stride [Hz]", "policy steps a stride", "locked")
     title = f"Other policy clocks at {check.top_speed:g} m/s, raw"
     table = plain_table(title, *columns, numbers=columns[1:5])
@@ -49,9 +54,9 @@ def clock_table(check: ClockCheck) -> Table:
         table.add_row(
             str(item.clock),
             f"{item.completed} of {item.trials}",
-            _text(item.held_speed, 2),
-            _text(item.stride_frequency, 2),
-            _text(item.stride_steps, 2),
+            number_text(item.held_speed, 2),
+            number_text(item.stride_frequency, 2),
+            number_text(item.stride_steps, 2),
             "yes" if item.locked else "no",
         )
     return table
@@ -66,11 +71,3 @@ def clock_verdict(check: ClockCheck) -> str:
     lost = "trials fell with another clock" if any(x.completed < x.trials for x in check.clocks[1:]) else ""
     cost = f"the worst clock costs {100 * loss:.1f} % of the held speed" if math.isfinite(loss) else ""
     return "; ".join(part for part in (stride, cost, lost) if part)
-
-
-def _text(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
-
-def _defined(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -84,22 +85,27 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         SprintlabError: the file cannot be read, or holds no such arrays.
         InvalidValueError: no joint was chosen, or a value is not finite.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: np.asarray(archive[name], dtype=float) for name in _NEEDED}
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise SprintlabError(
-            f"{path} is no recorded trajectory: it must be the trajectory.npz of a race, with "
-            f"{' and '.join(_NEEDED)}"
-        ) from error
+    wanted = f"no recorded trajectory: it must be the trajectory.npz of a race, with {' and '.join(_NEEDED)}"
+    with _archive(path, wanted) as archive:
+        arrays = {name: np.asarray(archive[name], dtype=float) for name in _NEEDED}
     if not joints:
         raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
     speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
     if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
         raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
     return OperatingPoints(speed=speed, torque=torque)
+
+
+@contextmanager
+def _archive(path: Path, wanted: str) -> Generator[Any]:
+    """Arrays of a file by name; ``wanted`` completes the sentence that refuses what is not such a file."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            yield archive
+    except OSError as error:
+        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
+    except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise SprintlabError(f"{path} is {wanted}") from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,21 +160,14 @@ def load_training_cloud(path: Path) -> TrainingCloud:
         SprintlabError: the file cannot be read, is no cloud, or is one of another format.
         InvalidValueError: a value is not finite.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays: dict[str, NDArray[Any]] = {
-                name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES
-            }
-            robot, motor_model = str(archive["robot"]), str(archive["motor_model"])
-            version = int(archive["format"])
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
-        needed = ", ".join((*_CLOUD_SHAPES, "robot", "motor_model", "format"))
-        raise SprintlabError(
-            f"{path} is no cloud of a training, or is damaged: it must be the cloud.npz of a run, "
-            f"with {needed}"
-        ) from error
+    needed = ", ".join((*_CLOUD_SHAPES, "robot", "motor_model", "format"))
+    wanted = f"no cloud of a training, or is damaged: it must be the cloud.npz of a run, with {needed}"
+    with _archive(path, wanted) as archive:
+        arrays: dict[str, NDArray[Any]] = {
+            name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES
+        }
+        robot, motor_model = str(archive["robot"]), str(archive["motor_model"])
+        version = int(archive["format"])
     if version != _CLOUD_FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
     _check_cloud(path, arrays)

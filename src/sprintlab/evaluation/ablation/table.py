@@ -265,7 +265,7 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
         str(record.seed),
         *_search_cells(record.raw),
         *_search_cells(record.self_paced),
-        _text(record.raw.angular_cost, 2),
+        number_text(record.raw.angular_cost, 2),
         _sprint_text(record.sprint),
         _sprint_text(record.sprint_self_paced),
         f"{float(record.training.get('environment_steps', 'nan')) / 1e6:.0f}",
@@ -276,15 +276,16 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
 def _sprint_text(sprint: SprintRecord | None) -> str:
     """The time, and whether the run ended in a fall all the same: behind the line, where there is a time."""
     fell = sprint is not None and sprint.fell
-    return _text(_time(sprint), 2) + (", fell" if fell else "")
+    return number_text(_time(sprint), 2) + (", fell" if fell else "")
 
 
 def _search_cells(search: Any) -> tuple[str, str]:
     best = search.best
-    return "-" if best is None else f"{best.top_speed:g}", _text(search.max_velocity, 2)
+    return "-" if best is None else f"{best.top_speed:g}", number_text(search.max_velocity, 2)
 
 
-def _text(value: float, digits: int) -> str:
+def number_text(value: float, digits: int) -> str:
+    """A number; a dash where it is not defined."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
 
@@ -314,9 +315,9 @@ def clock_cells(record: EvaluationRecord) -> tuple[str, ...]:
         record.method,
         str(record.seed),
         f"{clock.top_speed:g}",
-        _text(own.rate / frequency if frequency else math.nan, 2),
-        _text(100 * number(clock.followed), 0),
-        *(_text(number(entry.held_speed), 2) for entry in clock.entries),
+        number_text(own.rate / frequency if frequency else math.nan, 2),
+        number_text(100 * number(clock.followed), 0),
+        *(number_text(number(entry.held_speed), 2) for entry in clock.entries),
         ", ".join(str(entry.completed) for entry in clock.entries) + f" of {own.trials}",
     )
 
