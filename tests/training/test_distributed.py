@@ -33,7 +33,8 @@ def share(rank: int, port: int, folder: str) -> None:
     mine = BATCHES[rank].clone()
     mean, variance = workers.moments(mine.mean(), mine.var(correction=0))
     gradients = [mine[:2].clone(), mine[2:].reshape(2, 2).clone()]
-    workers.average(gradients)
+    for gradient in gradients:
+        workers.average(gradient)
     weights = [torch.full((3,), float(rank))]
     workers.broadcast(weights)
     result = {"mean": mean, "variance": variance, "gradients": gradients, "weights": weights[0]}
@@ -55,7 +56,7 @@ def test_statistics_and_gradients_are_shared(tmp_path: Path) -> None:
 
 def test_one_process_is_left_as_it_is() -> None:
     alone, values = Workers(), BATCHES[0].clone()
-    alone.average([values])
+    alone.average(values)
     assert torch.equal(values, BATCHES[0])
     normalized = alone.normalized(values)
     assert float(normalized.mean()) == pytest.approx(0.0, abs=1e-6)

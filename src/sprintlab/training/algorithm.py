@@ -96,7 +96,6 @@ class EstimatorPpo:
         self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
         self.old_std = self.actor.std.detach().clone()
         self.least_std = torch.tensor(ppo.least_std, device=self.device)
-        self._most_std = torch.tensor(LARGEST_STD, device=self.device)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
@@ -107,17 +106,14 @@ class EstimatorPpo:
         """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did."""
         if not self.device.startswith("cuda"):
             return
-        kept = {name: value.clone() for name, value in self._networks().items()}
-        moments = [tensor.clone() for tensor in self._moments()]
-        rates = self.learning_rate.clone()
+        touched = [*self._revertible(), self.learning_rate]
+        kept = [tensor.clone() for tensor in touched]
         self.act = captured(self._act, self.device)
         self.record = captured(self._store, self.device)
         self.update = captured(self._update, self.device)
-        for name, value in self._networks().items():
-            value.copy_(kept[name])
-        for tensor, value in zip(self._moments(), moments, strict=True):
-            tensor.copy_(value)
-        self.learning_rate.copy_(rates)
+        with torch.no_grad():
+            for tensor, value in zip(touched, kept, strict=True):
+                tensor.copy_(value)
         for tensor in (self._loss_sums, self.rolled_back, self.rollout.step, self.environment.estimate):
             tensor.zero_()
 
@@ -208,7 +204,7 @@ class EstimatorPpo:
 
     def _improve_policy(self, batch: PolicyBatch) -> None:
         loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
-        self._workers.average([parts])
+        self._workers.average(parts)
         self._note(parts)
         self.block.descend(loss, self._workers)
         self._limit_noise()
@@ -222,7 +218,7 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def _limit_std(self) -> None:
-        self.actor.std.copy_(torch.clamp(self.actor.std, min=self.least_std, max=self._most_std))
+        self.actor.std.copy_(torch.maximum(self.actor.std, self.least_std).clamp(max=LARGEST_STD))
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps

@@ -36,19 +36,11 @@ class Workers:
         """Whether this process prints and saves."""
         return self.rank == 0
 
-    def average(self, tensors: Sequence[torch.Tensor]) -> None:
-        """Replace each tensor by its mean over the processes; one exchange for all of them."""
-        if not self.several or not tensors:
-            return
-        if len(tensors) == 1:
-            distributed.all_reduce(tensors[0])
-            tensors[0].div_(self.count)
-            return
-        flat = torch.cat([tensor.reshape(-1) for tensor in tensors])
-        distributed.all_reduce(flat)
-        flat /= self.count
-        for tensor, part in zip(tensors, flat.split([t.numel() for t in tensors]), strict=True):
-            tensor.copy_(part.view_as(tensor))
+    def average(self, tensor: torch.Tensor) -> None:
+        """Replace a tensor by its mean over the processes, in place."""
+        if self.several:
+            distributed.all_reduce(tensor)
+            tensor.div_(self.count)
 
     def broadcast(self, tensors: Sequence[torch.Tensor]) -> None:
         """Give every process the values of the first."""
@@ -78,7 +70,7 @@ class Workers:
         if not self.several:
             return mean, variance
         pair = torch.stack((mean, variance + mean.square()))
-        self.average([pair])
+        self.average(pair)
         return pair[0], pair[1] - pair[0].square()
 
     def normalized(self, values: torch.Tensor) -> torch.Tensor:

@@ -74,7 +74,7 @@ class ParameterBlock:
         gradients = [gradient.reshape(-1) for gradient in torch.autograd.grad(loss, self.parameters)]
         pieces = itertools.chain.from_iterable(zip(gradients, self._fillers, strict=True))
         torch.cat(list(pieces), out=self.gradient)
-        workers.average([self.gradient])
+        workers.average(self.gradient)
         self._limit(self._groups)
         self.optimizer.step()
 

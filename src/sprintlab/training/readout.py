@@ -29,5 +29,5 @@ class Readout(NamedTuple):
 def joined(parts: Sequence[Readout], workers: Workers) -> Readout:
     """All parts as one, each number the mean over the processes: their curricula take the same step."""
     values = torch.cat([part.values for part in parts])
-    workers.average([values])
+    workers.average(values)
     return Readout([name for part in parts for name in part.names], values)

@@ -93,7 +93,7 @@ class Runner:
             self.environment.advance()
             self.learner.record()
         self.learner.update()
-        self.workers.average([self.environment.grid_weights])
+        self.workers.average(self.environment.grid_weights)
         statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
         self.growth.update(statistics["speed_p999"], self.blend.top)
         self.blend.update(self.growth.upper)
@@ -182,9 +182,7 @@ class Runner:
         state = self.state(with_robots)
         if not self.workers.leads:
             return
-        buffer = io.BytesIO()
-        torch.save(state, buffer)
-        atomic_write_bytes(path, buffer.getvalue())
+        _write_state(state, path)
 
     def save_policy(self, path: Path) -> None:
         """Write what ``sprintlab export`` reads and nothing else, by the leader: a milestone of a run.
@@ -202,9 +200,7 @@ class Runner:
             },
             "progress": replace(self.progress, log=[]),
         }
-        buffer = io.BytesIO()
-        torch.save(state, buffer)
-        atomic_write_bytes(path, buffer.getvalue())
+        _write_state(state, path)
 
     def save_log(self, path: Path) -> None:
         """Write one JSON line an iteration."""
@@ -246,6 +242,13 @@ class Runner:
         random.setstate(generators["python"])
         if self.device.startswith("cuda") and "cuda" in generators:
             torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
+
+
+def _write_state(state: dict[str, Any], path: Path) -> None:
+    """In one step: nobody finds half a file."""
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    atomic_write_bytes(path, buffer.getvalue())
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
