@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -38,3 +39,11 @@ def answer(
     else:
         show(result)
     return 0
+
+
+def package_version(package: str) -> str | None:
+    """Installed version; None if it is not installed, as where the sources are run in place."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

@@ -19,14 +19,13 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disabled")
 
 import numpy as np
-from harness import answer
+from harness import answer, package_version
 from rich.console import Console
 from rich.table import Table
 
@@ -152,13 +151,13 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "command": shlex.join(["python", *sys.argv]),
         "python": platform.python_version(),
         "machine": platform.machine(),
-        "versions": {name: metadata.version(name) for name in ("numpy", "sprintlab")},
+        "versions": {name: package_version(name) for name in ("numpy", "sprintlab")},
         "numpy": {"points": chosen.points, "seconds": numpy_seconds(chosen.points, chosen.repeats)},
     }
     if not chosen.numpy_only:
         device = chosen.device or default_device()
         environments = chosen.environments or (8192 if device.startswith("cuda") else 64)
-        result["versions"] |= {name: metadata.version(name) for name in ("warp-lang", "mujoco-warp")}
+        result["versions"] |= {name: package_version(name) for name in ("warp-lang", "mujoco-warp")}
         result["warp"] = warp_seconds(environments, device, chosen.repeats)
     return result
 

@@ -19,14 +19,13 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
-from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
 os.environ.setdefault("MUJOCO_GL", "disabled")
 
 import torch
-from harness import answer
+from harness import answer, package_version
 from rich.console import Console
 from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
@@ -138,7 +137,7 @@ def description(settings: TrainingSettings, device: str) -> dict[str, Any]:
         "device": device_description(device),
         "python": sys.version.split()[0],
         "cuda": torch.version.cuda,
-        "packages": {package: metadata.version(package) for package in PACKAGES},
+        "packages": {package: package_version(package) for package in PACKAGES},
         "simulation": asdict(settings.simulation),
         "ppo": asdict(settings.ppo),
         "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),

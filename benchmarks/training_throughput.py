@@ -30,7 +30,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timezone
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +38,7 @@ os.environ.setdefault("MUJOCO_GL", "disabled")
 import mujoco_warp
 import torch
 import warp as wp
+from harness import package_version
 from rich.console import Console
 from rich.table import Table
 
@@ -301,14 +301,6 @@ def driver_version() -> str | None:
     try:
         return subprocess.run(query, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
-        return None
-
-
-def package_version(package: str) -> str | None:
-    """Installed version; None if it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
         return None
 
 

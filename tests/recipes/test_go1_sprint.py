@@ -1,4 +1,4 @@
-"""The Go1's recipe: its settings, a few steps on the CPU, and one iteration of each sitting."""
+"""The Go1's recipe: its settings, a few steps on the CPU, and one iteration."""
 
 import runpy
 from dataclasses import replace
@@ -18,18 +18,20 @@ def recipe():
     return runpy.run_path(str(RECIPE))
 
 
-def test_both_sittings_train_the_go1_up_to_its_limit(recipe):
-    first, second = recipe["first_settings"](), recipe["second_settings"]()
-    assert first.robot == second.robot == "go1"
-    assert first.stages.second_top == second.stages.second_top == 9.0
-    assert second.schedule.targets.top_share == 0.75
-    assert abs(second.rewards.joint_acceleration.second) < abs(first.rewards.joint_acceleration.first)
+def test_it_trains_the_go1_up_to_its_limit_with_bp2_s_weights(recipe):
+    from sprintlab.training.settings import TrainingSettings
+
+    settings, defaults = recipe["go1_settings"](), TrainingSettings()
+    assert settings.robot == "go1"
+    assert settings.stages.second_top == 9.0
+    assert settings.rewards.penalties() == defaults.rewards.penalties()
+    assert settings.episodes.leg_distance_limit < defaults.episodes.leg_distance_limit
 
 
 def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
     from sprintlab.training.environment import SprintEnvironment
 
-    settings = recipe["first_settings"]()
+    settings = recipe["go1_settings"]()
     settings = replace(settings, simulation=replace(settings.simulation, environments=16))
     environment = SprintEnvironment(settings, device="cpu")
     for _ in range(10):
@@ -44,9 +46,8 @@ def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
 
 
 @pytest.mark.slow
-def test_one_iteration_of_each_sitting_leaves_a_checkpoint(recipe, tmp_path):
-    options = recipe["Options"](output=tmp_path, minutes=10.0, iterations=1, environments=16, device="cpu")
-    checkpoint = recipe["main"](options)
-    assert checkpoint == tmp_path / "second" / "checkpoint.pt"
-    assert checkpoint.is_file()
-    assert (tmp_path / "first" / "log.jsonl").is_file()
+def test_one_iteration_leaves_a_checkpoint_and_a_log(recipe, tmp_path):
+    options = recipe["Options"](output=tmp_path, iterations=1, environments=16, device="cpu")
+    assert recipe["main"](options) == tmp_path / "checkpoint.pt"
+    assert (tmp_path / "checkpoint.pt").is_file()
+    assert (tmp_path / "log.jsonl").is_file()

@@ -6,6 +6,7 @@ A piece that the tracer cannot follow would still run, in many graphs instead of
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ import torch
 from sprintlab.training.algorithm import EstimatorPpo
 from sprintlab.training.distributed import Workers
 from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.graphs import compiled
 from sprintlab.training.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import METHODS, method_settings
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
@@ -67,3 +69,31 @@ def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
     traced(generalized_advantages)(
         rollout.reward, rollout.value, rollout.end, rollout.time_out, rollout.value[:, 0], settings.ppo
     )
+
+
+def test_a_step_of_adam_is_one_piece(learner: EstimatorPpo) -> None:
+    traced(learner.block._step)()
+
+
+@dataclass
+class Adder:
+    """Has a method as a run has."""
+
+    number: int
+
+    @torch.no_grad()
+    def add(self, value: torch.Tensor) -> torch.Tensor:
+        return value + self.number
+
+
+def test_many_runs_fit_into_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The compiler takes all methods under ``no_grad`` for versions of one, and refuses the ninth."""
+    torch.compiler.reset()
+    compile_function = torch.compile
+    monkeypatch.setattr(
+        torch,
+        "compile",
+        lambda work, options, **keywords: compile_function(work, backend="eager", **keywords),
+    )
+    for number in range(20):
+        assert compiled(Adder(number).add, True)(torch.zeros(1)).item() == number

