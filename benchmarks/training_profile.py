@@ -40,7 +40,7 @@ WARM_UP_ITERATIONS = 5
 LARGEST_KERNELS = 12
 KINDS = (
     ("motor law", r"joint_torque|supply|bus_voltage"),
-    ("matrix products", r"gemm|cutlass|xmma|cublas|splitK|gemv"),
+    ("matrix products", r"gemm|cutlass|xmma|cublas|nvjet|splitK|gemv"),
     ("Adam", r"adam|multi_tensor"),
     ("compiled by inductor", r"^triton_"),
     ("PyTorch's own", r"at::native|^void at::|Memcpy|Memset|elementwise|distribution"),
