@@ -52,6 +52,17 @@ def test_contract_of_another_robot(call, tmp_path, write_policy, command):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("command", ["race", "evaluate", "play"])
+def test_policy_for_a_robot_that_is_not_known(call, tmp_path, write_policy, command):
+    other = write_policy(tmp_path / "other.onnx", robot_name="mydog")
+    assert_refused(call(command, other), "other.onnx", "'mydog'", "--robot")
+
+
+@pytest.mark.parametrize("command", ["race", "evaluate"])
+def test_policy_of_another_robot_than_the_one_asked_for(call, command):
+    assert_refused(call(command, "go1-sprint", "--robot", "bp2"), "robot_name differs", "'go1'", "'bp2'")
+
+
 def test_robot_file_that_is_no_robot(call, tmp_path, policy):
     table = tmp_path / "robot.toml"
     table.write_text('name = "half"\n[body.total_mass]\nvalue = 3\n')

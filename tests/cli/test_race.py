@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation import race_files
 from sprintlab.evaluation.race import evaluate_race
 
@@ -54,6 +55,16 @@ def test_race_prints_json_only(call, policy, tmp_path):
     assert set(numbers) >= PROMISED and numbers["folder"] == str(tmp_path / "run")
 
 
+@pytest.mark.parametrize(("policy_name", "robot_name"), [("sprint", "bp2"), ("go1-sprint", "go1")])
+def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot_name):
+    def evaluate_only_in_name(_policy, robot, **_settings):
+        raise SprintlabError(f"this would run {robot.name}")
+
+    monkeypatch.setattr(race_files, "evaluate_race", evaluate_only_in_name)
+    outcome = call("race", policy_name, "--top-speed", 2)
+    assert outcome.status == 2 and f"this would run {robot_name}" in outcome.err
+
+
 @pytest.mark.parametrize("json_flag", [(), ("--json",)])
 def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, json_flag):
     options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
@@ -63,7 +74,10 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, json_flag):
     assert [row["top_speed_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
     assert numbers["raw"]["top_speed_command_m_s"] == 0.75
     assert numbers["raw"]["J_common_rad2_s"] >= 0.0
+    assert numbers["raw"]["fastest"] in numbers["raw"]["speeds"]
+    assert numbers["raw"]["audit_failed"] == [] and numbers["raw"]["fastest_with_audit_passed"] is not None
     if json_flag:
         assert json.loads(outcome.out) == numbers
     else:
-        assert re.search(r"raw\s+-?0\.\d\d", outcome.out)
+        assert re.search(r"max velocity: .*\s-?0\.\d\d\s+-?0\.\d\d\s+m/s", outcome.out)
+        assert re.search(r"J at the common speed\s+0\.\d\d", outcome.out)

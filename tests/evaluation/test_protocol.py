@@ -20,10 +20,10 @@ SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
 
 
 class FakePool:
-    """Runs nothing: of the trials at a speed, as many fall as ``falls`` says."""
+    """Runs nothing: at a speed as many trials fall as ``falls`` says; beyond ``limit`` less is held."""
 
-    def __init__(self, make_trial, falls):
-        self.make_trial, self.falls, self.asked = make_trial, falls, []
+    def __init__(self, make_trial, falls, limit=50.0):
+        self.make_trial, self.falls, self.limit, self.asked = make_trial, falls, limit, []
 
     def trials(self, requests, most_falls=None):
         self.asked += [request.top_speed for request in requests]
@@ -32,7 +32,7 @@ class FakePool:
             self.make_trial(
                 request.top_speed,
                 completed=index >= falls(request.top_speed),
-                held_speed=speed - 0.1,
+                held_speed=min(request.top_speed, 2 * self.limit - request.top_speed) - 0.1,
                 angular_cost=speed,
             )
             for index, request in enumerate(requests)
@@ -61,6 +61,27 @@ def test_the_search_ends_at_its_top(make_trial):
     assert result.best.top_speed == 1.5
 
 
+def test_the_fastest_is_not_always_at_the_highest_command(make_trial):
+    pool = FakePool(make_trial, lambda speed: 2 if speed > 9.5 else 0, limit=7.3)
+    result = run_protocol(pool, self_paced=False)
+    assert result.best.top_speed == 9.5 and result.max_velocity == pytest.approx(5.0)
+    assert result.fastest.top_speed == 7.25 and result.fastest.mean("held_speed") == pytest.approx(7.15)
+
+
+def test_the_fastest_counts_only_before_the_first_that_fails(make_trial):
+    first_pass = ProtocolSettings(first_step=1.0)
+    pool = FakePool(make_trial, lambda speed: 2 if speed > 9.0 else 0)
+    result = run_protocol(pool, self_paced=False, settings=first_pass)
+    assert result.speeds[-1].completed and result.fastest.top_speed == 9.0
+    assert [speed.top_speed for speed in result.passed] == list(range(1, 10))
+
+
+@pytest.mark.parametrize("limit", [7.3, 7.7])
+def test_the_short_cut_finds_where_most_is_held(make_trial, limit):
+    pool = FakePool(make_trial, lambda speed: 10 if speed > 9.5 else 0, limit)
+    assert find_top_speed(pool) == pytest.approx(round(4 * limit) / 4)
+
+
 @pytest.mark.parametrize(("limit", "expected"), [(9.6, 9.5), (9.0, 9.0), (0.2, 1.0), (99.0, 16.0)])
 def test_the_short_cut_finds_the_same_speed(make_trial, limit, expected):
     pool = FakePool(make_trial, lambda speed: 10 if speed > limit else 0)
@@ -72,7 +93,9 @@ def test_the_short_cut_goes_down_until_enough_trials_complete(make_trial):
         def trials(self, requests, most_falls=None):
             results = super().trials(requests)
             single = len({request.top_speed for request in requests}) > 1
-            return [self.make_trial(result.top_speed) for result in results] if single else results
+            if single:
+                results = [self.make_trial(one.top_speed, held_speed=one.top_speed) for one in results]
+            return results
 
     assert find_top_speed(Lucky(make_trial, lambda speed: 2 if speed > 15.0 else 0)) == 15.0
 

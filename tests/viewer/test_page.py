@@ -75,14 +75,27 @@ def test_policy_that_is_not_there_is_refused(capsys):
         ("--port", "70000"),
         ("--duration", "nan"),
         ("sprint", "--robot", "go1"),
+        ("sprint", "go1-sprint"),
     ],
-    ids=["no pad", "no device", "no host", "no port", "no time", "other robot"],
+    ids=["no pad", "no device", "no host", "no port", "no time", "other robot", "two robots"],
 )
 def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
     assert main(["play", *arguments]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
+
+
+def test_the_robot_is_the_first_policy_s():
+    for arguments, robot in (
+        (["go1-sprint"], "go1"),
+        (["--robot", "go1"], "go1"),
+        (["sprint"], "bp2"),
+        ([], "bp2"),
+    ):
+        session = parse(["play", *arguments])._session()
+        assert session.robot.name == robot
+        assert session.policy_names == ("go1-sprint" if robot == "go1" else "sprint",)
 
 
 def test_gamepad_option_takes_a_device_or_none():

@@ -12,7 +12,7 @@ import tyro
 from sprintlab.cli.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
 from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.race import policy_path
+from sprintlab.cli.race import policy_path, robot_for
 from sprintlab.cli.search_flags import SearchFlags
 
 if TYPE_CHECKING:
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
 class Evaluate:
     """Find the highest speed that a policy completes in 9 of 10 seeded trials, raw and self-paced.
 
+    The max velocity is what the policy holds at the highest command that passes. Asked for more than it can
+    run, a policy may hold less; so what it holds at most is printed as well.
+
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         common_speed: also report J at this speed, to compare policies [m/s].
         clock_check: repeat the highest raw command that passed with the policy's clock at 48 and 52 Hz and
             with periods that vary by 10 %.
@@ -38,7 +41,7 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[str]
-    robot: str = "bp2"
+    robot: str | None = None
     common_speed: float | None = None
     clock_check: tyro.conf.FlagCreatePairsOff[bool] = False
     workers: int | None = None
@@ -87,7 +90,8 @@ class Evaluate:
             check_positive("common_speed", self.common_speed, "m/s")
         settings = self.search.protocol(plant=self.drive.plant())
         results = []
-        with TrialPool(policy_path(self.policy), load_robot(self.robot), self.workers) as pool:
+        policy = policy_path(self.policy)
+        with TrialPool(policy, load_robot(robot_for(policy, self.robot)), self.workers) as pool:
             for paced, name in ((False, "raw"), (True, "self-paced")):
                 results.append(
                     run_protocol(
@@ -119,7 +123,9 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values; what is not defined becomes null."""
     from sprintlab.evaluation.quantities import json_ready
 
-    best = result.best
+    best, fastest = result.best, result.fastest
+    rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
+    clean = [rows[speed.top_speed] for speed in result.passed if rows[speed.top_speed]["audit_passed"]]
     return json_ready(
         {
             "max_velocity_m_s": result.max_velocity,
@@ -128,21 +134,28 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "J_common_rad2_s": result.angular_cost_common,
             "common_speed_m_s": None if result.common is None else result.common.top_speed,
             "top_speed_command_m_s": None if best is None else best.top_speed,
+            "audit_failed": None if best is None else rows[best.top_speed]["audit_failed"],
+            "fastest": None if fastest is None else rows[fastest.top_speed],
+            "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
             "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
             "cost_of_transport": None if best is None else best.mean("cost_of_transport"),
-            "speeds": [_speed_numbers(speed) for speed in result.speeds],
+            "speeds": list(rows.values()),
         }
     )
 
 
 def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
+    from sprintlab.evaluation.audit import audit_trials
+
+    audit = audit_trials([trial.metrics for trial in speed.trials])
     return {
         "top_speed_m_s": speed.top_speed,
         "held_speed_m_s": speed.mean("held_speed"),
         "J_rad2_s": speed.mean("angular_cost"),
         "falls": speed.falls,
         "trials": len(speed.trials),
-        "audit_passed": all(trial.audit.passed for trial in speed.trials),
+        "audit_passed": audit.passed,
+        "audit_failed": [item.name for item in audit.items if not item.passed],
     }
 
 
@@ -154,29 +167,63 @@ def best_estimates(best: SpeedResult) -> tuple[EstimateBand, ...]:
 
 
 def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
-    columns = (
-        "command",
-        "max velocity",
-        "peak 0.5 s",
-        "J",
-        "J at common speed",
-        "highest command passed",
-        "audit",
-    )
-    table = plain_table(f"Policy {policy}", *columns, numbers=columns[1:6])
-    for name, row in numbers.items():
-        tried = [speed for speed in row["speeds"] if speed["falls"] < speed["trials"]]
-        clean = bool(tried) and all(speed["audit_passed"] for speed in tried)
-        keys = ("max_velocity_m_s", "peak_speed_m_s", "J_rad2_s", "J_common_rad2_s", "top_speed_command_m_s")
-        values = ("-" if row[key] is None else f"{row[key]:.2f}" for key in keys)
-        table.add_row(name, *values, "passed" if clean else "[bold red]FAILED[/]")
     console = stdout_console()
-    console.print(table)
-    console.print("speeds in m/s, J in rad²/s")
+    console.print(number_table(policy, numbers))
+    for name, row in numbers.items():
+        for what, speeds in audit_failures(row["speeds"]).items():
+            commands = ", ".join(f"{speed:g}" for speed in speeds)
+            console.print(f"audit, {name}: failed at {commands} m/s ({what})", soft_wrap=True)
     for name, row in numbers.items():
         if row["estimate"]:
             console.print()
             console.print(_estimate_table(name, row["estimate"]))
+
+
+def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Any:
+    """One column a way of giving the command."""
+    names = [name.replace("_", "-") for name in numbers]
+    table = plain_table(f"Policy {policy}", "quantity", *names, "unit", numbers=tuple(names))
+    searches = list(numbers.values())
+
+    def add(label: str, unit: str, *keys: str) -> None:
+        table.add_row(label, *(_cell(search, *keys) for search in searches), unit)
+
+    add("max velocity: held at the highest command passed", "m/s", "max_velocity_m_s")
+    add("  that command", "m/s", "top_speed_command_m_s")
+    add("  audit there", "", "audit_failed")
+    add("fastest: most that was held", "m/s", "fastest", "held_speed_m_s")
+    add("  at the command", "m/s", "fastest", "top_speed_m_s")
+    add("  audit there", "", "fastest", "audit_failed")
+    add("fastest with the audit passed", "m/s", "fastest_with_audit_passed", "held_speed_m_s")
+    add("  at the command", "m/s", "fastest_with_audit_passed", "top_speed_m_s")
+    add("peak speed (0.5 s mean) at the highest command", "m/s", "peak_speed_m_s")
+    add("J at the highest command", "rad²/s", "J_rad2_s")
+    if any(search["common_speed_m_s"] is not None for search in searches):
+        add("J at the common speed", "rad²/s", "J_common_rad2_s")
+    add("cost of transport at the highest command", "", "cost_of_transport")
+    return table
+
+
+def _cell(search: dict[str, Any], *keys: str) -> str:
+    """The value under these keys as text; a dash where something is not defined on the way."""
+    value: Any = search
+    for key in keys:
+        value = None if value is None else value[key]
+    if value is None:
+        return "-"
+    if isinstance(value, list):
+        return "[bold red]FAILED[/]" if value else "passed"
+    return f"{value:.2f}"
+
+
+def audit_failures(speeds: list[dict[str, Any]]) -> dict[str, list[float]]:
+    """Commands [m/s] at which each item of the audit failed, those left out at which every trial fell."""
+    found: dict[str, list[float]] = {}
+    for speed in speeds:
+        if speed["falls"] < speed["trials"]:
+            for item in speed["audit_failed"]:
+                found.setdefault(item, []).append(speed["top_speed_m_s"])
+    return found
 
 
 def _print_clocks(check: ClockCheck | None) -> None:

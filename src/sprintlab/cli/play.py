@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path
+from sprintlab.cli.race import policy_path, robot_for
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
 
@@ -34,7 +34,8 @@ class Play:
     Attributes:
         policies: policy files, or names of policies that come with the package; those that fit the robot
             when left out. The page switches between them.
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the first policy's when left out,
+            bp2 without a policy.
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
         gamepad: drive with a gamepad too; a device other than /dev/input/js0 may follow.
@@ -44,7 +45,7 @@ class Play:
     """
 
     policies: tyro.conf.Positional[tuple[str, ...]] = ()
-    robot: str = "bp2"
+    robot: str | None = None
     host: str = "localhost"
     port: int = 8080
     gamepad: Annotated[Path | None, OptionalDevice] = None
@@ -73,9 +74,14 @@ class Play:
         from sprintlab.robots import load_robot
         from sprintlab.viewer.live import Session
 
-        robot = load_robot(self.robot)
+        robot = load_robot(self._robot())
         policies = named_policies(self.policies) if self.policies else fitting_policies(robot)
         return Session(robot, policies)
+
+    def _robot(self) -> str:
+        if self.policies:
+            return robot_for(policy_path(self.policies[0]), self.robot)
+        return self.robot or "bp2"
 
     def _announce(self, address: str) -> None:
         if self.json:

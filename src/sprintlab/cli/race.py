@@ -13,6 +13,7 @@ import tyro
 
 from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,9 +27,9 @@ class Race:
 
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         out: result folder; runs/race-<date>-<time> when left out.
-        top_speed: speed of the profile [m/s]; searched for when left out.
+        top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -39,7 +40,7 @@ class Race:
     """
 
     policy: tyro.conf.Positional[str] = "sprint"
-    robot: str = "bp2"
+    robot: str | None = None
     out: Path | None = None
     top_speed: float | None = None
     trials: int = 10
@@ -54,9 +55,11 @@ class Race:
         """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            files = self._race(lambda what: report(what, None))
+            policy = policy_path(self.policy)
+            robot = robot_for(policy, self.robot)
+            files = self._race(policy, robot, lambda what: report(what, None))
             report("writing the replay", None)
-            _write_replay(files.folder, self.robot)
+            _write_replay(files.folder, robot)
         if self.json:
             print_json(
                 {**json.loads((files.folder / "result.json").read_text()), "folder": str(files.folder)}
@@ -65,12 +68,12 @@ class Race:
         _print_result(files)
         return 0
 
-    def _race(self, progress: Any) -> RaceFiles:
+    def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race
 
         return run_race(
-            policy_path(self.policy),
-            self.robot,
+            policy,
+            robot,
             self.out,
             top_speed=self.top_speed,
             settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
@@ -92,6 +95,26 @@ def policy_path(policy: str) -> Path:
 
     is_path = policy.endswith(".onnx") or "/" in policy or "\\" in policy or Path(policy).exists()
     return Path(policy) if is_path else shipped_policy(policy)
+
+
+def robot_for(policy: Path, robot: str | None) -> str:
+    """The robot that was asked for, or else the one that the policy's contract names.
+
+    Raises:
+        PolicyFileError: the file is no policy.
+        SprintlabError: the contract names a robot that is not known here.
+    """
+    from sprintlab.control import load_policy
+    from sprintlab.robots import robot_names
+
+    if robot is not None:
+        return robot
+    name = load_policy(policy).contract.robot_name
+    if name not in robot_names():
+        raise SprintlabError(
+            f"{policy.name} is for robot {name!r}, unknown here: name its folder or table with --robot"
+        )
+    return name
 
 
 def protocol_settings(trials: int, seed: int, **more: Any) -> Any:

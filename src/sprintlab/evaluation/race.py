@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 from sprintlab.core.checks import check_positive
@@ -77,37 +79,36 @@ def evaluate_race(
 
 
 def find_top_speed(pool: TrialPool, settings: ProtocolSettings | None = None) -> float:
-    """Look for the highest v* [m/s] that passes, with few trials: a short cut, not the protocol.
+    """Look for the v* [m/s] at which most speed is held, with few trials: a short cut, not the protocol.
 
-    One trial a speed on a 1 m/s grid up to the first fall, then on the fine grid in between; then
-    the seeded trials, going down one step of the grid until enough of them complete.
+    One trial a speed on a 1 m/s grid up to the first fall, then on the fine grid on both sides of the
+    fastest; then the seeded trials, going down one step of the grid until enough of them complete. Asked for
+    more than it can run, a policy may hold less, so this is not always the highest v* that passes.
 
     Raises:
         SimulationError: as ``run_trial``.
     """
     settings = settings or ProtocolSettings()
     coarse = replace(settings, grid=COARSE_GRID)
-    reached = _last_completed(pool, coarse.speeds(), settings)
-    if reached is None:
+    held = _held_speeds(pool, coarse.speeds(), settings)
+    if not held:
         return settings.start
-    between = [reached + settings.grid * step for step in range(1, round(COARSE_GRID / settings.grid))]
-    finer = _last_completed(pool, [speed for speed in between if speed <= settings.top], settings)
-    speed = finer or reached
+    fastest = max(held, key=held.__getitem__)
+    between = [speed for speed in settings.speeds() if 0.0 < abs(speed - fastest) < COARSE_GRID]
+    held.update(_held_speeds(pool, between, settings))
+    speed = max(held, key=held.__getitem__)
     while speed > settings.start and not run_speed(pool, speed, self_paced=False, settings=settings).passed:
         speed -= settings.grid
     return speed
 
 
-def _last_completed(
-    pool: TrialPool, speeds: list[float] | tuple[float, ...], settings: ProtocolSettings
-) -> float | None:
-    """Highest speed before the first at which a single nominal trial falls."""
+def _held_speeds(pool: TrialPool, speeds: Sequence[float], settings: ProtocolSettings) -> dict[float, float]:
+    """Speed that a single nominal trial holds at every v* before the first at which it falls [m/s]."""
     if not speeds:
-        return None
+        return {}
     requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
-    completed = [trial.completed for trial in pool.trials(requests)]
-    passed = completed.index(False) if False in completed else len(completed)
-    return speeds[passed - 1] if passed else None
+    completed = takewhile(lambda trial: trial.completed, pool.trials(requests))
+    return {trial.top_speed: trial.metrics.held_speed for trial in completed}
 
 
 @dataclass(frozen=True, kw_only=True)

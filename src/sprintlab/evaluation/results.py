@@ -7,6 +7,7 @@ order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -287,14 +288,19 @@ class ProtocolResult:
     common: SpeedResult | None = None
 
     @property
+    def passed(self) -> tuple[SpeedResult, ...]:
+        """Every v* before the first that failed, rising."""
+        return tuple(takewhile(lambda speed: speed.passed, self.speeds))
+
+    @property
     def best(self) -> SpeedResult | None:
         """The highest v* before the first that failed; ``None`` when the first one failed."""
-        best = None
-        for speed in self.speeds:
-            if not speed.passed:
-                break
-            best = speed
-        return best
+        return self.passed[-1] if self.passed else None
+
+    @property
+    def fastest(self) -> SpeedResult | None:
+        """The v* up to the best one at which most speed was held; asked for more, a policy may give less."""
+        return max(self.passed, key=lambda speed: speed.mean("held_speed"), default=None)
 
     @property
     def max_velocity(self) -> float:

@@ -1,0 +1,51 @@
+"""What ``sprintlab evaluate`` says of a search: most that was held, and where the audit failed."""
+
+import pytest
+
+from sprintlab.cli.evaluate import audit_failures, number_table, protocol_numbers
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult
+
+
+@pytest.fixture
+def make_speed(make_trial):
+    """Trials at one command; joint speed over no-load speed, and the stride frequency of each trial."""
+
+    def build(top_speed, held_speed, ratio=0.9, frequencies=(6.1, 6.1, 6.1)):
+        values = {"held_speed": held_speed, "joint_speed_ratio": (0.9,) * 11 + (ratio,)}
+        trials = tuple(make_trial(top_speed, stride_frequency=one, **values) for one in frequencies)
+        return SpeedResult(top_speed=top_speed, self_paced=False, trials=trials, required=2)
+
+    return build
+
+
+def test_evaluate_tells_the_most_that_was_held_and_which_commands_failed_the_audit(make_speed):
+    speeds = (
+        make_speed(7.0, 7.2),
+        make_speed(8.0, 7.7),
+        make_speed(9.0, 7.9, 1.2),
+        make_speed(10.0, 6.1, 1.6),
+    )
+    numbers = protocol_numbers(ProtocolResult(self_paced=False, speeds=speeds))
+    assert numbers["max_velocity_m_s"] == pytest.approx(6.1) and numbers["top_speed_command_m_s"] == 10.0
+    assert numbers["audit_failed"] == ["highest joint speed over no-load speed"]
+    assert (
+        numbers["fastest"]["held_speed_m_s"] == pytest.approx(7.9) and not numbers["fastest"]["audit_passed"]
+    )
+    assert numbers["fastest_with_audit_passed"]["top_speed_m_s"] == 8.0
+    assert audit_failures(numbers["speeds"]) == {"highest joint speed over no-load speed": [9.0, 10.0]}
+
+
+def test_evaluate_audits_the_clock_by_its_median(make_speed):
+    """As the race does: one trial of three at a whole number of policy steps is no locked gait."""
+    mixed = make_speed(4.0, 4.0, frequencies=(6.25, 6.1, 6.4))
+    locked = make_speed(4.0, 4.0, frequencies=(6.25, 6.25, 6.4))
+    for speed, failed in ((mixed, []), (locked, ["stride period from policy clock"])):
+        numbers = protocol_numbers(ProtocolResult(self_paced=False, speeds=(speed,)))
+        assert numbers["fastest"]["audit_failed"] == failed
+
+
+def test_nothing_passed_is_told_as_dashes():
+    numbers = protocol_numbers(ProtocolResult(self_paced=False, speeds=()))
+    assert numbers["fastest"] is None and numbers["fastest_with_audit_passed"] is None
+    table = number_table("none", {"raw": numbers})
+    assert set(table.columns[1].cells) == {"-"}

@@ -1,0 +1,33 @@
+"""The policies that come with the package run in the evaluation's plant, each on its robot."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.control.policy import SHIPPED_POLICIES
+from sprintlab.evaluation.trial import TrialRequest, run_trial
+from sprintlab.robots import load_robot
+
+RESULTS = Path(__file__).resolve().parents[2] / "results"
+SPEEDS = {"sprint": 5.0, "go1-sprint": 6.0}
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SHIPPED_POLICIES.glob("*.onnx")))
+def test_it_holds_its_speed(name):
+    policy = load_policy(shipped_policy(name))
+    robot = load_robot(policy.contract.robot_name)
+    trial = run_trial(policy, robot, TrialRequest(top_speed=SPEEDS[name], hold=2.0))
+    assert trial.completed
+    assert trial.metrics.held_speed == pytest.approx(SPEEDS[name], abs=0.3)
+    assert trial.audit.passed
+
+
+@pytest.mark.parametrize(("name", "run"), [("sprint", "bp2-sprint"), ("go1-sprint", "go1-sprint")])
+def test_its_learning_curve_ends_where_its_contract_says(name, run):
+    record = load_policy(shipped_policy(name)).contract.training
+    with (RESULTS / run / "learning_curve.csv").open(newline="") as file:
+        last = list(csv.DictReader(file))[-1]
+    assert int(last["iteration"]) == record.iterations
+    assert int(last["environment_steps"]) == record.environment_steps
