@@ -29,7 +29,8 @@ from sprintlab.training.losses import (
     log_probability,
     policy_losses,
 )
-from sprintlab.training.networks import LARGEST_STD, Actor, Critic
+from sprintlab.training.mirror import Mirror
+from sprintlab.training.networks import LARGEST_STD, TRUTH_SIZE, Actor, Critic
 from sprintlab.training.parameters import ParameterBlock
 from sprintlab.training.readout import Readout
 from sprintlab.training.settings import TrainingSettings
@@ -72,6 +73,7 @@ class EstimatorPpo:
         self._estimator_losses = compiled(estimator_losses, fused)
         self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
         self._note, self._limit_noise = compiled(self._note_losses, fused), compiled(self._limit_std, fused)
+        self._reflect = compiled(self._reflect_rollout, fused)
         self._normalize = compiled(self._update_normalizers, fused and not workers.several)
         self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
@@ -88,7 +90,9 @@ class EstimatorPpo:
             settings.estimator.latent,
             environment.num_actions,
             self.device,
+            mirrored=ppo.mirror_epochs,
         )
+        self._mirror = Mirror(settings.observation.history_length, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
         self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
@@ -179,8 +183,9 @@ class EstimatorPpo:
         self._prepare()
         blocks = self._blocks()
         for epoch in range(self.settings.ppo.epochs):
+            mirrored = self.settings.ppo.mirror_epochs and epoch % 2 == 1
             for first, last in blocks:
-                self._improve_policy(self.rollout.policy_batch(first, last))
+                self._improve_policy(self.rollout.policy_batch(first, last, mirrored), mirrored)
                 if epoch < self.settings.estimator.epochs:
                     self._improve_estimator(first, last)
         self._normalize()
@@ -201,11 +206,33 @@ class EstimatorPpo:
         advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
         r.returns.copy_(advantage + r.value)
         r.advantage.copy_(self._workers.normalized(advantage))
+        if self.settings.ppo.mirror_epochs:
+            self._reflect()
 
-    def _improve_policy(self, batch: PolicyBatch) -> None:
-        loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
-        self._workers.average(parts)
-        self._note(parts)
+    @torch.no_grad()
+    def _reflect_rollout(self) -> None:
+        """The rollout's mirror image. What the estimator says of a mirrored history is asked anew."""
+        rollout, mirror = self.rollout, self._mirror
+        history = mirror.history(rollout.history.flatten(0, 1))
+        latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
+        # The frame and the filtered estimate in front of the latent are laid out like the truth.
+        known = mirror.truth(rollout.perceived[..., :TRUTH_SIZE])
+        images = {
+            "perceived": torch.cat((known, latent.unflatten(0, known.shape[:2])), -1),
+            "truth": mirror.truth(rollout.truth),
+            "action": mirror.action(rollout.action),
+            "mean": mirror.action(rollout.mean),
+        }
+        for name, image in images.items():
+            rollout.mirrored[name].copy_(image)
+
+    def _improve_policy(self, batch: PolicyBatch, mirrored: bool = False) -> None:
+        """One step; only on what was really seen do the learning rate and the log look."""
+        old_std = self._mirror.spread(self.old_std) if mirrored else self.old_std
+        loss, parts = self._policy_losses(self.actor, self.critic, batch, old_std, self.settings.ppo)
+        if not mirrored:
+            self._workers.average(parts)
+            self._note(parts)
         self.block.descend(loss, self._workers)
         self._limit_noise()
 
@@ -214,7 +241,8 @@ class EstimatorPpo:
         """Adapt the learning rate to the divergence, and add the losses to the sums."""
         ppo = self.settings.ppo
         self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], ppo.desired_kl))
-        self._loss_sums[:4] += parts / (ppo.epochs * ppo.mini_batches)
+        noted_epochs = -(-ppo.epochs // 2) if ppo.mirror_epochs else ppo.epochs
+        self._loss_sums[:4] += parts / (noted_epochs * ppo.mini_batches)
 
     @torch.no_grad()
     def _limit_std(self) -> None:
@@ -239,6 +267,8 @@ class EstimatorPpo:
         )
         for normalizer, values in pairs:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
+            if self.settings.ppo.mirror_epochs:  # both have the layout of the truth
+                mean, variance = self._mirror.truth.symmetric_moments(mean, variance)
             normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
 
     @torch.no_grad()

@@ -27,7 +27,26 @@ TRUTH_SIZE = FRAME_SIZE + ESTIMATE_SIZE
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
 _LOG_VARIANCE_RANGE = (-8.0, 4.0)
+_COLUMNS = 8
 _NORMALIZER_FLOOR = 1e-2
+
+
+class FirstLinear(nn.Linear):
+    """A first layer whose input is filled up with zeros to a multiple of eight numbers.
+
+    The fast matrix kernels of a GPU read eight numbers of 16 bits at once; for 69 or 53 columns cuBLAS falls
+    back to kernels of an older generation, on which an H200 spent 15 % of the update.
+    """
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        self._fill = -inputs % _COLUMNS
+        super().__init__(inputs + self._fill, outputs)
+        with torch.no_grad():
+            self.weight[:, inputs:] = 0.0  # nothing ever reaches them, no gradient either
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """As ``torch.nn.Linear`` ``(..., inputs)``."""
+        return functional.linear(functional.pad(input, (0, self._fill)), self.weight, self.bias)
 
 
 class LastLinear(nn.Linear):
@@ -44,8 +63,8 @@ class LastLinear(nn.Linear):
 
 def perceptron(sizes: Sequence[int]) -> nn.Sequential:
     """Linear layers of these widths with ELU between them."""
-    layers: list[nn.Module] = []
-    for narrow, wide in itertools.pairwise(sizes[:-1]):
+    layers: list[nn.Module] = [FirstLinear(sizes[0], sizes[1]), nn.ELU()]
+    for narrow, wide in itertools.pairwise(sizes[1:-1]):
         layers += [nn.Linear(narrow, wide), nn.ELU()]
     return nn.Sequential(*layers, LastLinear(sizes[-2], sizes[-1]))
 

@@ -25,7 +25,7 @@ from sprintlab.training.environment import SprintEnvironment
 from sprintlab.training.readout import joined
 from sprintlab.training.settings import TrainingSettings
 
-CHECKPOINT_FORMAT = 2
+CHECKPOINT_FORMAT = 3
 _PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
 
 

@@ -14,7 +14,13 @@ from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
 PRECISIONS = ("tf32", "bfloat16")
-LATER_FIELDS = {"heading_hold": False, "precision": "tf32", "calm_iterations": None, "calm_std": 0.15}
+LATER_FIELDS = {
+    "heading_hold": False,
+    "precision": "tf32",
+    "calm_iterations": None,
+    "calm_std": 0.15,
+    "mirror_epochs": False,
+}
 """Fields that came after the first published hash, with the value that means what was done before they came:
 at that value they do not count in the hash, so that a policy's settings keep theirs."""
 AGGREGATIONS = ("exponential", "clipped", "sum")
@@ -302,6 +308,9 @@ class PpoSettings:
             policy runs without noise, and what it is to run like should be practised and estimated. None: it
             stays.
         calm_std: floor at the end [-].
+        mirror_epochs: every other epoch learns from the mirror image of the rollout, left and right
+            exchanged: twice the experience for the same physics. Not in the paper; wrong for a robot whose
+            sides differ.
         hidden: widths of actor and critic.
         precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
             ``"bfloat16"`` (faster; an exported policy always computes in single precision).
@@ -324,6 +333,7 @@ class PpoSettings:
     least_std: float = 0.3
     calm_iterations: tuple[int, int] | None = None
     calm_std: float = 0.15
+    mirror_epochs: bool = False
     hidden: tuple[int, ...] = (512, 256, 128)
     precision: str = "tf32"
 
