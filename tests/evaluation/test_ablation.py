@@ -293,6 +293,16 @@ def test_a_failed_audit_is_named():
     assert cells["audit"] == "deepest foot penetration"
 
 
+def test_the_most_that_was_held_stands_beside_the_max_velocity():
+    search = SearchRecord(speeds=(speed(9.0, held_speed=8.8), speed(10.0, held_speed=7.5)))
+    cells = dict(zip(SEED_COLUMNS, seed_cells(record(raw=search)), strict=True))
+    assert cells["v* raw"] == "10" and cells["max velocity raw"] == "7.50"
+    assert cells["fastest raw"] == "8.80 at 9"
+    nothing = SearchRecord(speeds=(speed(9.0, passed=False),))
+    cells = dict(zip(SEED_COLUMNS, seed_cells(record(raw=nothing)), strict=True))
+    assert cells["v* raw"] == cells["fastest raw"] == "-"
+
+
 def test_a_fall_behind_the_line_is_named():
     fallen = msgspec.structs.replace(record().sprint, fell=True)
     unfinished = msgspec.structs.replace(fallen, time=None)

@@ -133,8 +133,8 @@ TABLE_NOTE = (
     f"orders and ratios. Collapse: less than {COLLAPSE_SPEED:g} m/s held."
 )
 SEED_NOTE = (
-    "v*: the highest commanded speed that enough trials completed. The 100 m are run at the one of the "
-    "commands that passed at which most speed was held. "
+    "v*: the highest commanded speed that enough trials completed; max velocity: what is held there. "
+    "Fastest: the most that was held, and at which of the commands that passed: there the 100 m are run. "
     "A time with a fall: it fell behind the line. Audit: what failed, if anything."
 )
 CLOCK_NOTE = (

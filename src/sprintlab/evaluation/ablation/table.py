@@ -13,6 +13,7 @@ from sprintlab.evaluation.ablation.record import (
     COLLAPSE_SPEED,
     EvaluationRecord,
     Numbers,
+    SearchRecord,
     SprintRecord,
     number,
     plain,
@@ -244,8 +245,10 @@ SEED_COLUMNS = (
     "seed",
     "v* raw",
     "max velocity raw",
+    "fastest raw",
     "v* self-paced",
     "max velocity self-paced",
+    "fastest self-paced",
     "J",
     "100 m raw",
     "100 m self-paced",
@@ -279,9 +282,12 @@ def _sprint_text(sprint: SprintRecord | None) -> str:
     return number_text(_time(sprint), 2) + (", fell" if fell else "")
 
 
-def _search_cells(search: Any) -> tuple[str, str]:
-    best = search.best
-    return "-" if best is None else f"{best.top_speed:g}", number_text(search.max_velocity, 2)
+def _search_cells(search: SearchRecord) -> tuple[str, str, str]:
+    best, fastest = search.best, search.fastest
+    if best is None or fastest is None:
+        return "-", "-", "-"
+    most = f"{number_text(number(fastest.held_speed), 2)} at {fastest.top_speed:g}"
+    return f"{best.top_speed:g}", number_text(search.max_velocity, 2), most
 
 
 def number_text(value: float, digits: int) -> str:
