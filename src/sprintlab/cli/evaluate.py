@@ -168,12 +168,13 @@ def best_estimates(best: SpeedResult) -> tuple[EstimateBand, ...]:
 
 def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
     console = stdout_console()
-    console.print(number_table(policy, numbers))
-    for name, row in numbers.items():
+    named = {name.replace("_", "-"): row for name, row in numbers.items()}
+    console.print(number_table(policy, named))
+    for name, row in named.items():
         for what, speeds in audit_failures(row["speeds"]).items():
             commands = ", ".join(f"{speed:g}" for speed in speeds)
             console.print(f"audit, {name}: failed at {commands} m/s ({what})", soft_wrap=True)
-    for name, row in numbers.items():
+    for name, row in named.items():
         if row["estimate"]:
             console.print()
             console.print(_estimate_table(name, row["estimate"]))
@@ -181,8 +182,7 @@ def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
 
 def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Any:
     """One column a way of giving the command."""
-    names = [name.replace("_", "-") for name in numbers]
-    table = plain_table(f"Policy {policy}", "quantity", *names, "unit", numbers=tuple(names))
+    table = plain_table(f"Policy {policy}", "quantity", *numbers, "unit", numbers=tuple(numbers))
     searches = list(numbers.values())
 
     def add(label: str, unit: str, *keys: str) -> None:
