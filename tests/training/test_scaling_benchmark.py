@@ -1,0 +1,56 @@
+"""The scaling benchmark starts what users start, and reckons efficiency as its table says."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import tyro
+
+from sprintlab.cli.train import method_as_option
+from sprintlab.training.run import TrainOptions
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def benchmark_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("training_scaling")
+
+
+@pytest.mark.parametrize("processes", [1, 3])
+def test_its_trainings_are_commands_that_sprintlab_takes(
+    benchmark_module: ModuleType, processes: int, tmp_path: Path
+) -> None:
+    chosen = benchmark_module.parse(["--processes", "1,3", "--iterations", "7", "--device", "cpu"])
+    words = benchmark_module.training_command(processes, 64, chosen, tmp_path)
+    assert ("--nproc-per-node" in words) == (processes > 1)
+    after = words[words.index("train") + 1 :]
+    command = tyro.cli(TrainOptions, args=method_as_option(after))
+    assert command.iterations == 7 + benchmark_module.SETTLING
+    assert command.environments == 64 and command.settings.ppo.precision == "bfloat16"
+
+
+def test_efficiency_is_the_rate_over_that_of_separate_processes(benchmark_module: ModuleType) -> None:
+    rows = [
+        {"processes": 1, "steps_per_second": 100.0},
+        {"processes": 2, "steps_per_second": 180.0},
+        {"processes": 4, "steps_per_second": 300.0},
+    ]
+    assert [row["efficiency"] for row in benchmark_module.with_efficiency(rows)] == [1.0, 0.9, 0.75]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--processes", "0,2"], ["--environments", "1"], ["--iterations", "0"]]
+)
+def test_numbers_out_of_range_are_refused(benchmark_module: ModuleType, arguments: list[str]) -> None:
+    from sprintlab.core.errors import InvalidValueError
+
+    with pytest.raises(InvalidValueError, match="not allowed"):
+        benchmark_module.parse(arguments)
