@@ -48,6 +48,12 @@ def test_a_policy_for_another_robot_is_refused_before_the_bus_is_opened(call, wr
     assert_refused(outcome, "stiffness[FL_abad] differs: the policy has 100.0, robot bp2 has 60.0")
 
 
+def test_the_robot_is_the_policy_s_unless_another_is_named(call):
+    words = ("go1-sprint", "shm://nobody-is-here", "--no-log")
+    assert_refused(call("run", *words), "no robot named 'nobody-is-here' runs")
+    assert_refused(call("run", *words, "--robot", "bp2"), "the policy has 'go1', robot bp2 has 'bp2'")
+
+
 def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
     pytest.importorskip("mcap")
     log = tmp_path / "run.mcap"

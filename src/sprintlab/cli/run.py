@@ -19,7 +19,7 @@ import tyro
 
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path
+from sprintlab.cli.race import policy_path, robot_for
 
 if TYPE_CHECKING:
     from sprintlab.deployment.controller import Controller, LoopReport
@@ -35,7 +35,7 @@ class Run:
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
         bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s].
         distance: of a sprint [m].
@@ -50,7 +50,7 @@ class Run:
 
     policy: tyro.conf.Positional[str] = "sprint"
     bus: tyro.conf.Positional[str] = "shm://bp2"
-    robot: str = "bp2"
+    robot: str | None = None
     source: str = "sprint"
     top_speed: float = 12.0
     distance: float = 100.0
@@ -81,17 +81,19 @@ class Run:
             duration=self.duration,
             attended=self.source.startswith(_ATTENDED),
         )
-        robot = load_robot(self.robot)
-        policy = load_policy(policy_path(self.policy), robot)
+        path = policy_path(self.policy)
+        robot = load_robot(robot_for(path, self.robot))
+        policy = load_policy(path, robot)
         limits = VelocityLimits(forward=self.top_speed)
         with ExitStack() as stack:
             source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)
             stack.enter_context(closing(source))
             controller = Controller(policy, robot, source, limits=limits)
-            path = self._log_path()
+            log_path = self._log_path()
             # The bus before the log: who finds no robot leaves no empty file behind.
             bus = stack.enter_context(closing(open_bus(self.bus)))
-            log = None if path is None else stack.enter_context(closing(self._log(path, policy, robot.name)))
+            facts = (policy, robot.name)
+            log = None if log_path is None else stack.enter_context(closing(self._log(log_path, *facts)))
             report = self._drive(controller, bus, options, log)
         self._show(controller, report, _sprint_time(controller, source))
         return 0 if _in_order(controller, report) else 1
