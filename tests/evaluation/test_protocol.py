@@ -20,10 +20,14 @@ SHORT = ProtocolSettings(trials=2, required=2, start=0.5, top=0.75, hold=0.5)
 
 
 class FakePool:
-    """Runs nothing: at a speed as many trials fall as ``falls`` says; beyond ``limit`` less is held."""
+    """Runs nothing: at a speed as many trials fall as ``falls`` says.
 
-    def __init__(self, make_trial, falls, limit=50.0):
-        self.make_trial, self.falls, self.limit, self.asked = make_trial, falls, limit, []
+    Beyond ``limit`` less is held, beyond ``honest`` feet sink deep.
+    """
+
+    def __init__(self, make_trial, falls, limit=50.0, honest=50.0):
+        self.make_trial, self.falls, self.limit, self.honest = make_trial, falls, limit, honest
+        self.asked = []
 
     def trials(self, requests, most_falls=None):
         self.asked += [request.top_speed for request in requests]
@@ -34,6 +38,7 @@ class FakePool:
                 completed=index >= falls(request.top_speed),
                 held_speed=min(request.top_speed, 2 * self.limit - request.top_speed) - 0.1,
                 angular_cost=speed,
+                deepest_penetration=0.001 if request.top_speed <= self.honest else 0.1,
             )
             for index, request in enumerate(requests)
         ]
@@ -85,6 +90,12 @@ def test_the_short_cut_finds_where_most_is_held(make_trial, limit):
 @pytest.mark.parametrize(("limit", "expected"), [(9.6, 9.5), (9.0, 9.0), (0.2, 1.0), (99.0, 16.0)])
 def test_the_short_cut_finds_the_same_speed(make_trial, limit, expected):
     pool = FakePool(make_trial, lambda speed: 10 if speed > limit else 0)
+    assert find_top_speed(pool) == expected
+
+
+@pytest.mark.parametrize(("honest", "expected"), [(6.6, 6.5), (6.0, 6.0), (0.0, 9.5)])
+def test_the_short_cut_avoids_what_the_audit_objects_to_where_it_can(make_trial, honest, expected):
+    pool = FakePool(make_trial, lambda speed: 10 if speed > 9.5 else 0, honest=honest)
     assert find_top_speed(pool) == expected
 
 

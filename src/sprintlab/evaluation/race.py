@@ -82,33 +82,43 @@ def find_top_speed(pool: TrialPool, settings: ProtocolSettings | None = None) ->
     """Look for the v* [m/s] at which most speed is held, with few trials: a short cut, not the protocol.
 
     One trial a speed on a 1 m/s grid up to the first fall, then on the fine grid on both sides of the
-    fastest; then the seeded trials, going down one step of the grid until enough of them complete. Asked for
-    more than it can run, a policy may hold less, so this is not always the highest v* that passes.
+    fastest; then the seeded trials, going down one step of the grid until enough of them complete. Speeds at
+    which the audit objects come after all others, as long as there are others. Asked for more than it can
+    run, a policy may hold less, so this is not always the highest v* that passes.
 
     Raises:
         SimulationError: as ``run_trial``.
     """
     settings = settings or ProtocolSettings()
     coarse = replace(settings, grid=COARSE_GRID)
-    held = _held_speeds(pool, coarse.speeds(), settings)
-    if not held:
+    tried = _single_trials(pool, coarse.speeds(), settings)
+    if not tried:
         return settings.start
-    fastest = max(held, key=held.__getitem__)
+    fastest = max(tried, key=tried.__getitem__)
     between = [speed for speed in settings.speeds() if 0.0 < abs(speed - fastest) < COARSE_GRID]
-    held.update(_held_speeds(pool, between, settings))
-    speed = max(held, key=held.__getitem__)
-    while speed > settings.start and not run_speed(pool, speed, self_paced=False, settings=settings).passed:
+    tried.update(_single_trials(pool, between, settings))
+    speed = max(tried, key=tried.__getitem__)
+    honest, _ = tried[speed]
+    while speed > settings.start and not _stands(pool, speed, honest, settings):
         speed -= settings.grid
     return speed
 
 
-def _held_speeds(pool: TrialPool, speeds: Sequence[float], settings: ProtocolSettings) -> dict[float, float]:
-    """Speed that a single nominal trial holds at every v* before the first at which it falls [m/s]."""
+def _stands(pool: TrialPool, speed: float, honest: bool, settings: ProtocolSettings) -> bool:
+    """Whether enough seeded trials complete, and, where ``honest``, the audit has no objection to them."""
+    result = run_speed(pool, speed, self_paced=False, settings=settings)
+    return result.passed and (not honest or audit_trials([trial.metrics for trial in result.trials]).passed)
+
+
+def _single_trials(
+    pool: TrialPool, speeds: Sequence[float], settings: ProtocolSettings
+) -> dict[float, tuple[bool, float]]:
+    """For every v* before the first at which one nominal trial falls: audit passed, held speed [m/s]."""
     if not speeds:
         return {}
     requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
     completed = takewhile(lambda trial: trial.completed, pool.trials(requests))
-    return {trial.top_speed: trial.metrics.held_speed for trial in completed}
+    return {trial.top_speed: (trial.audit.passed, trial.metrics.held_speed) for trial in completed}
 
 
 @dataclass(frozen=True, kw_only=True)
