@@ -17,6 +17,17 @@ def test_range_grows_while_the_fastest_are_near_its_top():
     assert growth.upper == pytest.approx(1.1)
 
 
+def test_a_share_lets_the_range_run_ahead_of_fast_robots() -> None:
+    growth = RangeGrowth(share=0.2)
+    for _ in range(300):
+        growth.update(10.0, 40.0)
+    assert 12.5 <= growth.upper < 12.5 + growth.increment
+    slow = RangeGrowth(share=0.2)
+    for _ in range(300):
+        slow.update(1.0, 40.0)
+    assert slow.upper == pytest.approx(RangeGrowth().margin + 1.0, abs=slow.increment)
+
+
 def test_range_stops_at_the_stage_top_and_never_shrinks():
     growth = RangeGrowth()
     for _ in range(100):
@@ -103,6 +114,7 @@ def test_blend_goes_on_from_a_checkpoint():
         lambda: RangeGrowth(upper=0.0),
         lambda: RangeGrowth(increment=-0.1),
         lambda: RangeGrowth(lowest=0.0),
+        lambda: RangeGrowth(share=1.0),
         lambda: StageBlend(first_top=6.0, second_top=5.0),
         lambda: StageBlend(ramp_iterations=0),
         lambda: StageBlend(earliest_iteration=-1),

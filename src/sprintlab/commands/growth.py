@@ -30,20 +30,24 @@ class RangeGrowth:
         upper: top of the range now [m/s].
         increment: growth an iteration [m/s].
         margin: grow while the fastest speed exceeds ``upper - margin`` [m/s].
+        share: the margin is at least this share of ``upper`` [-]: how far the range runs ahead of the robots.
         lowest: the bottom of the range never falls below this [m/s].
 
     Raises:
-        InvalidValueError: ``upper``, ``increment`` or ``margin`` not positive, or ``lowest`` above -1.
+        InvalidValueError: ``upper``, ``increment`` or ``margin`` not positive, ``share`` outside [0, 0.9], or
+            ``lowest`` above -1.
     """
 
     upper: float = 1.0
     increment: float = 0.1
     margin: float = 0.75
+    share: float = 0.0
     lowest: float = -2.0
 
     def __post_init__(self) -> None:
         for field in ("upper", "increment", "margin"):
             check_positive(field, getattr(self, field), "m/s")
+        check_range("share", self.share, 0.0, 0.9)
         check_range("lowest", self.lowest, -math.inf, -1.0, "m/s")
 
     @property
@@ -56,7 +60,7 @@ class RangeGrowth:
 
         The range never shrinks, and a NaN speed does not grow it.
         """
-        if fastest > self.upper - self.margin:
+        if fastest > self.upper - max(self.margin, self.share * self.upper):
             self.upper = max(self.upper, min(top, self.upper + self.increment))
 
     def state_dict(self) -> dict[str, float]:

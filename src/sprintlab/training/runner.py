@@ -76,7 +76,9 @@ class Runner:
         self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
         self.learner = EstimatorPpo(self.environment, fused, self.workers)
         stages = settings.stages
-        self.growth = RangeGrowth(increment=stages.growth, margin=stages.growth_margin)
+        self.growth = RangeGrowth(
+            increment=stages.growth, margin=stages.growth_margin, share=stages.growth_share
+        )
         self.blend = StageBlend(
             first_top=stages.first_top,
             second_top=stages.second_top,

@@ -20,6 +20,7 @@ LATER_FIELDS = {
     "calm_iterations": None,
     "calm_std": 0.15,
     "mirror_epochs": False,
+    "growth_share": 0.0,
 }
 """Fields that came after the first published hash, with the value that means what was done before they came:
 at that value they do not count in the hash, so that a policy's settings keep theirs."""
@@ -267,17 +268,20 @@ class StageSettings:
         second_top: top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
         growth: range growth an iteration [m/s].
         growth_margin: grow while the fastest 0.1 % are within this of the top [m/s].
+        growth_share: and while they are within this share of the top. With 0.2 the range runs ahead of them by
+            a quarter of their speed, and most robots are asked for all they can, not for what is easy.
         earliest_iteration: stage II starts no sooner.
         ramp_iterations: over which the weights blend.
 
     Raises:
-        InvalidValueError: tops in the wrong order or not positive.
+        InvalidValueError: tops in the wrong order or not positive, or a share outside [0, 0.9].
     """
 
     first_top: float = 6.0
     second_top: float = 14.0
     growth: float = 0.1
     growth_margin: float = 0.75
+    growth_share: float = 0.0
     earliest_iteration: int = 200
     ramp_iterations: int = 150
 
@@ -285,6 +289,7 @@ class StageSettings:
         check_positive("first_top", self.first_top, "m/s")
         check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
         check_positive("growth", self.growth, "m/s")
+        check_range("growth_share", self.growth_share, 0.0, 0.9)
 
 
 @dataclass(frozen=True, kw_only=True)
