@@ -268,8 +268,8 @@ class StageSettings:
         second_top: top of the range in stage II [m/s]; the paper stops at 12 and reports 12.4.
         growth: range growth an iteration [m/s].
         growth_margin: grow while the fastest 0.1 % are within this of the top [m/s].
-        growth_share: and while they are within this share of the top. With 0.2 the range runs ahead of them by
-            a quarter of their speed, and most robots are asked for all they can, not for what is easy.
+        growth_share: and while they are within this share of the top. With 0.2 the range runs ahead of them
+            by a quarter of their speed, and most robots are asked for all they can, not for what is easy.
         earliest_iteration: stage II starts no sooner.
         ramp_iterations: over which the weights blend.
 
