@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("mujoco_warp")
 pytest.importorskip("rsl_rl")
 
+import onnx
 import torch
 
 from sprintlab.control import load_policy
@@ -53,6 +54,15 @@ def test_a_recorded_run_goes_through_both_runtimes(checkpoint, tmp_path):
     assert exported.replayed == 40  # 0.8 s at 50 Hz
     assert exported.difference <= 1e-4
     assert load_policy(exported.path, load_robot("bp2")).contract.training.config_hash == SETTINGS.digest()
+
+
+def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
+    """First layers are filled up with zeros for a GPU's sake; a robot's computer need not know."""
+    exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
+    graph = onnx.load(exported.path).graph
+    assert "Pad" not in {node.op_type for node in graph.node}
+    assert {69, 225} <= {size for tensor in graph.initializer for size in tensor.dims}
+    assert not [warning for warning in recwarn if "Constant folding" in str(warning.message)]
 
 
 def test_without_a_recording_the_policy_runs_in_the_plant(checkpoint, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import tempfile
 from pathlib import Path
@@ -26,7 +27,7 @@ from sprintlab.core.errors import PolicyFileError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.algorithm import build_actor
-from sprintlab.training.networks import Actor
+from sprintlab.training.networks import Actor, trim
 from sprintlab.training.replay import RecordedRun, Replay, read_recording, replay, run_in_plant
 from sprintlab.training.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
@@ -84,7 +85,8 @@ def export_checkpoint(checkpoint: Path, output: Path, recording: Path | None = N
 
 
 def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
-    buffer = io.BytesIO()
+    network, buffer = copy.deepcopy(network), io.BytesIO()
+    trim(network)
     names = ["observation", "previous_estimate", "action", "estimate"]
     torch.onnx.export(
         network,

@@ -48,6 +48,22 @@ class FirstLinear(nn.Linear):
         """As ``torch.nn.Linear`` ``(..., inputs)``."""
         return functional.linear(functional.pad(input, (0, self._fill)), self.weight, self.bias)
 
+    def trimmed(self) -> nn.Linear:
+        """The same layer with as many columns as there are inputs."""
+        layer = nn.Linear(self.in_features - self._fill, self.out_features)
+        with torch.no_grad():
+            layer.weight.copy_(self.weight[:, : layer.in_features])
+            layer.bias.copy_(self.bias)
+        return layer
+
+
+def trim(network: nn.Module) -> None:
+    """Replace every ``FirstLinear`` in a network by its ``trimmed`` layer, in place."""
+    for module in list(network.modules()):
+        for name, child in list(module.named_children()):
+            if isinstance(child, FirstLinear):
+                setattr(module, name, child.trimmed())
+
 
 class LastLinear(nn.Linear):
     """A last layer: in single precision also where the layers before it are not.
