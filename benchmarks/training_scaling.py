@@ -50,7 +50,7 @@ def training_command(
         "settings.ppo.precision": chosen.precision,
     }
     words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
-    program = [*(torchrun if processes > 1 else []), "sprintlab.cli.main", "train", "sprint"]
+    program = [*(torchrun if processes > 1 else []), "sprintlab", "train", "sprint"]
     return [sys.executable, "-m", *program, *words, "--no-tensorboard", "--no-cloud", "--no-keep-robots"]
 
 

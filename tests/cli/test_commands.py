@@ -65,3 +65,9 @@ def test_a_reader_that_leaves_early_is_no_error():
     shell = f"{sys.executable} -m sprintlab.cli.main robot show | head -1; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 0 and "Traceback" not in done.stderr
+
+
+def test_the_package_runs_as_a_module():
+    words = [sys.executable, "-m", "sprintlab", "race", "nobody"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 2 and "no policy named 'nobody'" in done.stderr
