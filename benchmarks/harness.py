@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -39,6 +41,16 @@ def answer(
     else:
         show(result)
     return 0
+
+
+def circumstances(packages: Sequence[str]) -> dict[str, Any]:
+    """Of a measurement: versions, the command as typed, the date."""
+    return {
+        "python": sys.version.split()[0],
+        "packages": {package: package_version(package) for package in packages},
+        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    }
 
 
 def package_version(package: str) -> str | None:

@@ -13,19 +13,17 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import shlex
 import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
 os.environ.setdefault("MUJOCO_GL", "disabled")
 
 import torch
-from harness import answer, package_version
+from harness import answer, circumstances
 from rich.console import Console
 from rich.table import Table
 from torch.profiler import ProfilerActivity, profile
@@ -135,13 +133,10 @@ def description(settings: TrainingSettings, device: str) -> dict[str, Any]:
     """Everything that the numbers depend on."""
     return {
         "device": device_description(device),
-        "python": sys.version.split()[0],
         "cuda": torch.version.cuda,
-        "packages": {package: package_version(package) for package in PACKAGES},
+        **circumstances(PACKAGES),
         "simulation": asdict(settings.simulation),
         "ppo": asdict(settings.ppo),
-        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
     }
 
 

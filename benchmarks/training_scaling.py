@@ -16,11 +16,10 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from harness import answer, package_version
+from harness import answer, circumstances
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -97,12 +96,9 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     rows = [measure_case(*case, chosen) for case in track(cases, "trainings", console=console)]
     return {
         "device": device_description(pick_device(chosen.device)),
-        "python": sys.version.split()[0],
-        "packages": {package: package_version(package) for package in PACKAGES},
+        **circumstances(PACKAGES),
         "precision": chosen.precision,
         "iterations": chosen.iterations,
-        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "rows": with_efficiency(rows),
     }
 

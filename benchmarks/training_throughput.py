@@ -20,7 +20,6 @@ import gc
 import itertools
 import json
 import os
-import shlex
 import statistics
 import subprocess
 import sys
@@ -29,7 +28,6 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +36,7 @@ os.environ.setdefault("MUJOCO_GL", "disabled")
 import mujoco_warp
 import torch
 import warp as wp
-from harness import package_version
+from harness import circumstances
 from rich.console import Console
 from rich.table import Table
 
@@ -309,14 +307,11 @@ def description(plan: Plan) -> dict[str, Any]:
     return {
         "device": device_description(plan.device),
         "driver": driver_version(),
-        "python": sys.version.split()[0],
         "cuda": torch.version.cuda,
-        "packages": {package: package_version(package) for package in PACKAGES},
+        **circumstances(PACKAGES),
         "environments": plan.environments,
         "repeats": plan.repeats,
         "ppo_iterations": {"warm_up": WARM_UP_ITERATIONS, "a_sample": ITERATIONS},
-        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
     }
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sprintlab.cli.train import require_training, run_script
+from sprintlab.cli.train import run_script, train_settings
 from sprintlab.commands import AdaptiveSchedule, TargetSampling
 from sprintlab.training.settings import TrainingSettings
 
@@ -47,19 +47,12 @@ def main(options: Options) -> Path:
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    require_training()
-    from sprintlab.training.run import TrainOptions, train
-
-    return train(
-        TrainOptions(
-            output=options.output,
-            iterations=ITERATIONS,
-            minutes=LONGEST_MINUTES,
-            device=options.device,
-            resume=options.resume,
-            settings=shipped_settings(),
-            keep_schedule=True,
-        )
+    return train_settings(
+        shipped_settings(),
+        iterations=ITERATIONS,
+        minutes=LONGEST_MINUTES,
+        keep_schedule=True,
+        **vars(options),
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sprintlab.cli.train import require_training, run_script
+from sprintlab.cli.train import run_script, train_settings
 from sprintlab.training.settings import TrainingSettings
 
 ITERATIONS = 2200
@@ -51,21 +51,7 @@ def main(options: Options) -> Path:
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    require_training()
-    from sprintlab.training.run import TrainOptions, train
-
-    return train(
-        TrainOptions(
-            output=options.output,
-            iterations=options.iterations,
-            minutes=LONGEST_MINUTES,
-            environments=options.environments,
-            device=options.device,
-            resume=options.resume,
-            settings=go1_settings(),
-            keep_schedule=True,
-        )
-    )
+    return train_settings(go1_settings(), keep_schedule=True, minutes=LONGEST_MINUTES, **vars(options))
 
 
 if __name__ == "__main__":

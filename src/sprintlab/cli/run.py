@@ -92,8 +92,9 @@ class Run:
             log_path = self._log_path()
             # The bus before the log: who finds no robot leaves no empty file behind.
             bus = stack.enter_context(closing(open_bus(self.bus)))
-            facts = (policy, robot.name)
-            log = None if log_path is None else stack.enter_context(closing(self._log(log_path, *facts)))
+            log = None
+            if log_path is not None:
+                log = stack.enter_context(closing(self._log(log_path, policy, robot.name)))
             report = self._drive(controller, bus, options, log)
         self._show(controller, report, _sprint_time(controller, source))
         return 0 if _in_order(controller, report) else 1

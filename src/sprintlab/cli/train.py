@@ -9,11 +9,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from sprintlab.core.errors import SprintlabError
+
+if TYPE_CHECKING:
+    from sprintlab.training.settings import TrainingSettings
 
 NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
 DECIDED = {
@@ -62,6 +65,22 @@ def run_script(main: Callable[[Any], object], options: type[Any]) -> None:
     except SprintlabError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         raise SystemExit(2) from error
+
+
+def train_settings(settings: TrainingSettings, **options: Any) -> Path:
+    """Train with settings made by a script; returns the checkpoint.
+
+    Args:
+        settings: of the run.
+        options: fields of ``TrainOptions``.
+
+    Raises:
+        SprintlabError: the extra is not installed, or an option or the output folder is refused.
+    """
+    require_training()
+    from sprintlab.training.run import TrainOptions, train
+
+    return train(TrainOptions(settings=settings, **options))
 
 
 def run_training(arguments: Sequence[str]) -> int:

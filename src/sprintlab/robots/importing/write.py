@@ -100,7 +100,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sprintlab.cli.train import require_training, run_script
+from sprintlab.cli.train import run_script, train_settings
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent
@@ -142,21 +142,7 @@ def main(options: Options) -> Path:
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    require_training()
-    from sprintlab.training.run import TrainOptions, train
-
-    return train(
-        TrainOptions(
-            output=options.output,
-            minutes=options.minutes,
-            environments=options.environments,
-            iterations=options.iterations,
-            device=options.device,
-            seed=options.seed,
-            resume=options.resume,
-            settings=settings(),
-        )
-    )
+    return train_settings(settings(), **vars(options))
 
 
 if __name__ == "__main__":
