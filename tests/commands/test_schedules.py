@@ -75,12 +75,15 @@ def test_float32_stays_float32(schedule, torch):
     seed=st.integers(0, 2**32 - 1),
     upper=st.floats(1.0, 14.0),
     window=st.floats(0.2, 2.0),
+    braking_window=st.floats(0.2, 6.0),
     fresh_share=st.sampled_from([0.0, 0.2, 1.0]),
 )
-def test_adaptive_command_is_in_the_neighbourhood_and_the_range(seed, upper, window, fresh_share):
+def test_adaptive_command_is_in_the_neighbourhood_and_the_range(
+    seed, upper, window, braking_window, fresh_share
+):
     generator = np.random.default_rng(seed)
     lower = max(-2.0, -max(1.0, upper / 3))
-    schedule = AdaptiveSchedule(window=window)
+    schedule = AdaptiveSchedule(window=window, braking_window=braking_window)
     state = initial_state(40, np.zeros(1))
     for _ in range(30):
         inputs = draw_inputs(generator, 40, lower - 2, upper + 2, fresh_share)
@@ -89,7 +92,8 @@ def test_adaptive_command_is_in_the_neighbourhood_and_the_range(seed, upper, win
         updated = state.time_to_update != before.time_to_update - DT
         nearest = np.clip(speed, lower, upper)
         assert np.all(command >= lower) and np.all(command <= upper)
-        assert np.all(np.abs(command - nearest)[updated] <= window + 1e-12)
+        assert np.all((command - nearest)[updated] <= window + 1e-12)
+        assert np.all((nearest - command)[updated] <= max(window, braking_window) + 1e-12)
         assert np.all(command[~updated] == before.command[~updated, 0])
         assert np.all(updated[inputs["fresh"]])
         assert np.all(np.abs(command * state.command[:, 2]) <= inputs["friction"] * 9.81 + 1e-9)
@@ -108,6 +112,20 @@ def test_adaptive_command_walks_a_perfect_robot_to_its_target():
         distances.append(np.mean(np.abs(state.target_speed - speed)))
     assert distances[0] > 3.0
     assert np.mean(distances[-200:]) < 0.3
+
+
+def test_a_lower_target_may_draw_the_command_further_than_a_higher_one():
+    schedule = AdaptiveSchedule(
+        targets=TargetSampling(zero_share=0.35, persistence=(60.0, 60.0)),
+        braking_window=4.0,
+        biased_share=1.0,
+    )
+    inputs = draw_inputs(np.random.default_rng(2), 400, fresh_share=1.0) | {"speed": np.full(400, 6.0)}
+    state = advance(schedule, initial_state(400, np.zeros(1)), inputs)
+    at_rest, above = state.target_speed == 0.0, state.target_speed > 7.0
+    assert at_rest.sum() > 50 and above.sum() > 50
+    assert np.all(state.command[at_rest, 0] == 2.0)
+    assert np.all(state.command[above, 0] == 7.0)
 
 
 def test_adaptive_hold_times_lie_in_their_interval():
@@ -212,6 +230,7 @@ def test_yaw_rate_never_asks_for_more_than_friction(yaw_rate, speed, friction):
     ("make", "field"),
     [
         (lambda: AdaptiveSchedule(window=0.0), "window"),
+        (lambda: AdaptiveSchedule(braking_window=-1.0), "braking_window"),
         (lambda: AdaptiveSchedule(hold=(1.0, 0.4)), "hold"),
         (lambda: AdaptiveSchedule(biased_share=1.1), "biased_share"),
         (lambda: TargetSampling(persistence=(-1.0, 2.0)), "persistence"),

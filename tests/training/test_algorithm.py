@@ -24,6 +24,7 @@ from sprintlab.training.losses import (
     adapted_learning_rate,
     generalized_advantages,
     log_probability,
+    loudness_of,
     policy_losses,
 )
 from sprintlab.training.networks import Critic
@@ -149,6 +150,37 @@ def test_log_probability_is_torch_s() -> None:
     mean, std, action = torch.randn(7, 12), torch.rand(12) + 0.1, torch.randn(7, 12)
     expected = torch.distributions.Normal(mean, std).log_prob(action).sum(1)
     torch.testing.assert_close(log_probability(action, mean, std), expected)
+
+
+@pytest.mark.parametrize(("share", "quiet"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
+def test_quiet_robots_are_as_many_as_asked_for_and_in_every_mini_batch(share: float, quiet: int) -> None:
+    loudness = loudness_of(64, PpoSettings(quiet_share=share, quiet_noise=0.25))
+    assert int((loudness == 0.25).sum()) == quiet
+    assert set(loudness.tolist()) <= {0.25, 1.0}
+    in_parts = [int((part == 0.25).sum()) for part in loudness.chunk(4)]
+    assert max(in_parts) - min(in_parts) <= 1
+
+
+def test_quiet_robots_act_with_less_noise_and_their_probabilities_know_it() -> None:
+    quiet = replace(SETTINGS, ppo=replace(PPO_SETTINGS, quiet_share=0.5, quiet_noise=0.1))
+    learner = EstimatorPpo(SprintEnvironment(quiet, "cpu"), True, Workers())
+    for _ in range(STEPS):
+        learner.act()
+        learner.environment.advance()
+        learner.record()
+    rollout, std = learner.rollout, learner.actor.std.detach()
+    calm = rollout.loudness[:, 0] < 1.0
+    spread = (rollout.action - rollout.mean).std((1, 2))
+    assert int(calm.sum()) == ROBOTS // 2
+    assert float(spread[calm].max()) < 0.2 * float(spread[~calm].min())
+    noise = std * rollout.loudness.unsqueeze(-1)
+    expected = torch.distributions.Normal(rollout.mean, noise).log_prob(rollout.action).sum(-1)
+    torch.testing.assert_close(rollout.log_probability, expected, rtol=1e-4, atol=1e-3)
+    learner._prepare()
+    _, parts = policy_losses(
+        learner.actor, learner.critic, rollout.policy_batch(0, ROBOTS), learner.old_std, quiet.ppo
+    )
+    assert float(parts[0]) == pytest.approx(-float(rollout.advantage.mean()), abs=1e-4)
 
 
 def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorPpo) -> None:

@@ -49,9 +49,8 @@ def policy_batch(actor: Actor) -> PolicyBatch:
     perceived, _ = actor.perceive(torch.randn(SAMPLES, HISTORY), torch.zeros(SAMPLES, ESTIMATE_SIZE))
     flat = torch.randn(SAMPLES)
     actions = torch.randn(SAMPLES, 12)
-    return PolicyBatch(
-        perceived.detach(), torch.randn(SAMPLES, 53), actions, 0.5 * actions, flat, flat, flat, flat
-    )
+    seen = (perceived.detach(), torch.randn(SAMPLES, 53), actions, 0.5 * actions)
+    return PolicyBatch(torch.ones(SAMPLES), *seen, flat, flat, flat, flat)
 
 
 def test_the_log_variance_has_a_head_of_its_own(actor: Actor) -> None:

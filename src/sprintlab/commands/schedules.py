@@ -138,11 +138,15 @@ class AdaptiveSchedule:
 
     The paper draws the next command within ``window`` of the robot's present speed ``v``. Alone that is a
     random walk; here most updates take the point of the neighbourhood nearest to the target ``v*``:
-    ``clip(v*, v - window, v + window)``. The others are uniform in it. Then clipped to the range.
+    ``clip(v*, v - braking_window, v + window)``. The others are uniform within ``window``. Then clipped to
+    the range.
 
     Attributes:
         targets: how ``v*`` is drawn.
         window: half width of the neighbourhood [m/s].
+        braking_window: how far below the present speed a lower target may draw the command [m/s]. The paper's
+            neighbourhood is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more
+            than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
 
@@ -152,11 +156,13 @@ class AdaptiveSchedule:
 
     targets: TargetSampling = TargetSampling()
     window: float = 1.0
+    braking_window: float = 1.0
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
 
     def __post_init__(self) -> None:
-        check_positive("window", self.window, "m/s")
+        for field in ("window", "braking_window"):
+            check_positive(field, getattr(self, field), "m/s")
         check_interval("hold", self.hold, 0.0, "s")
         check_range("biased_share", self.biased_share, 0.0, 1.0)
 
@@ -201,7 +207,7 @@ class AdaptiveSchedule:
 
     def _draw(self, target: Array, speed: Array, random: Array) -> Array:
         xp = namespace(random)
-        biased = clip(target, speed - self.window, speed + self.window)
+        biased = clip(target, speed - self.braking_window, speed + self.window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
         return xp.where(random[:, 6] < self.biased_share, biased, anywhere)
 

@@ -27,7 +27,9 @@ from sprintlab.training.losses import (
     estimator_losses,
     generalized_advantages,
     log_probability,
+    loudness_of,
     policy_losses,
+    robot_noise,
 )
 from sprintlab.training.mirror import Mirror
 from sprintlab.training.networks import LARGEST_STD, TRUTH_SIZE, Actor, Critic
@@ -92,6 +94,7 @@ class EstimatorPpo:
             self.device,
             mirrored=ppo.mirror_epochs,
         )
+        self.rollout.loudness.copy_(loudness_of(environment.num_envs, ppo).unsqueeze(1))
         self._mirror = Mirror(settings.observation.history_length, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
@@ -149,14 +152,15 @@ class EstimatorPpo:
         perceived, estimate = self.actor.perceive(history, environment.estimate)
         environment.estimate.copy_(estimate)
         mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
-        action = mean + self.actor.std * noise
+        std = robot_noise(self.actor.std, rollout.loudness[:, 0])
+        action = mean + std * noise
         values = {
             "history": history,
             "perceived": perceived,
             "truth": truth,
             "action": action,
             "mean": mean,
-            "log_probability": log_probability(action, mean, self.actor.std),
+            "log_probability": log_probability(action, mean, std),
             "value": value,
         }
         for name, each in values.items():

@@ -21,9 +21,21 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, std: torch.Tensor) -> torch.Tensor:
-    """Log density ``(n,)`` of actions ``(n, k)`` under a diagonal Gaussian."""
+    """Log density ``(n,)`` of actions ``(n, k)`` under diagonal Gaussians with deviations ``(n, k)``."""
     scaled = (action - mean) / std
     return -0.5 * (scaled.square() + _LOG_TWO_PI).sum(-1) - std.log().sum(-1)
+
+
+def robot_noise(std: torch.Tensor, loudness: torch.Tensor) -> torch.Tensor:
+    """Deviations of the actions of robots ``(n, k)`` from the policy's ``(k,)`` and each one's share."""
+    return std * loudness.unsqueeze(-1)
+
+
+def loudness_of(robots: int, settings: PpoSettings) -> torch.Tensor:
+    """Share of the action noise that each robot has ``(robots,)``: the quiet ones spread evenly."""
+    place = torch.arange(robots + 1, dtype=torch.float64) * settings.quiet_share + 1e-9
+    quiet = place.floor().diff() > 0.0
+    return torch.where(quiet, settings.quiet_noise, 1.0)
 
 
 def entropy(std: torch.Tensor) -> torch.Tensor:
@@ -73,6 +85,7 @@ class PolicyBatch(NamedTuple):
     """Transitions of a mini-batch of ``m`` samples.
 
     Attributes:
+        loudness: share of the action noise that the robot had ``(m,)``.
         perceived: what the policy network saw ``(m, 69)``: stored, so that the likelihood ratio compares
             policies on the same input, and no gradient reaches the estimator.
         truth: what the critic saw ``(m, 53)``.
@@ -84,6 +97,7 @@ class PolicyBatch(NamedTuple):
         returns: ``(m,)``.
     """
 
+    loudness: torch.Tensor
     perceived: torch.Tensor
     truth: torch.Tensor
     action: torch.Tensor
@@ -109,9 +123,14 @@ def decide_and_value(
 def policy_losses(
     actor: Actor, critic: Critic, batch: PolicyBatch, old_std: torch.Tensor, settings: PpoSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient."""
+    """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient.
+
+    Entropy and divergence are those of the policy with all its noise: a few quiet robots, for whom the same
+    change of the mean is many deviations, shall not set the pace.
+    """
     mean, value = decide_and_value(actor, critic, batch.perceived, batch.truth, settings)
-    ratio = torch.exp(log_probability(batch.action, mean, actor.std) - batch.log_probability)
+    noise = robot_noise(actor.std, batch.loudness)
+    ratio = torch.exp(log_probability(batch.action, mean, noise) - batch.log_probability)
     limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
     surrogate = torch.maximum(-batch.advantage * ratio, -batch.advantage * limited).mean()
     near = batch.value + (value - batch.value).clamp(-settings.clip, settings.clip)

@@ -21,6 +21,9 @@ LATER_FIELDS = {
     "calm_std": 0.15,
     "mirror_epochs": False,
     "growth_share": 0.0,
+    "braking_window": 1.0,
+    "quiet_share": 0.0,
+    "quiet_noise": 0.25,
 }
 """Fields that came after the first published hash, with the value that means what was done before they came:
 at that value they do not count in the hash, so that a policy's settings keep theirs."""
@@ -313,6 +316,10 @@ class PpoSettings:
             policy runs without noise, and what it is to run like should be practised and estimated. None: it
             stays.
         calm_std: floor at the end [-].
+        quiet_share: of the robots, spread evenly: they act with ``quiet_noise`` of the others' action noise.
+            A policy runs without noise, and what it does then must have been practised: with noise
+            everywhere, policies stood that fell over without it. Not in the paper.
+        quiet_noise: share of the action noise that those robots have.
         mirror_epochs: every other epoch learns from the mirror image of the rollout, left and right
             exchanged: twice the experience for the same physics. Not in the paper; wrong for a robot whose
             sides differ.
@@ -338,6 +345,8 @@ class PpoSettings:
     least_std: float = 0.3
     calm_iterations: tuple[int, int] | None = None
     calm_std: float = 0.15
+    quiet_share: float = 0.0
+    quiet_noise: float = 0.25
     mirror_epochs: bool = False
     hidden: tuple[int, ...] = (512, 256, 128)
     precision: str = "tf32"
@@ -351,6 +360,8 @@ class PpoSettings:
         check_range("discount", self.discount, 0.0, 1.0)
         check_range("gae", self.gae, 0.0, 1.0)
         check_range("least_std", self.least_std, 1e-6, self.initial_std)
+        check_range("quiet_share", self.quiet_share, 0.0, 1.0)
+        check_range("quiet_noise", self.quiet_noise, 1e-3, 1.0)
         if self.calm_iterations is not None:
             check_range("calm_std", self.calm_std, 1e-6, self.least_std)
             check_range("calm_iterations[0]", self.calm_iterations[0], 0, self.calm_iterations[1] - 1)

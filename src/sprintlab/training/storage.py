@@ -19,6 +19,7 @@ class Rollout:
     The column that is written is ``step``, a number on the device: writing can be captured in a graph.
 
     Attributes:
+        loudness: share of the action noise that each robot has ``(n, T)``; not written by steps.
         mirrored: the mirror images of the fields that have one, by name; empty where they are not wanted.
     """
 
@@ -44,6 +45,7 @@ class Rollout:
         self.log_probability, self.value = zeros(), zeros()
         self.reward, self.end, self.time_out = zeros(), zeros(), zeros()
         self.advantage, self.returns = zeros(), zeros()
+        self.loudness = torch.ones(robots, steps, device=device)
         self.step = torch.zeros(1, dtype=torch.long, device=device)
         self.mirrored = {name: torch.zeros_like(getattr(self, name)) for name in MIRRORED if mirrored}
 
