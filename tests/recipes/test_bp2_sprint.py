@@ -29,4 +29,7 @@ def test_a_later_field_counts_as_soon_as_it_changes_something() -> None:
     settings = runpy.run_path(str(RECIPE))["shipped_settings"]()
     assert LATER_FIELDS["heading_hold"] == settings.heading_hold
     assert replace(settings, heading_hold=True).digest() != settings.digest()
-    assert replace(settings, ppo=replace(settings.ppo, precision="bfloat16")).digest() != settings.digest()
+    for name, value in (("precision", "bfloat16"), ("quiet_share", 0.1), ("quiet_noise", 0.5)):
+        assert replace(settings, ppo=replace(settings.ppo, **{name: value})).digest() != settings.digest()
+    braking = replace(settings.schedule, braking_window=2.0)
+    assert replace(settings, schedule=braking).digest() != settings.digest()

@@ -1,0 +1,74 @@
+"""``sprint-fast`` carries the hash of the recipe's settings, and the recipe trains its two parts in order."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.training.settings import TrainingSettings
+
+RECIPE = Path(__file__).parents[2] / "recipes" / "bp2_fast_sprint.py"
+
+
+@pytest.fixture
+def recipe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(RECIPE.stem, RECIPE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, RECIPE.stem, module)  # where dataclasses look their annotations up
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def trainings(recipe: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """What the recipe asks to be trained; a checkpoint appears where it would."""
+    asked: list[dict[str, Any]] = []
+
+    def train(settings: TrainingSettings, **options: Any) -> Path:
+        asked.append({"settings": settings, **options})
+        options["output"].mkdir(parents=True, exist_ok=True)
+        (options["output"] / "checkpoint.pt").touch()
+        return options["output"] / "checkpoint.pt"
+
+    monkeypatch.setattr(recipe, "train_settings", train)
+    return asked
+
+
+def test_the_shipped_policy_was_trained_by_the_recipe(recipe: ModuleType) -> None:
+    settings, record = recipe.shipped_settings(), load_policy(shipped_policy("sprint-fast")).contract.training
+    assert record.config_hash == settings.digest()
+    assert record.iterations == recipe.ITERATIONS
+    assert record.seed == settings.seed
+    assert record.command_line == f"python recipes/{RECIPE.name} --output runs/bp2-fast-sprint"
+
+
+def test_the_second_part_begins_where_the_first_ends(
+    recipe: ModuleType, trainings: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    recipe.main(recipe.Options(output=tmp_path))
+    first, second = trainings
+    assert first["settings"] == recipe.fast_settings()
+    assert first["iterations"] == recipe.FAST_ITERATIONS < second["iterations"] == recipe.ITERATIONS
+    assert second["start_from"] == first["output"] / "checkpoint.pt" != second["output"] / "checkpoint.pt"
+    assert (second["settings"], second["environments"]) == (recipe.shipped_settings(), recipe.ROBOTS)
+
+
+def test_a_stopped_recipe_goes_on_with_the_part_it_was_in(
+    recipe: ModuleType, trainings: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    (tmp_path / "fast").mkdir()
+    (tmp_path / "fast" / "checkpoint.pt").touch()
+    recipe.main(recipe.Options(output=tmp_path, resume=True))
+    assert [training["resume"] for training in trainings] == [True, False]
+    recipe.main(recipe.Options(output=tmp_path, resume=True))
+    assert trainings[2]["resume"] and trainings[2]["start_from"] is None
+    assert len(trainings) == 3
