@@ -87,15 +87,16 @@ def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
 
 
 def test_the_robot_is_the_first_policy_s():
-    for arguments, robot in (
-        (["go1-sprint"], "go1"),
-        (["--robot", "go1"], "go1"),
-        (["sprint"], "bp2"),
-        ([], "bp2"),
+    for arguments, robot, policies in (
+        (["go1-sprint"], "go1", ["go1-sprint"]),
+        (["--robot", "go1"], "go1", ["go1-sprint"]),
+        (["sprint"], "bp2", ["sprint"]),
+        (["sprint-fast", "sprint"], "bp2", ["sprint-fast", "sprint"]),
+        ([], "bp2", ["sprint", "sprint-fast"]),
     ):
         session = parse(["play", *arguments])._session()
         assert session.robot.name == robot
-        assert session.policy_names == ("go1-sprint" if robot == "go1" else "sprint",)
+        assert list(session.policy_names) == policies
 
 
 def test_gamepad_option_takes_a_device_or_none():
