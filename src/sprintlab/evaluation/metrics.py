@@ -195,6 +195,8 @@ def _refined_period(correlation: FloatArray, lag: int) -> float:
     period = _parabola_peak(correlation, lag)
     for repeats in range(2, int((len(correlation) - 3) / period) + 1):
         first = round(repeats * period) - 2
+        if first + 2 >= len(correlation):  # the period has grown since the repeats were counted
+            break
         highest = int(correlation[first : first + 5].argmax())
         if first + highest + 1 >= len(correlation) or highest in (0, 4):
             break

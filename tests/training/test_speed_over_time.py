@@ -1,0 +1,61 @@
+"""Speed over time tells what was held, and apart from it whether the robot also braked and stood."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+from sprintlab.evaluation.protocol import ProtocolSettings
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+SETTINGS = ProtocolSettings(trials=5, required=4)
+HOLD = (4.0, 8.0)
+
+
+@pytest.fixture
+def benchmark_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("speed_over_time")
+
+
+class Pool:
+    """Trials that fell at given times [s], or not; each holds its number in m/s."""
+
+    def __init__(self, *falls: float | None) -> None:
+        self.falls = falls
+
+    def trials(self, requests: list[Any], most_falls: int) -> list[SimpleNamespace]:
+        assert len(requests) == len(self.falls) <= most_falls, "a fall must not cut the trials short"
+        return [
+            SimpleNamespace(
+                fall_time=fall,
+                completed=fall is None,
+                hold_interval=HOLD,
+                metrics=SimpleNamespace(held_speed=float(number)),
+            )
+            for number, fall in enumerate(self.falls)
+        ]
+
+
+@pytest.mark.parametrize(
+    ("falls", "held", "passed", "completed"),
+    [
+        ((None, None, None, None, None), 2.0, True, True),
+        ((None, 9.0, 9.0, 9.0, None), 2.0, True, False),
+        ((2.0, None, None, None, None), 2.5, True, True),
+        ((2.0, None, None, None, 7.9), 2.0, False, False),
+        ((1.0, 1.0, 1.0, 1.0, 1.0), 0.0, False, False),
+    ],
+)
+def test_a_fall_after_the_hold_is_no_fall_in_it(
+    benchmark_module: ModuleType, falls: tuple[float | None, ...], held: float, passed: bool, completed: bool
+) -> None:
+    result = benchmark_module.hold_speed(Pool(*falls), 6.0, SETTINGS)
+    assert (result.held, result.passed, result.completed) == (held, passed, completed)
+    assert result.top_speed == 6.0
