@@ -142,3 +142,20 @@ def test_committed_results_hold_no_paths_of_a_machine():
     for path in RESULTS.glob("*.json"):
         text = path.read_text(encoding="utf-8")
         assert not any(f"{folder}/" in text for folder in ("/tmp", "/opt", "/home", "/root")), path.name
+
+
+def test_speed_over_time_is_told_as_measured():
+    (run,) = result("speed_over_time")["runs"]
+    text = page("docs/training-engine.md")
+    for point in run["milestones"]:
+        time = (f"{point['seconds']:.0f}", point["iterations"], f"{point['environment_steps'] / 1e6:.0f}")
+        speeds = (
+            f"{point['top_speed']:g}",
+            f"{point['held_speed']:.2f}",
+            f"{point['completed_top_speed']:g}",
+        )
+        assert row(*time, *speeds) in text
+    assert run["facts"]["device"] in flowing("docs/training-engine.md")
+    fastest = max(point["held_speed"] for point in run["milestones"])
+    assert fastest == run["milestones"][-1]["held_speed"]
+    assert min(p["seconds"] for p in run["milestones"] if p["held_speed"] >= 10.0) < 120.0
