@@ -75,7 +75,7 @@ class Held:
 
 def hold_speed(pool: TrialPool, top_speed: float, settings: ProtocolSettings) -> Held:
     """Run the trials of one command [m/s]; none is left out because another fell."""
-    trials = pool.trials(settings.requests(top_speed, self_paced=False), settings.trials)
+    trials = pool.trials(settings.requests(top_speed, self_paced=False))
     through = [t for t in trials if t.fall_time is None or t.fall_time > t.hold_interval[1]]
     speeds = [trial.metrics.held_speed for trial in through]
     return Held(

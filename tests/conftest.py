@@ -1,5 +1,7 @@
 """Settings and fixtures that every test shares: the robot, a policy's contract, networks of a few lines."""
 
+import importlib.util
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +31,24 @@ settings.load_profile("sprintlab")
 def torch() -> ModuleType:
     """PyTorch; a test that asks for it is skipped where it is not installed."""
     return pytest.importorskip("torch")
+
+
+@pytest.fixture(scope="session")
+def load_script() -> Callable[[str], ModuleType]:
+    """Imports a script by its path from the project's root; it finds its neighbours as where it is run."""
+
+    def load(path: str) -> ModuleType:
+        file = Path(__file__).parents[1] / path
+        spec = importlib.util.spec_from_file_location(file.stem, file)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(file.parent))
+            sys.modules[file.stem] = module  # where dataclasses look up the names in annotations
+            spec.loader.exec_module(module)
+        return module
+
+    return load
 
 
 @pytest.fixture(scope="session")

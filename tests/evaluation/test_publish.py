@@ -1,9 +1,6 @@
 """The recipe that puts finished runs where they are committed."""
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -18,17 +15,10 @@ from sprintlab.evaluation.ablation.record import (
     write_evaluation,
 )
 
-RECIPE = Path(__file__).parents[2] / "recipes" / "publish_methods.py"
-
 
 @pytest.fixture(scope="module")
-def recipe():
-    spec = importlib.util.spec_from_file_location("publish_methods", RECIPE)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look up the names in annotations
-    spec.loader.exec_module(module)
-    return module
+def recipe(load_script):
+    return load_script("recipes/publish_methods.py")
 
 
 def record(method, seed, held, honest):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,17 +14,12 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.training.settings import TrainingSettings
 
-RECIPE = Path(__file__).parents[2] / "recipes" / "bp2_fast_sprint.py"
+RECIPE = "recipes/bp2_fast_sprint.py"
 
 
 @pytest.fixture
-def recipe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(RECIPE.stem, RECIPE)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, RECIPE.stem, module)  # where dataclasses look their annotations up
-    spec.loader.exec_module(module)
-    return module
+def recipe(load_script: Callable[[str], ModuleType]) -> ModuleType:
+    return load_script(RECIPE)
 
 
 @pytest.fixture
@@ -48,7 +42,7 @@ def test_the_shipped_policy_was_trained_by_the_recipe(recipe: ModuleType) -> Non
     assert record.config_hash == settings.digest()
     assert record.iterations == recipe.ITERATIONS
     assert record.seed == settings.seed
-    assert record.command_line == f"python recipes/{RECIPE.name} --output runs/bp2-fast-sprint"
+    assert record.command_line == f"python {RECIPE} --output runs/bp2-fast-sprint"
 
 
 def test_the_second_part_begins_where_the_first_ends(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -15,13 +15,10 @@ import tyro
 from sprintlab.cli.train import method_as_option
 from sprintlab.training.run import TrainOptions
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture
-def benchmark_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("training_scaling")
+def benchmark_module(load_script: Callable[[str], ModuleType]) -> ModuleType:
+    return load_script("benchmarks/training_scaling.py")
 
 
 @pytest.mark.parametrize("processes", [1, 3])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -13,15 +12,13 @@ pytest.importorskip("mujoco_warp")
 
 from sprintlab.evaluation.protocol import ProtocolSettings
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 SETTINGS = ProtocolSettings(trials=5, required=4)
 HOLD = (4.0, 8.0)
 
 
 @pytest.fixture
-def benchmark_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("speed_over_time")
+def benchmark_module(load_script: Callable[[str], ModuleType]) -> ModuleType:
+    return load_script("benchmarks/speed_over_time.py")
 
 
 class Pool:
@@ -30,8 +27,9 @@ class Pool:
     def __init__(self, *falls: float | None) -> None:
         self.falls = falls
 
-    def trials(self, requests: list[Any], most_falls: int) -> list[SimpleNamespace]:
-        assert len(requests) == len(self.falls) <= most_falls, "a fall must not cut the trials short"
+    def trials(self, requests: list[Any], most_falls: int | None = None) -> list[SimpleNamespace]:
+        uncut = most_falls is None or len(self.falls) <= most_falls
+        assert len(requests) == len(self.falls) and uncut, "a fall must not cut the trials short"
         return [
             SimpleNamespace(
                 fall_time=fall,
