@@ -3,8 +3,9 @@
     python recipes/bp2_sprint.py --output runs/bp2-sprint
     sprintlab export runs/bp2-sprint/checkpoint.pt runs/bp2-sprint/sprint.onnx
 
-The settings are the defaults of that day: without jitter of the delay and without holding the heading, with
-fewer targets at rest, and with more memory for contacts than four feet need.
+The settings are the defaults of that day: without jitter of the delay, without holding the heading, without
+a reward for the speed itself, without quiet robots and commands to brake, with fewer targets at rest, and
+with more memory for contacts than four feet need.
 """
 
 from __future__ import annotations
@@ -34,8 +35,11 @@ def shipped_settings() -> TrainingSettings:
     defaults = TrainingSettings()
     return replace(
         defaults,
-        schedule=AdaptiveSchedule(targets=TargetSampling(zero_share=0.04)),
+        schedule=AdaptiveSchedule(targets=TargetSampling(zero_share=0.04), braking_window=1.0),
         heading_hold=False,
+        rewards=replace(defaults.rewards, progress=0.0),
+        ppo=replace(defaults.ppo, quiet_share=0.0),
+        stages=replace(defaults.stages, steady_iteration=None),
         randomization=replace(defaults.randomization, delay_jitter=0.0),
         simulation=replace(defaults.simulation, max_constraints=24, max_contacts=8),
     )

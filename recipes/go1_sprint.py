@@ -4,7 +4,8 @@
     sprintlab export runs/go1-sprint/checkpoint.pt runs/go1-sprint/go1-sprint.onnx
     sprintlab race runs/go1-sprint/go1-sprint.onnx --robot go1
 
-Lengths are scaled by leg length, masses by mass, speeds by the Froude number; all else is as for BP2.
+Lengths are scaled by leg length, masses by mass, speeds by the Froude number; all else is as BP2's
+defaults were that day: without a reward for the speed itself, quiet robots and commands to brake.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sprintlab.cli.train import run_script, train_settings
+from sprintlab.commands import AdaptiveSchedule
 from sprintlab.training.settings import TrainingSettings
 
 ITERATIONS = 2200
@@ -36,12 +38,17 @@ def go1_settings() -> TrainingSettings:
     return replace(
         base,
         rewards=replace(
-            base.rewards, foot_clearance_target=0.08, touchdown_height=0.04, leg_distance_limit=0.045
+            base.rewards,
+            progress=0.0,
+            foot_clearance_target=0.08,
+            touchdown_height=0.04,
+            leg_distance_limit=0.045,
         ),
         randomization=replace(base.randomization, payload=(-0.5, 0.7), center_of_mass=0.012),
         episodes=replace(base.episodes, leg_distance_limit=0.022, knee_clearance=0.035),
-        stages=replace(base.stages, first_top=4.0, second_top=9.0),
-        ppo=replace(base.ppo, precision="bfloat16"),
+        stages=replace(base.stages, first_top=4.0, second_top=9.0, steady_iteration=None),
+        schedule=AdaptiveSchedule(braking_window=1.0),
+        ppo=replace(base.ppo, precision="bfloat16", quiet_share=0.0),
     )
 
 

@@ -27,8 +27,8 @@ def draw_inputs(generator, n, lower=-2.0, upper=9.0, fresh_share=0.0):
     }
 
 
-def advance(schedule, state, inputs, lower=-2.0, upper=9.0):
-    return schedule.advance(state, dt=DT, lower=lower, upper=upper, **inputs)
+def advance(schedule, state, inputs, lower=-2.0, upper=9.0, steady=1.0):
+    return schedule.advance(state, dt=DT, lower=lower, upper=upper, steady=steady, **inputs)
 
 
 def as_torch(inputs):
@@ -126,6 +126,9 @@ def test_a_lower_target_may_draw_the_command_further_than_a_higher_one():
     assert at_rest.sum() > 50 and above.sum() > 50
     assert np.all(state.command[at_rest, 0] == 2.0)
     assert np.all(state.command[above, 0] == 7.0)
+    before = advance(schedule, initial_state(400, np.zeros(1)), inputs, steady=0.0)
+    assert np.all(before.command[at_rest, 0] == 5.0), "before the steady stage: as far down as up"
+    assert np.array_equal(before.command[above], state.command[above])
 
 
 def test_adaptive_hold_times_lie_in_their_interval():
@@ -147,8 +150,8 @@ def test_adaptive_hold_times_lie_in_their_interval():
 def test_share_of_biased_updates():
     generator = np.random.default_rng(7)
     inputs = draw_inputs(generator, 20000) | {"speed": np.full(20000, 3.0)}
-    state = advance(AdaptiveSchedule(), initial_state(20000, np.zeros(1)), inputs)
-    biased = state.command[:, 0] == np.clip(state.target_speed, 2.0, 4.0)
+    state = advance(AdaptiveSchedule(braking_window=2.0), initial_state(20000, np.zeros(1)), inputs)
+    biased = state.command[:, 0] == np.clip(state.target_speed, 1.0, 4.0)
     assert np.mean(biased) == pytest.approx(0.75, abs=0.01)
 
 

@@ -162,8 +162,14 @@ def test_quiet_robots_are_as_many_as_asked_for_and_in_every_mini_batch(share: fl
 
 
 def test_quiet_robots_act_with_less_noise_and_their_probabilities_know_it() -> None:
-    quiet = replace(SETTINGS, ppo=replace(PPO_SETTINGS, quiet_share=0.5, quiet_noise=0.1))
+    quiet = replace(
+        SETTINGS,
+        ppo=replace(PPO_SETTINGS, quiet_share=0.5, quiet_noise=0.1),
+        stages=replace(SETTINGS.stages, steady_iteration=3),
+    )
     learner = EstimatorPpo(SprintEnvironment(quiet, "cpu"), True, Workers())
+    assert bool((learner.rollout.loudness == 1.0).all()), "not yet"
+    learner.set_noise(quiet.ppo.least_std, quiet.stages.is_steady(3))
     for _ in range(STEPS):
         learner.act()
         learner.environment.advance()

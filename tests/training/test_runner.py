@@ -13,11 +13,12 @@ pytest.importorskip("rsl_rl")
 
 import torch
 
+from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
-from sprintlab.training.run import TrainOptions, keep_milestone
+from sprintlab.training.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -127,6 +128,44 @@ def test_milestones_are_policies_on_the_way(tmp_path: Path) -> None:
     assert load_policy(exported.path, load_robot("bp2")).contract.training.method == "sprint"
     with pytest.raises(SprintlabError, match="holds a policy only"):
         runner.load(read_checkpoint(kept / "0002.pt"))
+
+
+def test_the_steady_stage_begins_where_it_is_told_to_and_in_a_resumed_run(tmp_path: Path) -> None:
+    settings = replace(SETTINGS, stages=replace(SETTINGS.stages, steady_iteration=1))
+    runner = Runner(settings, "cpu", "test")
+
+    def steady(run: Runner) -> tuple[float, bool]:
+        return float(run.environment.steady), bool((run.learner.rollout.loudness < 1.0).any())
+
+    assert steady(runner) == (0.0, False)
+    runner.iterate()
+    assert steady(runner) == (1.0, True)
+    runner.save(tmp_path / "checkpoint.pt")
+    resumed = Runner(settings, "cpu", "test")
+    resumed.load(read_checkpoint(tmp_path / "checkpoint.pt"))
+    assert steady(resumed) == (1.0, True)
+    always = replace(SETTINGS, stages=replace(SETTINGS.stages, steady_iteration=None))
+    assert steady(Runner(always, "cpu", "test")) == (1.0, True)
+    with pytest.raises(InvalidValueError, match="steady_iteration"):
+        replace(SETTINGS.stages, steady_iteration=-1)
+
+
+def test_a_run_that_ends_before_its_steady_stage_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
+    options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "iterations": 1}
+    train(TrainOptions(output=tmp_path / "short", settings=short, **options))
+    assert "before its steady stage (settings.stages.steady_iteration, 1350)" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    from_the_start = replace(short, stages=replace(short.stages, steady_iteration=0))
+    train(TrainOptions(output=tmp_path / "whole", settings=from_the_start, **options))
+    assert "before its" not in capsys.readouterr().err
+
+
+def test_a_sweep_trains_as_long_as_a_training_does() -> None:
+    assert Sweep(out=Path("runs")).iterations == TrainOptions().iterations
 
 
 def test_the_noise_calms_down_where_it_is_told_to() -> None:

@@ -144,9 +144,9 @@ class AdaptiveSchedule:
     Attributes:
         targets: how ``v*`` is drawn.
         window: half width of the neighbourhood [m/s].
-        braking_window: how far below the present speed a lower target may draw the command [m/s]. The paper's
-            neighbourhood is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more
-            than 1 m/s, and who is asked for it by somebody else falls.
+        braking_window: how far below the present speed a lower target may draw the command [m/s], in the
+            steady stage of training. The paper's neighbourhood is symmetric, and 1 m/s is its width; then
+            nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
 
@@ -156,7 +156,7 @@ class AdaptiveSchedule:
 
     targets: TargetSampling = TargetSampling()
     window: float = 1.0
-    braking_window: float = 1.0
+    braking_window: float = 4.0
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
 
@@ -178,6 +178,7 @@ class AdaptiveSchedule:
         fresh: Array,
         random: Array,
         weights: Array | None = None,
+        steady: Array | float = 1.0,
     ) -> CommandState:
         """The state one policy step later.
 
@@ -191,6 +192,7 @@ class AdaptiveSchedule:
             fresh: environments just reset ``(n,)``: target and command are redrawn at once.
             random: uniform in [0, 1) ``(n, 8)``.
             weights: of the grid curriculum's bins ``(rows, columns)``; None: no grid.
+            steady: 0 reaches as far down as ``window``, 1 as ``braking_window``; scalar or 0-d array.
         """
         xp = namespace(random)
         state, renewed = self.targets.advance(
@@ -198,16 +200,17 @@ class AdaptiveSchedule:
         )
         remaining = state.time_to_update - dt
         update = renewed | (remaining <= 0.0)
-        held = xp.where(update, self._draw(state.target_speed, speed, random), state.command[:, 0])
+        held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
         shortest, longest = self.hold
         return state._replace(
             command=assemble_command(clip(held, lower, upper), state.target_yaw_rate, friction),
             time_to_update=xp.where(update, shortest + (longest - shortest) * random[:, 7], remaining),
         )
 
-    def _draw(self, target: Array, speed: Array, random: Array) -> Array:
+    def _draw(self, target: Array, speed: Array, random: Array, steady: Array | float) -> Array:
         xp = namespace(random)
-        biased = clip(target, speed - self.braking_window, speed + self.window)
+        braking_window = self.window + steady * (self.braking_window - self.window)
+        biased = clip(target, speed - braking_window, speed + self.window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
         return xp.where(random[:, 6] < self.biased_share, biased, anywhere)
 
@@ -234,8 +237,10 @@ class UniformSchedule:
         fresh: Array,
         random: Array,
         weights: Array | None = None,
+        steady: Array | float = 1.0,
     ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``, ``speed`` unused."""
+        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``, which uses
+        ``speed`` and ``steady``."""
         state, _ = self.targets.advance(
             state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
         )
@@ -278,6 +283,7 @@ class FixedAccelerationSchedule:
         fresh: Array,
         random: Array,
         weights: Array | None = None,
+        steady: Array | float = 1.0,
     ) -> CommandState:
         """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
         xp = namespace(random)

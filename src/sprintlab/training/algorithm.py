@@ -94,7 +94,7 @@ class EstimatorPpo:
             self.device,
             mirrored=ppo.mirror_epochs,
         )
-        self.rollout.loudness.copy_(loudness_of(environment.num_envs, ppo).unsqueeze(1))
+        self._loudness = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
         self._mirror = Mirror(settings.observation.history_length, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
@@ -103,9 +103,15 @@ class EstimatorPpo:
         self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
         self.old_std = self.actor.std.detach().clone()
         self.least_std = torch.tensor(ppo.least_std, device=self.device)
+        self.set_noise(ppo.least_std, settings.stages.is_steady(0))
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
+
+    def set_noise(self, least: float, quiet: bool) -> None:
+        """The floor of the action noise, and whether some robots have less of it, from now on."""
+        self.least_std.fill_(least)
+        self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
 
     # --- graphs ------------------------------------------------------------------------------------------
 

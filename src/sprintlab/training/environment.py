@@ -87,7 +87,7 @@ class SprintEnvironment(VecEnv):
         self._filter = LowPass()
         self._allocate_constants()
         self._allocate_state()
-        self.set_curriculum(1.0, -1.0, 0.0)
+        self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
         self._start_all()
         self._finish_step: Callable[[], None] = self._after_physics
         if fused and str(device).startswith("cuda"):
@@ -136,7 +136,9 @@ class SprintEnvironment(VecEnv):
         lengths = shortest + (longest - shortest) * torch.rand(n, device=self.device)
         self.episode_limit = (lengths / POLICY_STEP).long()
         self.max_episode_length = int(longest / POLICY_STEP)
-        self.lower, self.upper, self.stage = (torch.zeros((), device=self.device) for _ in range(3))
+        self.lower, self.upper, self.stage, self.steady = (
+            torch.zeros((), device=self.device) for _ in range(4)
+        )
         self.weights = self._first_weights.clone()
         self.reward, self.time_out = zeros(n), zeros(n)
         self.done = torch.zeros(n, dtype=torch.long, device=self.device)
@@ -168,11 +170,12 @@ class SprintEnvironment(VecEnv):
 
     # --- curriculum --------------------------------------------------------------------------------------
 
-    def set_curriculum(self, upper: float, lower: float, stage: float) -> None:
-        """Range of commanded speeds [m/s], and the share of stage II in the reward weights."""
+    def set_curriculum(self, upper: float, lower: float, stage: float, steady: bool = False) -> None:
+        """Range of commanded speeds [m/s], share of stage II in the reward weights, whether it is steady."""
         self.upper.fill_(upper)
         self.lower.fill_(lower)
         self.stage.fill_(stage)
+        self.steady.fill_(float(steady))
         self.weights.copy_(self._first_weights * (1 - stage) + self._second_weights * stage)
 
     # --- rsl_rl ------------------------------------------------------------------------------------------
@@ -384,6 +387,7 @@ class SprintEnvironment(VecEnv):
             fresh=fresh,
             random=self.draws["command"],
             weights=self.grid_weights,
+            steady=self.steady,
         )
         if self.settings.heading_hold:
             advanced = self._hold_heading(advanced, fresh | (advanced.time_to_target > before))

@@ -30,7 +30,7 @@ class TrainOptions:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``cloud.npz``, ``tensorboard/``.
         minutes: stop after this much time in this sitting.
-        iterations: stop at this iteration of the run.
+        iterations: stop at this iteration of the run; some 250 after ``settings.stages.steady_iteration``.
         environments: robots side by side.
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
@@ -57,7 +57,7 @@ class TrainOptions:
     method: str = "sprint"
     output: Path = Path("runs/train")
     minutes: float = 20.0
-    iterations: int = 100_000
+    iterations: int = 1600
     environments: int = 8192
     seed: int = 0
     device: str = "auto"
@@ -183,6 +183,8 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
     if leads and progress.iteration:
         with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
+    if too_short := _never_steady(options, runner):
+        reporter.say(too_short)
     with StopRequest().listening() as stop, reporter:
         _loop(runner, options, seconds, stop, reporter)
         if stop:
@@ -197,6 +199,17 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
     if options.cloud and leads:  # last of all: the robots run on, and the run could not
         with recording():
             write_cloud(runner, options.output / CLOUD_NAME)
+
+
+def _never_steady(options: TrainOptions, runner: Runner) -> str:
+    """A warning where the run ends before its last stage begins, else nothing."""
+    first = runner.settings.stages.steady_iteration
+    if first is None or options.iterations > first:
+        return ""
+    return (
+        f"the run ends at iteration {options.iterations}, before its steady stage (settings.stages."
+        f"steady_iteration, {first}): the policy may fall where it brakes or stands without action noise"
+    )
 
 
 def _loop(

@@ -105,8 +105,10 @@ class Runner:
 
     def _set_curriculum(self) -> None:
         """Range, stage and noise of the next iteration."""
-        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight)
-        self.learner.least_std.fill_(self.settings.ppo.noise_floor(self.progress.iteration))
+        iteration = self.progress.iteration
+        steady = self.settings.stages.is_steady(iteration)
+        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
+        self.learner.set_noise(self.settings.ppo.noise_floor(iteration), steady)
 
     def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
         steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count

@@ -24,6 +24,7 @@ LATER_FIELDS = {
     "braking_window": 1.0,
     "quiet_share": 0.0,
     "quiet_noise": 0.25,
+    "steady_iteration": None,
 }
 """Fields that came after the first published hash, with the value that means what was done before they came:
 at that value they do not count in the hash, so that a policy's settings keep theirs."""
@@ -126,7 +127,7 @@ class RewardSettings:
 
     linear_tracking: float = 1.0
     angular_tracking: float = 0.5
-    progress: float = 0.0
+    progress: float = 0.5
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
     action_rate: RewardWeight = RewardWeight(first=-0.01, second=-0.005)
@@ -275,6 +276,10 @@ class StageSettings:
             by a quarter of their speed, and most robots are asked for all they can, not for what is easy.
         earliest_iteration: stage II starts no sooner.
         ramp_iterations: over which the weights blend.
+        steady_iteration: from here on robots practise what an evaluation asks of them and the stages before
+            do not: ``ppo.quiet_share`` of them act with less noise, and ACS may brake by its
+            ``braking_window``. Some 250 iterations at the end of a run are enough, and from the start on
+            they cost speed. Not in the paper. None: from the start.
 
     Raises:
         InvalidValueError: tops in the wrong order or not positive, or a share outside [0, 0.9].
@@ -287,12 +292,19 @@ class StageSettings:
     growth_share: float = 0.0
     earliest_iteration: int = 200
     ramp_iterations: int = 150
+    steady_iteration: int | None = 1350
 
     def __post_init__(self) -> None:
         check_positive("first_top", self.first_top, "m/s")
         check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
         check_positive("growth", self.growth, "m/s")
         check_range("growth_share", self.growth_share, 0.0, 0.9)
+        if self.steady_iteration is not None:
+            check_range("steady_iteration", self.steady_iteration, 0, 10**9)
+
+    def is_steady(self, iteration: int) -> bool:
+        """Whether robots act quietly and brake in an iteration of the run."""
+        return self.steady_iteration is None or iteration >= self.steady_iteration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,7 +328,8 @@ class PpoSettings:
             policy runs without noise, and what it is to run like should be practised and estimated. None: it
             stays.
         calm_std: floor at the end [-].
-        quiet_share: of the robots, spread evenly: they act with ``quiet_noise`` of the others' action noise.
+        quiet_share: of the robots, spread evenly: from ``stages.steady_iteration`` on they act with
+            ``quiet_noise`` of the others' action noise.
             A policy runs without noise, and what it does then must have been practised: with noise
             everywhere, policies stood that fell over without it. Not in the paper.
         quiet_noise: share of the action noise that those robots have.
@@ -345,7 +358,7 @@ class PpoSettings:
     least_std: float = 0.3
     calm_iterations: tuple[int, int] | None = None
     calm_std: float = 0.15
-    quiet_share: float = 0.0
+    quiet_share: float = 0.25
     quiet_noise: float = 0.25
     mirror_epochs: bool = False
     hidden: tuple[int, ...] = (512, 256, 128)
