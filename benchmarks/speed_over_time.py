@@ -31,9 +31,9 @@ from rich.table import Table
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
-from sprintlab.evaluation.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
 from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
 from sprintlab.training.runner import read_checkpoint
