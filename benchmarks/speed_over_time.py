@@ -14,17 +14,15 @@ starting the process and compiling come before them.
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import answer
+from harness import answer, circumstances
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
@@ -33,13 +31,15 @@ from rich.table import Table
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
-from sprintlab.evaluation.theme import LIGHT, axis_legend, png_bytes, style_axis, themed_figure
 from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
 from sprintlab.training.runner import read_checkpoint
 
+PACKAGES = ("sprintlab", "mujoco", "onnxruntime", "numpy")
+"""What the evaluation runs on; a run's own versions stand among its facts."""
 GOAL = (180.0, 10.0)
 """Training time [s] and held speed [m/s]."""
 
@@ -193,11 +193,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     runs = [{"facts": run_facts(run), "milestones": rows} for run, rows in found.items()]
     if chosen.figure is not None:
         atomic_write_bytes(chosen.figure, png_bytes(draw(runs)))
-    return {
-        "evaluation": {"command_line": shlex.join(["python", *sys.argv])},
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "runs": runs,
-    }
+    return {**circumstances(PACKAGES), "runs": runs}
 
 
 if __name__ == "__main__":

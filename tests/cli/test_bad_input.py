@@ -52,7 +52,7 @@ def test_contract_of_another_robot(call, tmp_path, write_policy, command):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("command", ["race", "evaluate", "play"])
+@pytest.mark.parametrize("command", ["race", "evaluate", "play", "run"])
 def test_policy_for_a_robot_that_is_not_known(call, tmp_path, write_policy, command):
     other = write_policy(tmp_path / "other.onnx", robot_name="mydog")
     assert_refused(call(command, other), "other.onnx", "'mydog'", "--robot")

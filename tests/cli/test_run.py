@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sprintlab import control
 from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import run_loop
 
@@ -52,6 +53,13 @@ def test_the_robot_is_the_policy_s_unless_another_is_named(call):
     words = ("go1-sprint", "shm://nobody-is-here", "--no-log")
     assert_refused(call("run", *words), "no robot named 'nobody-is-here' runs")
     assert_refused(call("run", *words, "--robot", "bp2"), "the policy has 'go1', robot bp2 has 'bp2'")
+
+
+def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
+    opened, load = [], control.load_policy
+    monkeypatch.setattr(control, "load_policy", lambda path: opened.append(path.name) or load(path))
+    assert_refused(call("run", "go1-sprint", "shm://nobody-is-here", "--no-log"), "nobody-is-here")
+    assert opened == ["go1-sprint.onnx"]
 
 
 def test_a_log_that_exists_is_not_overwritten(call, tmp_path):

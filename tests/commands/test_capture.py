@@ -7,8 +7,8 @@ from sprintlab.commands import (
     AdaptiveSchedule,
     FixedAccelerationSchedule,
     UniformSchedule,
-    fastest_speed,
     initial_state,
+    ranked_speeds,
 )
 from sprintlab.control import (
     LowPass,
@@ -86,7 +86,7 @@ def one_step(schedule, state, inputs):
     torque = pd_torque(
         inputs["gains"], inputs["gains"], target, inputs["joint_position"], inputs["joint_velocity"]
     )
-    return *state, network_input(history), torque, fastest_speed(inputs["speed"])
+    return *state, network_input(history), torque, *ranked_speeds(inputs["speed"], (0.5, 0.95, 0.999))
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: type(schedule).__name__)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.commands import RangeGrowth, StageBlend, fastest_speed
+from sprintlab.commands import RangeGrowth, StageBlend, fastest_speed, ranked_speeds
 from sprintlab.core.errors import InvalidValueError
 
 
@@ -51,6 +51,16 @@ def test_fastest_speed_ignores_a_few_outliers_and_is_the_same_in_torch(torch):
     reference = np.quantile(speed, 0.999, method="inverted_cdf")
     assert fastest_speed(speed) == reference
     assert float(fastest_speed(torch.from_numpy(speed))) == reference
+
+
+@pytest.mark.parametrize("count", [2, 3, 16, 8192])
+def test_speeds_ranked_at_once_are_those_ranked_one_by_one(torch, count):
+    speed = np.random.default_rng(count).normal(size=count).astype(np.float32)
+    shares = (0.5, 0.95, 0.999, 1.0)
+    one_by_one = [np.quantile(speed, share, method="inverted_cdf") for share in shares]
+    assert ranked_speeds(speed, shares) == one_by_one == [fastest_speed(speed, share) for share in shares]
+    assert [float(value) for value in ranked_speeds(torch.from_numpy(speed), shares)] == one_by_one
+    assert [value.shape for value in ranked_speeds(torch.zeros(count, device="meta"), shares)] == [()] * 4
 
 
 def test_growth_goes_on_from_a_checkpoint():

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.core.theme import png_bytes
 from sprintlab.limits import (
     SearchSettings,
     TrainedSpeed,
     evaluate,
     fastest_stride,
-    figure_bytes,
     limit_figure,
     scalings,
     speed_limit,
@@ -90,7 +90,7 @@ def test_the_whole_answer_and_its_picture(bp2):
     assert limit.sensitivities == ()
     assert all(0.0 < share <= 1.0 for _, share in seen)
     assert {what for what, _ in seen} == {"speed limit", "without hip torque"}
-    assert figure_bytes(limit_figure(limit, bp2)).startswith(b"\x89PNG")
+    assert png_bytes(limit_figure(limit, bp2)).startswith(b"\x89PNG")
     above = ["The fastest stride", "Hip over its envelope", "Knee over its envelope"]
     assert panels(limit, bp2) == [*above, "Limit if this were no limit"]
     trained = (TrainedSpeed(policy="p", speed=9.0, source="result.json"),)

@@ -28,18 +28,6 @@ def test_it_trains_the_go1_up_to_its_limit_with_bp2_s_weights(recipe):
     assert settings.episodes.leg_distance_limit < defaults.episodes.leg_distance_limit
 
 
-def test_the_shipped_policy_was_trained_by_the_recipe(recipe):
-    from sprintlab.control import load_policy, shipped_policy
-
-    settings, contract = recipe["go1_settings"](), load_policy(shipped_policy("go1-sprint")).contract
-    record = contract.training
-    assert contract.robot_name == settings.robot
-    assert record.config_hash == settings.digest()
-    assert record.iterations == recipe["ITERATIONS"]
-    assert record.seed == settings.seed
-    assert record.command_line == f"python recipes/{RECIPE.name} --output runs/go1-sprint"
-
-
 def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
     from sprintlab.training.environment import SprintEnvironment
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Battery,
+    MotorModel,
     WindingHeat,
     battery_current,
     copper_loss,
@@ -26,6 +28,7 @@ from sprintlab.motors import (
     electrical_power,
     flux_factor,
     heated_motor,
+    loaded_voltage,
     phase_voltage_limit,
     shared_bus_voltage,
     warmed,
@@ -182,36 +185,49 @@ def supplied() -> BatchSimulation:
     return BatchSimulation(ROBOT, settings, "refined", "cpu")
 
 
-def test_the_battery_kernel_finds_the_library_s_voltage(
-    supplied: BatchSimulation, inputs: dict[str, np.ndarray]
-) -> None:
-    battery, heat = supplied.settings.battery, supplied.settings.heat
+def loaded(
+    simulation: BatchSimulation, inputs: dict[str, np.ndarray], model: MotorModel = "refined"
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Put robots into hard work; their charges, and their power at a bus voltage by the library."""
+    battery, heat = simulation.settings.battery, simulation.settings.heat
     assert battery is not None and heat is not None
     for name in ("target", "previous_target", "stiffness", "damping", "resistance_factor", "qpos", "qvel"):
-        getattr(supplied, name).copy_(torch.as_tensor(inputs[name]))
-    supplied.qvel.mul_(0.5)
-    supplied.target.copy_(0.3 * (supplied.target - supplied.qpos[:, joint_addresses()[0]]) + supplied.target)
+        getattr(simulation, name).copy_(torch.as_tensor(inputs[name]))
+    simulation.qvel.mul_(0.5)
+    simulation.target.copy_(
+        0.3 * (simulation.target - simulation.qpos[:, joint_addresses()[0]]) + simulation.target
+    )
     charge, temperature = (
-        getattr(supplied.supply, name).double().numpy().copy()
+        getattr(simulation.supply, name).double().numpy().copy()
         for name in ("state_of_charge", "winding_temperature")
     )
     assert np.ptp(charge) > 0.5 and np.ptp(temperature) > 50.0
-    x = {name: getattr(supplied, name).double().numpy() for name in ("target", "stiffness", "damping")}
+    x = {name: getattr(simulation, name).double().numpy() for name in ("target", "stiffness", "damping")}
     positions, velocities = joint_addresses()
     position, velocity = (
-        supplied.qpos.double().numpy()[:, positions],
-        supplied.qvel.double().numpy()[:, velocities],
+        simulation.qpos.double().numpy()[:, positions],
+        simulation.qvel.double().numpy()[:, velocities],
     )
-    factor = supplied.resistance_factor.double().numpy()[:, None]
+    factor = simulation.resistance_factor.double().numpy()[:, None]
     cold = replace(ROBOT.motors, stator_resistance=ROBOT.motors.stator_resistance * factor)
     motors = heated_motor(cold, heat, temperature)
     wanted = pd_torque(x["stiffness"], x["damping"], x["target"], position, velocity)
     wanted = wanted * flux_factor(heat, temperature)
 
     def power_at(bus: np.ndarray) -> np.ndarray:
-        torque = drive_torque(motors, ROBOT.gear, wanted, velocity, bus[:, None]).motor_torque
-        return electrical_power(motors, torque, velocity * ROBOT.gear.ratio).sum(axis=1)
+        output = drive_torque(motors, ROBOT.gear, wanted, velocity, bus[:, None], model)
+        speed = velocity * ROBOT.gear.ratio
+        return electrical_power(motors, output.motor_torque, speed, output.direct_current).sum(axis=1)
 
+    return charge, power_at
+
+
+def test_the_battery_kernel_finds_the_library_s_voltage(
+    supplied: BatchSimulation, inputs: dict[str, np.ndarray]
+) -> None:
+    battery = supplied.settings.battery
+    assert battery is not None
+    charge, power_at = loaded(supplied, inputs)
     expected = shared_bus_voltage(battery, charge, power_at)
     supplied.supply.launch(0)
     found = supplied.voltage.double().numpy() / phase_voltage_limit(1.0)
@@ -221,6 +237,22 @@ def test_the_battery_kernel_finds_the_library_s_voltage(
     assert (current < 0).any() and (current > 0).any()
     left = discharged(battery, charge, current, supplied.settings.timestep)
     np.testing.assert_allclose(supplied.supply.state_of_charge.numpy(), left, atol=1e-6)
+
+
+@pytest.mark.parametrize("model", ["refined", "flux-weakening"])
+@pytest.mark.parametrize("resistance", [0.3, 1.0])
+def test_the_battery_kernel_ends_every_search(
+    inputs: dict[str, np.ndarray], model: MotorModel, resistance: float
+) -> None:
+    """A weak pack near its collapse; single precision finds the change of sign, or its neighbourhood."""
+    battery = Battery(internal_resistance=resistance, regeneration_limit=100.0)
+    settings = SimulationSettings(environments=ENVIRONMENTS, battery=battery, heat=WindingHeat())
+    simulation = BatchSimulation(ROBOT, settings, model, "cpu")
+    charge, power_at = loaded(simulation, inputs, model)
+    simulation.supply.launch(0)
+    found = simulation.voltage.double().numpy() / phase_voltage_limit(1.0)
+    beside = [bus - loaded_voltage(battery, charge, power_at(bus)) for bus in (found - 5e-3, found + 5e-3)]
+    assert ((beside[0] <= 0) & (beside[1] >= 0)).all()
 
 
 def test_standing_draws_charge_and_a_restart_gives_it_back_or_takes_the_donor_s(

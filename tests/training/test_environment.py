@@ -63,6 +63,17 @@ def test_observations_have_their_shapes_and_are_finite(environment: SprintEnviro
     assert (reward > 0).all()
 
 
+def test_the_log_tells_the_speed_of_the_fastest(environment: SprintEnvironment) -> None:
+    environment.running_speed.copy_(torch.randn(N))
+    environment.running_speed[3] = torch.nan
+    ordered = environment.running_speed.nan_to_num().sort().values.tolist()
+    log = environment.take_log().read()
+    assert [log[name] for name in ("speed_median", "speed_p95", "speed_p999")] == [
+        ordered[7],
+        *ordered[-1:] * 2,
+    ]
+
+
 def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> None:
     simulation = environment.simulation
     mask = torch.arange(N) % 2 == 0

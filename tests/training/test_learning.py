@@ -70,7 +70,7 @@ def test_the_grid_is_drawn_as_it_is() -> None:
     np.testing.assert_array_equal(axes.images[0].get_array(), weights)
     assert axes.get_ylim() == grid.speed
     assert axes.lines[0].get_ydata()[0] == 3.0
-    assert axes.get_title().startswith("25 %")
+    assert axes.get_title(loc="left").startswith("25 %")
 
 
 def test_the_histogram_counts_every_robot_of_every_process(folder: Path) -> None:

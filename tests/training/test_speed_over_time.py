@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -14,6 +16,7 @@ from sprintlab.evaluation.protocol import ProtocolSettings
 
 SETTINGS = ProtocolSettings(trials=5, required=4)
 HOLD = (4.0, 8.0)
+COMMITTED = Path(__file__).parents[2] / "results" / "throughput" / "speed_over_time.json"
 
 
 @pytest.fixture
@@ -57,3 +60,26 @@ def test_a_fall_after_the_hold_is_no_fall_in_it(
     result = benchmark_module.hold_speed(Pool(*falls), 6.0, SETTINGS)
     assert (result.held, result.passed, result.completed) == (held, passed, completed)
     assert result.top_speed == 6.0
+
+
+def test_the_file_tells_where_policies_were_trained_and_how_they_were_evaluated(
+    benchmark_module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (committed,) = json.loads(COMMITTED.read_text())["runs"]
+    (tmp_path / "milestones").mkdir()
+    for point in range(len(committed["milestones"])):
+        (tmp_path / "milestones" / f"{point:02}.pt").touch()
+    rows = iter(committed["milestones"])
+    monkeypatch.setattr(benchmark_module, "run_facts", lambda run: committed["facts"])
+    monkeypatch.setattr(benchmark_module, "measure_milestone", lambda *_: next(rows))
+    figure = tmp_path / "speeds.png"
+    monkeypatch.setattr(
+        "sys.argv", ["speed_over_time.py", str(tmp_path), "--workers", "1", "--figure", str(figure)]
+    )
+    result = benchmark_module.measure(benchmark_module.parse())
+    assert result["runs"] == [committed]
+    assert set(committed["facts"]) >= {"device", "versions", "command_line", "date"}
+    assert result["command_line"].startswith(f"speed_over_time.py {tmp_path}")
+    assert set(result["packages"]) == set(benchmark_module.PACKAGES)
+    assert set(json.loads(COMMITTED.read_text())) <= set(result)
+    assert figure.read_bytes().startswith(b"\x89PNG")

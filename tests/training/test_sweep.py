@@ -14,11 +14,13 @@ import types
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
+from sprintlab.motors import Battery
 from sprintlab.training.settings import TrainingSettings
 from sprintlab.training.sweep import (
     LocalCluster,
@@ -88,13 +90,63 @@ def test_an_override_keeps_the_kind_of_what_it_replaces() -> None:
         ("ppo.steps", "many", "cannot become 'many'"),
         ("ppo.steps.more", 1, "has no parts"),
         ("ppo", 3, "cannot become 3"),
+        ("ppo.steps", None, "cannot become None"),
         ("ppo.steps", 0, "steps"),
     ):
         with pytest.raises(SprintlabError, match=message):
             override(settings, name, value)
 
 
-def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path) -> None:
+def test_what_is_none_by_default_can_be_set_and_taken_back() -> None:
+    calm = override(TrainingSettings(), "ppo.calm_iterations", [100, 200])
+    assert calm.ppo.calm_iterations == (100, 200)
+    assert override(calm, "ppo.calm_iterations", None) == TrainingSettings()
+    assert override(TrainingSettings(), "simulation.battery", {}).simulation.battery == Battery()
+    weak = override(TrainingSettings(), "simulation.battery.internal_resistance", 1)
+    assert weak.simulation.battery == Battery(internal_resistance=1.0)
+    both = {"capacity": 9, "internal_resistance": 0.2}
+    assert override(weak, "simulation.battery", both).simulation.battery == Battery(
+        capacity=9.0, internal_resistance=0.2
+    )
+    assert override(weak, "simulation.battery", None) == TrainingSettings()
+    assert override(TrainingSettings(), "schedule.targets.grid", None).schedule.targets.grid is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("ppo.calm_iterations", 5, r"None \(tuple\[int, int\] or null\) and cannot become 5"),
+        ("ppo.calm_iterations", [1.5, 2], r"cannot become \(1.5, 2\)"),
+        ("ppo.calm_iterations", [1, 2, 3], "cannot become"),
+        ("ppo.calm_iterations", ["a", "b"], "cannot become"),
+        ("ppo.calm_iterations", [9, 3], "calm_iterations"),
+        ("ppo.calm_iterations", {"first": 3}, "has no parts"),
+        ("simulation.battery", "big", r'None \(\{"series_cells": ...\} or null\) and cannot become \'big\''),
+        ("simulation.battery", [], "cannot become"),
+        ("simulation.battery.volts", 3, "there is no setting 'volts' here"),
+        ("simulation.battery", {"volts": 3}, "there is no setting 'volts' here"),
+        ("simulation.battery.capacity", -1, "battery.capacity"),
+    ],
+)
+def test_what_does_not_fit_a_setting_that_is_none_is_refused(name: str, value: Any, message: str) -> None:
+    with pytest.raises(SprintlabError, match=message):
+        override(TrainingSettings(), name, value)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {},
+        {"ppo.calm_iterations": [100, 200], "heading_hold": False, "ppo.mirror_epochs": True},
+        {"ppo.calm_iterations": None},
+        {"simulation.battery": {}, "ppo.epochs": 2},
+        {"simulation.battery.capacity": 9.0, "simulation.heat": {"ambient_temperature": 30.0}},
+        {"simulation.battery": {"capacity": 9.0, "charge_table": [0.0, 1.0], "voltage_table": [3.0, 4.0]}},
+        {"simulation.heat": None, "schedule.window": 0.8, "schedule.targets.grid": None},
+        {"schedule.targets.grid.yaw_limit": 2.0, "simulation.heat.heat_capacity": 200.0},
+    ],
+)
+def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: dict[str, Any]) -> None:
     pytest.importorskip("mujoco_warp")
     import shlex
 
@@ -103,7 +155,7 @@ def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path) -> None:
     from sprintlab.cli.train import method_as_option
     from sprintlab.training.run import TrainOptions
 
-    plan = plans(tmp_path, seeds=(3,))[0]
+    (plan,) = plan_sweep(tmp_path, ("sprint",), (3,), TINY | overrides, {}, **LIMITS)
     words = shlex.split(plan.command_line())
     assert words[:3] == ["sprintlab", "train", "sprint"]
     typed = tyro.cli(TrainOptions, args=method_as_option(words[2:]))

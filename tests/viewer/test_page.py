@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sprintlab import control
 from sprintlab.cli.main import main, parse
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.joystick import DEFAULT_DEVICE
@@ -86,7 +87,9 @@ def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
     assert len(printed.err.splitlines()) == 1
 
 
-def test_the_robot_is_the_first_policy_s():
+def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypatch):
+    opened, load = [], control.load_policy
+    monkeypatch.setattr(control, "load_policy", lambda path: opened.append(path.stem) or load(path))
     for arguments, robot, policies in (
         (["go1-sprint"], "go1", ["go1-sprint"]),
         (["--robot", "go1"], "go1", ["go1-sprint"]),
@@ -97,6 +100,8 @@ def test_the_robot_is_the_first_policy_s():
         session = parse(["play", *arguments])._session()
         assert session.robot.name == robot
         assert list(session.policy_names) == policies
+        assert len(opened) == len(set(opened)) and set(opened) >= set(policies)
+        opened.clear()
 
 
 def test_gamepad_option_takes_a_device_or_none():

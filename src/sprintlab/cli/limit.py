@@ -82,10 +82,11 @@ class Limit:
 
     def _draw(self, limit: Any, robot: Any) -> None:
         from sprintlab.core.files import atomic_write_bytes
-        from sprintlab.limits import figure_bytes, limit_figure, runner_from_robot
+        from sprintlab.core.theme import png_bytes
+        from sprintlab.limits import limit_figure, runner_from_robot
 
         assert self.figure is not None
-        atomic_write_bytes(self.figure, figure_bytes(limit_figure(limit, runner_from_robot(robot))))
+        atomic_write_bytes(self.figure, png_bytes(limit_figure(limit, runner_from_robot(robot))))
 
     def _print(self, limit: Any) -> None:
         console = stdout_console()

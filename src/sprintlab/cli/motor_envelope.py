@@ -115,8 +115,8 @@ def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
 
 def _draw(path: Path, chosen: ChosenMotor, operated: OperatingPoints | None) -> None:
     from sprintlab.core.files import atomic_write_bytes
+    from sprintlab.core.theme import png_bytes
     from sprintlab.evaluation.motor_figures import workbench_figure
-    from sprintlab.evaluation.theme import png_bytes
 
     atomic_write_bytes(path, png_bytes(workbench_figure(chosen.drive, chosen.title, operated)))
 

@@ -170,7 +170,7 @@ def _channel_table(channels: dict[str, Any]) -> Any:
 
 def _draw(path: Path, result: Identification, title: str) -> None:
     from sprintlab.core.files import atomic_write_bytes
+    from sprintlab.core.theme import png_bytes
     from sprintlab.evaluation.identification_figures import identification_figure
-    from sprintlab.evaluation.theme import png_bytes
 
     atomic_write_bytes(path, png_bytes(identification_figure(result, title)))

@@ -145,7 +145,7 @@ def _sources(actuator: LibraryMotor) -> Table:
 
 def _draw(path: Path, actuators: list[LibraryMotor]) -> None:
     from sprintlab.core.files import atomic_write_bytes
+    from sprintlab.core.theme import png_bytes
     from sprintlab.evaluation.library_figures import library_figure
-    from sprintlab.evaluation.theme import png_bytes
 
     atomic_write_bytes(path, png_bytes(library_figure(actuators)))

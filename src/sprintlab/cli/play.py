@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_for
+from sprintlab.cli.race import policy_path, robot_of
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
 
@@ -74,14 +74,14 @@ class Play:
         from sprintlab.robots import load_robot
         from sprintlab.viewer.live import Session
 
-        robot = load_robot(self._robot())
-        policies = named_policies(self.policies) if self.policies else fitting_policies(robot)
-        return Session(robot, policies)
+        policies = named_policies(self.policies)
+        robot = load_robot(self._robot(policies))
+        return Session(robot, policies or fitting_policies(robot))
 
-    def _robot(self) -> str:
-        if self.policies:
-            return robot_for(policy_path(self.policies[0]), self.robot)
-        return self.robot or "bp2"
+    def _robot(self, policies: dict[str, Any]) -> str:
+        if self.robot is not None or not policies:
+            return self.robot or "bp2"
+        return robot_of(next(iter(policies.values())), policy_path(self.policies[0]).name)
 
     def _announce(self, address: str) -> None:
         if self.json:

@@ -18,6 +18,7 @@ from sprintlab.core.errors import SprintlabError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from sprintlab.control import Policy
     from sprintlab.evaluation.race_files import RaceFiles
 
 
@@ -105,16 +106,24 @@ def robot_for(policy: Path, robot: str | None) -> str:
         SprintlabError: the contract names a robot that is not known here.
     """
     from sprintlab.control import load_policy
+
+    return robot_of(load_policy(policy), policy.name) if robot is None else robot
+
+
+def robot_of(policy: Policy, name: str) -> str:
+    """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
+
+    Raises:
+        SprintlabError: that robot is not known here.
+    """
     from sprintlab.robots import robot_names
 
-    if robot is not None:
-        return robot
-    name = load_policy(policy).contract.robot_name
-    if name not in robot_names():
+    robot = policy.contract.robot_name
+    if robot not in robot_names():
         raise SprintlabError(
-            f"{policy.name} is for robot {name!r}, unknown here: name its folder or table with --robot"
+            f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"
         )
-    return name
+    return robot
 
 
 def protocol_settings(trials: int, seed: int, **more: Any) -> Any:

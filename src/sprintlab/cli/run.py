@@ -19,7 +19,7 @@ import tyro
 
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_for
+from sprintlab.cli.race import policy_path, robot_of
 
 if TYPE_CHECKING:
     from sprintlab.deployment.controller import Controller, LoopReport
@@ -68,7 +68,7 @@ class Run:
         Raises:
             SprintlabError: an option, the policy, the source, the bus or the log is refused.
         """
-        from sprintlab.control import load_policy
+        from sprintlab.control import check_contract, load_policy
         from sprintlab.deployment.bus import open_bus
         from sprintlab.deployment.controller import Controller, LoopOptions
         from sprintlab.deployment.safety import VelocityLimits
@@ -82,8 +82,9 @@ class Run:
             attended=self.source.startswith(_ATTENDED),
         )
         path = policy_path(self.policy)
-        robot = load_robot(robot_for(path, self.robot))
-        policy = load_policy(path, robot)
+        policy = load_policy(path)
+        robot = load_robot(robot_of(policy, path.name) if self.robot is None else self.robot)
+        check_contract(policy.contract, robot)
         limits = VelocityLimits(forward=self.top_speed)
         with ExitStack() as stack:
             source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)

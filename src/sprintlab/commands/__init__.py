@@ -1,7 +1,7 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
 from sprintlab.commands.grid import CommandGrid, GridBins
-from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed
+from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed, ranked_speeds
 from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
 from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self_paced
 from sprintlab.commands.schedules import (
@@ -30,6 +30,7 @@ __all__ = [
     "heading_command",
     "initial_state",
     "limit_yaw_rate",
+    "ranked_speeds",
     "self_paced",
     "wrap_angle",
 ]

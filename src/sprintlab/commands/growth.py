@@ -6,6 +6,7 @@ Plain Python numbers, updated once a training iteration; ``state_dict`` goes int
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sprintlab.control.arrays import Array, namespace
@@ -15,8 +16,13 @@ from sprintlab.core.errors import InvalidValueError
 
 def fastest_speed(speed: Array, share: float = 0.999) -> Array:
     """The speed [m/s] that ``share`` of the environments do not exceed: 0-d array from ``speed`` ``(n,)``."""
-    xp = namespace(speed)
-    return xp.sort(speed)[math.ceil(share * speed.shape[0]) - 1]
+    return ranked_speeds(speed, (share,))[0]
+
+
+def ranked_speeds(speed: Array, shares: Sequence[float]) -> list[Array]:
+    """``fastest_speed`` of each share, from one sorting."""
+    ordered = namespace(speed).sort(speed)
+    return [ordered[math.ceil(share * speed.shape[0]) - 1] for share in shares]
 
 
 @dataclass(kw_only=True)

@@ -1,1 +1,1 @@
-"""Errors, field checks and atomic files: what every floor stands on."""
+"""Errors, field checks, atomic files and the look of figures: what every floor stands on."""

@@ -15,9 +15,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import SimulationError
-from sprintlab.evaluation.metrics import copper_losses
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.evaluation.theme import (
+from sprintlab.core.theme import (
     LIGHT,
     Theme,
     empty_figure,
@@ -27,6 +25,8 @@ from sprintlab.evaluation.theme import (
     style_axis,
     themed_figure,
 )
+from sprintlab.evaluation.metrics import copper_losses
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 

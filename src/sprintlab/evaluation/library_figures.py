@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors import LibraryMotor, joint_torque, no_load_speed, saturate, torque_limits
 
 _POINTS = 400

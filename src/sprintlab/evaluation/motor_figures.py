@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from sprintlab.core.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
-from sprintlab.evaluation.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
 from sprintlab.motors.chart import (
     SATURATED,

@@ -11,6 +11,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 
+from sprintlab.core.theme import THEMES, Theme, png_bytes
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
     audit_limit,
@@ -22,7 +23,6 @@ from sprintlab.evaluation.report_text import (
     summary,
 )
 from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, TrialResult
-from sprintlab.evaluation.theme import THEMES, Theme, png_bytes
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]

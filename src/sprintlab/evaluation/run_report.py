@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sprintlab.control import Policy
+from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import QUANTITIES, json_ready, quantity_numbers
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
 from sprintlab.evaluation.report_text import number
 from sprintlab.evaluation.results import Trajectory, TrialResult
-from sprintlab.evaluation.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions
 from sprintlab.robots import RobotDescription

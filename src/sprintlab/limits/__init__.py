@@ -12,7 +12,7 @@ from sprintlab.limits.analysis import (
     stride_facts,
     trained_speeds,
 )
-from sprintlab.limits.figure import figure_bytes, limit_figure
+from sprintlab.limits.figure import limit_figure
 from sprintlab.limits.leg import PlanarLeg, planar_leg
 from sprintlab.limits.runner import Runner, runner_from_robot
 from sprintlab.limits.search import Fastest, SearchSettings, fastest_stride
@@ -32,7 +32,6 @@ __all__ = [
     "TrainedSpeed",
     "evaluate",
     "fastest_stride",
-    "figure_bytes",
     "limit_figure",
     "planar_leg",
     "runner_from_robot",

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sprintlab.core.theme import LIGHT, axis_legend, set_title, themed_figure
 from sprintlab.limits.analysis import SpeedLimit
 from sprintlab.limits.leg import FloatArray, rotate
 from sprintlab.limits.runner import Runner
 from sprintlab.limits.stride import STANCE_POINTS
 
-_STANCE, _SWING, _LIMIT, _QUIET = "#d1495b", "#2b6cb0", "#1c2430", "#9aa5b1"
-_GRID = "#e4e7ec"
-_COLORS = ("#2b6cb0", "#d1495b", "#2f855a", "#b7791f", "#6b46c1")
+_STANCE, _SWING, _LIMIT, _QUIET = LIGHT.second, LIGHT.speed, LIGHT.foreground, LIGHT.muted
+_COLORS = (*LIGHT.legs, LIGHT.muted)
 
 
 def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
@@ -27,43 +25,33 @@ def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
     )
     below = [draw for draw, found in asked if found]
     rows = 2 if below else 1
-    figure = Figure(figsize=(13.0, 4.2 * rows), layout="constrained")
-    axes = figure.subplots(rows, 3, squeeze=False)
+    figure, axes = themed_figure(LIGHT, (13.0, 4.2 * rows), rows, 3)
     stopped = f", stopped by {limit.cause}" if limit.cause else ""
-    figure.suptitle(f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}", fontweight="bold")
-    _draw_leg(axes[0, 0], limit, runner)
+    figure.suptitle(
+        f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}", fontweight="bold", color=_LIMIT
+    )
+    _draw_leg(axes[0], limit, runner)
     for joint, name in enumerate(("hip", "knee")):
-        _draw_cloud(axes[0, 1 + joint], limit, runner, joint, name)
-    for place, draw in zip(axes[1:].flat, below, strict=False):
+        _draw_cloud(axes[1 + joint], limit, runner, joint, name)
+    for place, draw in zip(axes[3:], below, strict=False):
         draw(place, limit)
-    for place in list(axes[1:].flat)[len(below) :]:
+    for place in axes[3 + len(below) :]:
         place.remove()
     return figure
 
 
 def _label(axes: Axes, title: str, across: str, up: str) -> None:
-    """Title at the left, names of the axes, and no more ink than that wants."""
-    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=20)
-    axes.tick_params(labelsize=8)
+    """Title at the left, with room for a legend below it, and names of the axes."""
+    set_title(axes, title, LIGHT, pad=20)
     axes.set(xlabel=across, ylabel=up)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color=_GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
 
 
 def _legend(axes: Axes) -> None:
     """Between title and axes, where no curve can run through it."""
-    axes.legend(
-        frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=5, borderaxespad=0.1,
+    axis_legend(
+        axes, LIGHT, fontsize=7, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=5, borderaxespad=0.1,
         handlelength=0.9, columnspacing=0.6, handletextpad=0.3,
     )  # fmt: skip
-
-
-def figure_bytes(figure: Figure) -> bytes:
-    """A figure as PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
-    return buffer.getvalue()
 
 
 def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:

@@ -17,10 +17,10 @@ from tensordict import TensorDict
 
 from sprintlab.commands import (
     CommandState,
-    fastest_speed,
     heading_angle,
     heading_command,
     initial_state,
+    ranked_speeds,
 )
 from sprintlab.control import (
     ESTIMATE_SIZE,
@@ -55,7 +55,7 @@ _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
     "tilt", "vertical_speed", "broken",
 )  # fmt: skip
-_PERCENTILES = ("speed_median", "speed_p95", "speed_p999")
+_PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
 
 
 class SprintEnvironment(VecEnv):
@@ -433,8 +433,9 @@ class SprintEnvironment(VecEnv):
 
     def take_log(self) -> Readout:
         """Means since the last call, speed percentiles and the weighted penalties."""
-        finite = torch.nan_to_num(self.running_speed)
-        speeds = torch.stack([fastest_speed(finite, share) for share in (0.5, 0.95, 0.999)])
+        speeds = torch.stack(
+            ranked_speeds(torch.nan_to_num(self.running_speed), tuple(_PERCENTILES.values()))
+        )
         means = self._log_sums / max(1, self._logged_steps)
         values = torch.cat((means, speeds, self.grid_weights.mean()[None]))
         self._log_sums.zero_()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,12 @@ from matplotlib.figure import Figure
 from sprintlab.commands import CommandGrid
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, set_title, style_axis, themed_figure
 from sprintlab.training.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
-_DPI = 130
 _SIZE = (7.0, 4.2)
-_BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#888888"
+_BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
 
 
 def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
@@ -43,15 +42,15 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
     written: list[Path] = []
     for name, figure in figures.items():
         written.append(folder / f"{name}.png")
-        atomic_write_bytes(written[-1], _png(figure))
+        atomic_write_bytes(written[-1], png_bytes(figure))
     return written
 
 
 def learning_curve(log: list[dict[str, float]]) -> Figure:
     """Held speeds and the top of the commanded range above, falls and reward below, against training time."""
     minutes = np.array([row["seconds"] for row in log]) / 60.0
-    figure = Figure(figsize=(_SIZE[0], 1.4 * _SIZE[1]), layout="constrained")
-    speed, falls = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    size = (_SIZE[0], 1.4 * _SIZE[1])
+    figure, (speed, falls) = themed_figure(LIGHT, size, 2, 1, sharex=True, height_ratios=(2, 1))
     curves = (
         ("range_upper", "top of the commands", _GREY, "--"),
         ("speed_p999", "fastest 0.1 %", _ORANGE, "-"),
@@ -61,10 +60,13 @@ def learning_curve(log: list[dict[str, float]]) -> Figure:
     for name, label, colour, style in curves:
         speed.plot(minutes, [row[name] for row in log], style, color=colour, label=label, linewidth=1.4)
     speed.set_ylabel("running speed [m/s]")
-    speed.legend(frameon=False)
+    axis_legend(speed, LIGHT)
     falls.plot(minutes, [1e3 * row["falls"] for row in log], color=_ORANGE, linewidth=1.0)
     falls.set_ylabel("falls in 1000 steps", color=_ORANGE)
     reward = falls.twinx()
+    style_axis(reward, LIGHT)
+    reward.grid(False)
+    reward.spines["right"].set_visible(True)
     reward.plot(minutes, [row["reward"] for row in log], color=_BLUE, linewidth=1.0)
     reward.set_ylabel("reward a second", color=_BLUE)
     falls.set_xlabel("training time [min]")
@@ -79,8 +81,8 @@ def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) 
         weights: ``(rows, columns)``.
         growth: state of the range.
     """
-    figure = Figure(figsize=(0.75 * _SIZE[0], 1.3 * _SIZE[1]), layout="constrained")
-    axes = figure.subplots()
+    figure, (axes,) = themed_figure(LIGHT, (0.75 * _SIZE[0], 1.3 * _SIZE[1]), 1, 1)
+    axes.grid(False)
     extent = (-grid.yaw_limit, grid.yaw_limit, *grid.speed)
     image = axes.imshow(
         weights, origin="lower", aspect="auto", extent=extent, vmin=0.0, vmax=1.0, cmap="viridis"
@@ -89,9 +91,8 @@ def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) 
     axes.axhline(float(growth["upper"]), color="white", linestyle="--", linewidth=1.4)
     axes.set_xlabel("yaw rate [rad/s]")
     axes.set_ylabel("speed [m/s]")
-    axes.set_title(
-        f"{100 * float((weights > 0).mean()):.0f} % of the bins are open; dashed: top of the range"
-    )
+    open_bins = f"{100 * float((weights > 0).mean()):.0f} % of the bins are open"
+    set_title(axes, f"{open_bins}; dashed: top of the range", LIGHT)
     return figure
 
 
@@ -112,19 +113,12 @@ def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
         running: smoothed forward speeds ``(n,)`` [m/s].
         commanded: commands at the same instant ``(n,)`` [m/s].
     """
-    figure = Figure(figsize=_SIZE, layout="constrained")
-    axes = figure.subplots()
+    figure, (axes,) = themed_figure(LIGHT, _SIZE, 1, 1)
     both = np.concatenate((running, commanded))
     edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5).tolist()
     axes.hist(running, edges, color=_BLUE, alpha=0.6, label="run")
     axes.hist(commanded, edges, histtype="step", color=_ORANGE, linewidth=1.6, label="commanded")
     axes.set_xlabel("forward speed [m/s]")
     axes.set_ylabel("robots")
-    axes.legend(frameon=False)
+    axis_legend(axes, LIGHT)
     return figure
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()

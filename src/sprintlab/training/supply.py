@@ -32,8 +32,9 @@ from sprintlab.training.settings import SimulationSettings
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 JOINTS = 12
-_SOLVER_STEPS = 12
+_SOLVER_STEPS = 34  # as in motors.battery; an environment stops as soon as its residual is small
 _SOLVER_TOLERANCE = 1e-4  # [V]
+_FIRST_ROOM = _SOLVER_TOLERANCE * 2.0**_SOLVER_STEPS
 _PHASE_SHARE = float(phase_voltage_limit(1.0))
 _SECONDS_PER_HOUR = 3600.0
 
@@ -146,6 +147,7 @@ def bus_voltage_kernel(
     older_error = float(0.0)
     error = float(1.0e6)
     power = float(0.0)
+    room = float(_FIRST_ROOM)
     for step in range(_SOLVER_STEPS):
         if wp.abs(error) > _SOLVER_TOLERANCE:
             if step > 0:
@@ -154,9 +156,12 @@ def bus_voltage_kernel(
                     slope = wp.max((error - older_error) / (bus - older), 0.1)
                 older = bus
                 older_error = error
-                bus = bus - error / slope
+                middle = 0.5 * (low + high)
+                room *= 0.5
+                reach = wp.max(room - 0.5 * (high - low), 0.0)
+                bus = wp.clamp(bus - error / slope, middle - reach, middle + reach)
                 if bus <= low or bus >= high:
-                    bus = 0.5 * (low + high)
+                    bus = middle
             power = drawn_power(
                 environment,
                 drives,

@@ -10,10 +10,10 @@ import json
 import re
 import shlex
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
@@ -87,11 +87,7 @@ class RunPlan:
         """The ``sprintlab train`` that trains the same, for the policy's contract."""
         words = ["sprintlab", "train", self.method, "--seed", self.seed, "--environments", self.environments]
         words += ["--iterations", self.iterations, "--minutes", self.minutes]
-        for name, value in self.overrides.items():
-            words += [f"--settings.{name}", *(value if isinstance(value, list) else [value])]
-        return shlex.join(
-            str(word).replace("_", "-") if str(word)[:2] == "--" else str(word) for word in words
-        )
+        return shlex.join(str(word) for word in [*words, *_typed(self.base_settings(), self.overrides)])
 
     def asked(self) -> dict[str, Any]:
         """What the run's record says about what was wanted."""
@@ -235,29 +231,117 @@ def _value(text: str) -> Any:
 def override(settings: Any, name: str, value: Any) -> Any:
     """``settings`` with the setting of a dotted name replaced.
 
+    A part such as the battery, ``None`` by default, begins with its own defaults where one of its settings is
+    named; a mapping sets several, and an empty one none: the part is then there as it comes.
+
     Raises:
         SprintlabError: there is no such setting, or the value is of another kind.
         InvalidValueError: the settings refuse the value.
     """
-    first, _, rest = name.partition(".")
+    for part in reversed(name.split(".")):
+        value = {part: value}
+    return _replaced(settings, value)
+
+
+def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
+    """All at once: what belongs together is checked together."""
+    return replace(settings, **{name: _replacement(settings, name, each) for name, each in values.items()})
+
+
+def _replacement(settings: Any, name: str, value: Any) -> Any:
     known = [field.name for field in fields(settings)]
-    if first not in known:
-        raise SprintlabError(f"there is no setting {first!r} here (there is: {', '.join(known)})")
-    present = getattr(settings, first)
-    if rest:
-        if not is_dataclass(present):
-            raise SprintlabError(f"setting {first!r} has no parts, so {name!r} names nothing")
-        return replace(settings, **{first: override(present, rest, value)})
-    return replace(settings, **{first: _same_kind(first, present, value)})
+    if name not in known:
+        raise SprintlabError(f"there is no setting {name!r} here (there is: {', '.join(known)})")
+    present, kinds = getattr(settings, name), _kinds(get_type_hints(type(settings))[name])
+    if not isinstance(value, dict):
+        return _same_kind(name, present, value, kinds)
+    part = _begun(kinds) if present is None else present
+    if not is_dataclass(part):
+        raise SprintlabError(f"setting {name!r} is {present!r}: it has no parts to become {value!r}")
+    return _replaced(part, value)
 
 
-def _same_kind(name: str, present: Any, value: Any) -> Any:
-    """``value`` as the kind of number, text or tuple that stands there now."""
+def _begun(kinds: Sequence[Any]) -> Any:
+    """A part that may stand there, as it comes; ``None`` where there is none of its kind."""
+    return next((kind() for kind in kinds if isinstance(kind, type) and is_dataclass(kind)), None)
+
+
+def _kinds(hint: Any) -> tuple[Any, ...]:
+    """The types that a type hint allows."""
+    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+
+
+def _same_kind(name: str, present: Any, value: Any, kinds: Sequence[Any]) -> Any:
+    """``value`` as the kind of number, text or tuple that stands there now, or could stand there."""
+    if value is None and types.NoneType in kinds:
+        return None
     if isinstance(value, list):
         value = tuple(value)
     if isinstance(present, float) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
-    if is_dataclass(present) or isinstance(present, types.NoneType) or type(value) is not type(present):
-        kind = type(present).__name__
-        raise SprintlabError(f"setting {name!r} is {present!r} ({kind}) and cannot become {value!r}")
+    fits = any(_fits(value, kind) for kind in kinds) if present is None else type(value) is type(present)
+    if is_dataclass(present) or not fits:
+        expected = type(present).__name__ if present is not None else " or ".join(map(_described, kinds))
+        raise SprintlabError(f"setting {name!r} is {present!r} ({expected}) and cannot become {value!r}")
     return value
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if get_origin(kind) is tuple and isinstance(value, tuple):
+        return [type(each) for each in value] == list(get_args(kind))
+    return type(value) is kind
+
+
+def _described(kind: Any) -> str:
+    """A type as it is written in an assignment."""
+    if kind is types.NoneType:
+        return "null"
+    return f'{{"{fields(kind)[0].name}": ...}}' if is_dataclass(kind) else str(kind)
+
+
+def _typed(settings: Any, overrides: Mapping[str, Any]) -> list[Any]:
+    """Overrides as words of ``sprintlab train``: options, then each chosen part with its own options."""
+    named = list(_flattened(overrides))
+    chosen = {"": None, **{n: v for n, v in _choices(settings) if any(_within(name, n) for name, _ in named)}}
+    words: dict[str, list[Any]] = {
+        name: [f"settings.{name}:{_dashed(type(part).__name__) if part else 'none'}"] if name else []
+        for name, part in chosen.items()
+    }
+    for name, value in named:
+        place = max((each for each in chosen if _within(name, each)), key=len)
+        if name != place:
+            words[place] += _option(name, value)
+    return [word for part in words.values() for word in part]
+
+
+def _option(name: str, value: Any) -> list[Any]:
+    outer, _, last = name.replace("_", "-").rpartition(".")
+    option = ".".join(filter(None, ("--settings", outer, f"no-{last}" if value is False else last)))
+    return [option, *(value if isinstance(value, list) else [value] * (not isinstance(value, bool)))]
+
+
+def _flattened(overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Overrides without mappings; one that sets nothing, or removes a part, keeps its name."""
+    for name, value in overrides.items():
+        if isinstance(value, dict) and value:
+            yield from _flattened({f"{name}.{part}": each for part, each in value.items()})
+        else:
+            yield name, value
+
+
+def _choices(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Parts that may be of several kinds, or none: dotted name, outer ones first, and what stands there."""
+    for name, hint in get_type_hints(type(settings)).items():
+        part = getattr(settings, name)
+        if len(_kinds(hint)) > 1 and any(is_dataclass(kind) for kind in _kinds(hint)):
+            yield f"{prefix}{name}", part
+        if is_dataclass(part):
+            yield from _choices(part, f"{prefix}{name}.")
+
+
+def _within(name: str, part: str) -> bool:
+    return not part or f"{name}.".startswith(f"{part}.")
+
+
+def _dashed(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()

@@ -14,15 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from sprintlab.evaluation.ablation.paper import PAPER_TABLE
-from sprintlab.evaluation.ablation.record import EvaluationRecord
-from sprintlab.evaluation.ablation.table import collapsed
-from sprintlab.evaluation.command_modes import CommandSequence
-from sprintlab.evaluation.estimates import estimate_pair
-from sprintlab.evaluation.figures import on_envelope, recorded
-from sprintlab.evaluation.operating_points import TrainingCloud
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.evaluation.theme import (
+from sprintlab.core.theme import (
     LIGHT,
     Theme,
     figure_legend,
@@ -31,6 +23,14 @@ from sprintlab.evaluation.theme import (
     style_axis,
     themed_figure,
 )
+from sprintlab.evaluation.ablation.paper import PAPER_TABLE
+from sprintlab.evaluation.ablation.record import EvaluationRecord
+from sprintlab.evaluation.ablation.table import collapsed
+from sprintlab.evaluation.command_modes import CommandSequence
+from sprintlab.evaluation.estimates import estimate_pair
+from sprintlab.evaluation.figures import on_envelope, recorded
+from sprintlab.evaluation.operating_points import TrainingCloud
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import MotorModel, no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
 

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.ablation import figures
 from sprintlab.evaluation.ablation.measure import Candidate
 from sprintlab.evaluation.ablation.runs import Run, by_method, committed_records
 from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
 from sprintlab.evaluation.operating_points import TrainingCloud, load_training_cloud
 from sprintlab.evaluation.results import SprintResult, TrialResult
-from sprintlab.evaluation.theme import png_bytes
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
 from sprintlab.motors import MotorModel
 from sprintlab.plant import PlantOptions

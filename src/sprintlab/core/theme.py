@@ -3,6 +3,9 @@
 Nothing here touches ``pyplot``, so figures can be made in threads and without a display.
 """
 
+# pyright: reportUnknownMemberType=false
+# Matplotlib's type stubs leave its keyword arguments open.
+
 from __future__ import annotations
 
 import io
@@ -88,10 +91,10 @@ def empty_figure(theme: Theme, size: tuple[float, float]) -> Figure:
 
 def themed_figure(
     theme: Theme, size: tuple[float, float], rows: int, columns: int, **kwargs: Any
-) -> tuple[Figure, list]:
+) -> tuple[Figure, list[Axes]]:
     """An empty figure of ``rows`` x ``columns`` axes in a theme's colours, and the axes in reading order."""
     figure = empty_figure(theme, size)
-    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
+    axes: list[Axes] = list(np.ravel(figure.subplots(rows, columns, squeeze=False, **kwargs)))
     for axis in axes:
         style_axis(axis, theme)
     return figure, axes
@@ -111,14 +114,14 @@ def style_axis(axis: Axes, theme: Theme) -> None:
         text.set_fontsize(9)
 
 
-def set_title(axis: Axes, text: str, theme: Theme) -> None:
-    """A short bold title, flush left."""
-    axis.set_title(text, loc="left", fontweight="bold", fontsize=9.5, color=theme.foreground)
+def set_title(axis: Axes, text: str, theme: Theme, pad: float | None = None) -> None:
+    """A short bold title, flush left, ``pad`` points above the axes."""
+    axis.set_title(text, loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground)
 
 
-def axis_legend(axis: Axes, theme: Theme, **kwargs: Any) -> None:
+def axis_legend(axis: Axes, theme: Theme, *, fontsize: float = 8.0, **kwargs: Any) -> None:
     """A legend of one axis without a frame."""
-    axis.legend(frameon=False, fontsize=8, labelcolor=theme.foreground, **kwargs)
+    axis.legend(frameon=False, fontsize=fontsize, labelcolor=theme.foreground, **kwargs)
 
 
 def legend_above(axis: Axes, theme: Theme, columns: int = 3) -> None:
