@@ -29,8 +29,10 @@ from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluati
 from sprintlab.evaluation.ablation.runs import CLOUD_NAME, EVALUATION_NAME, Run, find_runs
 
 LOG_NAME = "log.jsonl"
-KEPT = (CURVE_NAME, "run.json", EVALUATION_NAME)
-POLICIES = Path("src/sprintlab/control/policies")
+KEPT = ("run.json", EVALUATION_NAME)
+CURVE_ROWS = 100
+"""About so many rows of a learning curve are kept: whole, a run's has 350 kB."""
+POLICIES = Path("src/sprintlab/control/policies/methods")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +91,17 @@ def _copy_small_files(run: Run, folder: Path) -> None:
     for name in KEPT:
         if (run.folder / name).is_file():
             _copy(run.folder / name, folder / name)
-    if not (run.folder / CURVE_NAME).is_file() and (run.folder / LOG_NAME).is_file():
-        atomic_write_text(folder / CURVE_NAME, _curve(run.folder / LOG_NAME))
+    if (run.folder / CURVE_NAME).is_file():
+        atomic_write_text(folder / CURVE_NAME, _thinned((run.folder / CURVE_NAME).read_text(encoding="utf-8")))
+    elif (run.folder / LOG_NAME).is_file():
+        atomic_write_text(folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME)))
+
+
+def _thinned(curve: str) -> str:
+    """Every so manieth row, and the last: a curve that was thinned before stays as it is."""
+    header, *rows = curve.splitlines(keepends=True)
+    step = max(1, len(rows) // CURVE_ROWS)
+    return "".join([header, *rows[: len(rows) - 1 : step], *rows[-1:]])
 
 
 def _curve(log: Path) -> str:

@@ -51,7 +51,7 @@ def test_json_is_all_that_is_printed_and_recorded_evaluates_nothing(call, runs, 
 
 
 def test_shipped_policies_are_evaluated_from_results(call, policy, cache, tmp_path, monkeypatch):
-    monkeypatch.setattr("sprintlab.evaluation.ablation.runs.SHIPPED_POLICIES", tmp_path)
+    monkeypatch.setattr("sprintlab.evaluation.ablation.runs.METHOD_POLICIES", tmp_path)
     shutil.copy(policy, tmp_path / "sprint.onnx")
     outcome = call("ablate", "--from-results", *QUICK, "--cache", cache, "--json")
     assert outcome.status == 0 and json.loads(outcome.out)["methods"]["sprint"]["seeds"] == 1
@@ -109,7 +109,7 @@ def test_figures_refuse_an_unknown_policy_and_speed(call, tmp_path):
 def test_shipped_policies_lie_where_control_says():
     from sprintlab.evaluation.ablation import runs as module
 
-    assert module.SHIPPED_POLICIES == control_policy.SHIPPED_POLICIES
+    assert module.METHOD_POLICIES == control_policy.METHOD_POLICIES
 
 
 @pytest.fixture

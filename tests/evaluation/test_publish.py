@@ -120,7 +120,7 @@ def test_a_run_of_train_gets_its_curve_from_its_log(recipe, runs, tmp_path):
     options = recipe.Options(runs=runs, results=tmp_path / "results", policies=tmp_path / "policies")
     recipe.publish(options)
     curve = read_curve(options.results / "sprint" / "seed-2" / "curve.csv")
-    assert len(curve["seconds"]) == 500 and curve["speed_p999"][-1] == pytest.approx(19.99)
+    assert len(curve["seconds"]) == 101 and curve["speed_p999"][-1] == pytest.approx(19.99)
     (run / "log.jsonl").write_text("{")
     with pytest.raises(SprintlabError, match=r"log\.jsonl is no training log"):
         recipe.publish(options)

@@ -92,9 +92,10 @@ def policy_path(policy: str) -> Path:
     Raises:
         PolicyFileError: there is no such policy.
     """
-    from sprintlab.control import shipped_policy
+    from sprintlab.control import shipped_policies, shipped_policy
 
-    is_path = policy.endswith(".onnx") or "/" in policy or "\\" in policy or Path(policy).exists()
+    looks_like_path = policy.endswith(".onnx") or "/" in policy or "\\" in policy
+    is_path = Path(policy).exists() or (looks_like_path and policy not in shipped_policies())
     return Path(policy) if is_path else shipped_policy(policy)
 
 

@@ -39,6 +39,7 @@ from sprintlab.control.policy import (
     Policy,
     PolicyRuntime,
     load_policy,
+    shipped_policies,
     shipped_policy,
 )
 
@@ -77,6 +78,7 @@ __all__ = [
     "pd_torque",
     "projected_gravity",
     "push_history",
+    "shipped_policies",
     "shipped_policy",
     "software_versions",
     "split_proprioception",

@@ -35,6 +35,8 @@ from sprintlab.robots import RobotDescription
 FloatArray = npt.NDArray[np.floating[Any]]
 
 SHIPPED_POLICIES = Path(__file__).parent / "policies"
+METHOD_POLICIES = SHIPPED_POLICIES / "methods"
+"""The best policy of each of the paper's methods, trained for the same time: the table of the results page."""
 """Folder of the policies that come with the package."""
 
 ESTIMATE_SIZE = 8
@@ -276,11 +278,17 @@ def shipped_policy(name: str = "sprint") -> Path:
     Raises:
         PolicyFileError: there is none of that name; the message lists those there are.
     """
-    names = sorted(path.stem for path in SHIPPED_POLICIES.glob("*.onnx"))
-    if name not in names:
-        known = ", ".join(names) or "none"
-        raise PolicyFileError(f"no policy named {name!r} comes with the package (there is: {known})")
-    return SHIPPED_POLICIES / f"{name}.onnx"
+    known = shipped_policies()
+    if name not in known:
+        names = ", ".join(known) or "none"
+        raise PolicyFileError(f"no policy named {name!r} comes with the package (there is: {names})")
+    return known[name]
+
+
+def shipped_policies() -> dict[str, Path]:
+    """The policies that come with the package by name; those of the methods as ``methods/<method>``."""
+    paths = sorted(SHIPPED_POLICIES.rglob("*.onnx"), key=lambda path: (len(path.parts), path))
+    return {path.relative_to(SHIPPED_POLICIES).with_suffix("").as_posix(): path for path in paths}
 
 
 def _open_session(path: Path) -> Any:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.control.policy import SHIPPED_POLICIES
+from sprintlab.control.policy import METHOD_POLICIES
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.ablation.measure import Candidate, load_candidate
 from sprintlab.evaluation.ablation.paper import PAPER_TABLE
@@ -76,7 +76,7 @@ def find_runs(folder: Path) -> list[Run]:
 
 def shipped_candidates() -> list[Candidate]:
     """The policies of the paper's methods that come with the package, in the paper's order."""
-    files = {path.stem: path for path in SHIPPED_POLICIES.glob("*.onnx")}
+    files = {path.stem: path for path in METHOD_POLICIES.glob("*.onnx")}
     return [load_candidate(method, files[method]) for method in PAPER_TABLE if method in files]
 
 
