@@ -17,15 +17,15 @@ from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.deployment.controller.course import Course, LastFix
-from sprintlab.deployment.controller.legs import folded_pose
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
 from sprintlab.deployment.controller.motion import (
-    GatherMotion,
     JointMotion,
     Motion,
     SinkMotion,
     Waypoint,
     feet_apart,
+    gather_motion,
+    rise_motion,
 )
 from sprintlab.deployment.controller.outgoing import CommandWriter
 from sprintlab.deployment.interface import (
@@ -57,7 +57,7 @@ from sprintlab.robots import RobotDescription
 
 POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
 
-_FOLD_TIME = 1.0  # s
+_TUCK_TIME = 1.0  # s
 _RISE_TIME = 1.5  # s
 _SINK_TIME = 1.5  # s
 _DAMP_TIME = 1.0  # s of damping after sinking
@@ -113,7 +113,6 @@ class Controller:
         self._commands = CommandWriter(robot)
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
-        self._folded = folded_pose(robot)
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
         self._motion: Motion = JointMotion(self._targets, 0.0)
@@ -407,9 +406,7 @@ class Controller:
         here = self._commands.bumpless_start(state)
         if mode is Mode.STAND_UP:
             self._held = self._balancing = False
-            self._motion = JointMotion(
-                here, time, Waypoint(self._folded, _FOLD_TIME), Waypoint(standing, _RISE_TIME)
-            )
+            self._motion = rise_motion(self._robot, here, time, _TUCK_TIME, _RISE_TIME)
         elif mode is Mode.STAND:
             self._brake_started = None
             self._balancing, self._calmed = ran, False
@@ -433,8 +430,8 @@ class Controller:
         self._gathering = apart and self._gathers_left > 0
         if self._gathering:
             self._gathers_left -= 1
-            return GatherMotion(self._robot, state, here, time)
-        return SinkMotion(self._robot, here, time, _SINK_TIME)
+            return gather_motion(self._robot, state, here, time)
+        return SinkMotion(self._robot, here, time, _SINK_TIME, _TUCK_TIME)
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()

@@ -11,7 +11,7 @@ from sprintlab.robots import RobotDescription
 
 GRAVITY = 9.81  # m/s^2
 
-_KNEE_RESERVE = 0.1  # rad kept between the folded knee and its end stop
+_STOP_RESERVE = 0.1  # rad kept between a folded joint and its end stop
 _WEIGHT_FIRST = 10.0  # carrying the weight counts for more than carrying it level
 
 
@@ -102,7 +102,7 @@ def folded_pose(robot: RobotDescription) -> FloatArray:
     ``atan2(-b sin k, a + b cos k)``.
     """
     a, b = robot.mechanics.thigh_length, robot.mechanics.shank_length
-    reserve = robot.soft_stop.zone + _KNEE_RESERVE
+    reserve = robot.soft_stop.zone + _STOP_RESERVE
     poses = []
     for leg in range(len(robot.leg_names)):
         lower, upper = robot.position_limits[3 * leg + 2]
@@ -111,6 +111,21 @@ def folded_pose(robot: RobotDescription) -> FloatArray:
         hip = math.atan2(-b * math.sin(knee), a + b * math.cos(knee))
         poses.append((0.0, hip, knee))
     return np.asarray(poses, dtype=np.float64).reshape(-1)
+
+
+def tucked_pose(robot: RobotDescription) -> FloatArray:
+    """Pose of a robot on its belly [rad] ``(12,)``: knees folded, legs turned back.
+
+    The feet are as high as the belly, or the hips as far as is free.
+    """
+    pose = folded_pose(robot).reshape(-1, 3)
+    bend = np.sign(pose[:, 2])
+    below = np.maximum(robot.mechanics.trunk_half_size[2] - robot.foot_radius, 0.0)
+    hip = pose[:, 1] - bend * np.arccos(np.minimum(below / Legs(robot).shortest, 1.0))
+    lower, upper = robot.position_limits.reshape(-1, 3, 2)[:, 1].T
+    reserve = robot.soft_stop.zone + _STOP_RESERVE
+    pose[:, 1] = np.clip(hip, lower + reserve, upper - reserve)
+    return pose.reshape(-1)
 
 
 def level_feet(legs: Legs, pose: FloatArray, quaternion: FloatArray) -> FloatArray:

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sprintlab.deployment.controller.legs import GRAVITY, Legs, level_feet
+from sprintlab.deployment.controller.legs import (
+    GRAVITY,
+    Legs,
+    folded_pose,
+    level_feet,
+    tucked_pose,
+)
 from sprintlab.deployment.interface import FloatArray, RobotState
 from sprintlab.robots import RobotDescription
 
@@ -18,6 +26,7 @@ _LAND = 0.21  # until all legs carry again
 _LIFT = 0.1  # of the standing height
 _STEP = 1e-3  # s over which speeds are taken
 _DIAGONALS = ((0, 3), (1, 2))
+_EVERYONE = (0, 1, 2, 3)
 
 
 class Waypoint(NamedTuple):
@@ -68,40 +77,55 @@ class JointMotion:
 
 
 class SinkMotion:
-    """Straight down over the feet, wherever they stand: no leg is braced against another.
+    """Straight down over the feet, wherever they stand, then down on the belly: no leg works against another.
 
     In the plane of each leg the foot keeps its place along the trunk, and rises to the height of the folded
-    pose, or as far as the knee bends.
+    pose, or as far as the knee bends. Then all legs turn back to ``tucked_pose``.
 
     Args:
         robot: link lengths and limits.
         start: pose at ``start_time`` [rad] ``(12,)``.
         start_time: [s].
-        duration: [s].
+        duration: of sinking over the feet [s].
+        tuck_time: from there to the belly [s].
     """
 
     def __init__(
-        self, robot: RobotDescription, start: FloatArray, start_time: float, duration: float
+        self,
+        robot: RobotDescription,
+        start: FloatArray,
+        start_time: float,
+        duration: float,
+        tuck_time: float,
     ) -> None:
-        self._legs = Legs(robot)
-        self._start_time, self._duration = start_time, duration
+        self._legs, self._tucked = Legs(robot), tucked_pose(robot)
+        self._start_time, self._duration, self._tuck_time = start_time, duration, tuck_time
         self._abad = start.reshape(-1, 3)[:, 0]
         self._x, self._z = self._legs.in_plane(start)
+        self._highest = np.maximum(self._z, -self._legs.shortest)
 
     @property
     def end_time(self) -> float:
         """When the robot lies [s]."""
-        return self._start_time + self._duration
+        return self._start_time + self._duration + self._tuck_time
 
     def target(self, time: float) -> FloatArray:
         """Joint targets [rad] ``(12,)`` at ``time`` [s]."""
-        share = _smooth((time - self._start_time) / self._duration)
-        z = self._z + (-self._legs.shortest - self._z) * share
-        return self._legs.bent(self._abad, self._x, z)
+        passed = time - self._start_time
+        z = self._z + (self._highest - self._z) * _smooth(passed / self._duration)
+        pose = self._legs.bent(self._abad, self._x, z)
+        return pose + (self._tucked - pose) * _smooth((passed - self._duration) / self._tuck_time)
 
 
-class _Key(NamedTuple):
-    """Feet ``(4, 3)`` [m] and loads ``(4,)`` [N] at the end of a phase, its length [s], and who is in the air."""
+class FootKey(NamedTuple):
+    """Where the feet are at the end of a phase, and what they carry.
+
+    Attributes:
+        feet: from the trunk's middle [m] ``(4, 3)``.
+        loads: vertical forces [N] ``(4,)``.
+        duration: of the phase that ends here [s].
+        airborne: legs that are lifted meanwhile.
+    """
 
     feet: FloatArray
     loads: FloatArray
@@ -109,57 +133,35 @@ class _Key(NamedTuple):
     airborne: tuple[int, ...] = ()
 
 
-class GatherMotion:
-    """Two steps that bring the feet to where they stand below a robot in its default pose.
+class FootMotion:
+    """Feet that move from key to key while they carry the robot.
 
-    First one diagonal pair of feet is lifted and put down, then the other, at the height that the trunk has:
-    no foot is dragged while it carries. The pair that carries better, whose line passes nearer below the
-    trunk's middle, goes second. The targets ask for the torques that carry the robot on the feet that stand,
-    and for those that overcome the drives' damping: ``q + (tau + D dq/dt) / K``.
+    The targets ask for the torques that carry the robot on the feet that stand, and for those that overcome
+    the drives' damping: ``q + (tau + D dq/dt) / K``.
 
     Args:
         robot: geometry, mass and gains.
-        state: where the legs are and how the trunk is tilted.
+        keys: the first one is where the feet are at the start; its duration counts for nothing.
         start: targets at ``start_time`` [rad] ``(12,)``.
         start_time: [s].
     """
 
     def __init__(
-        self, robot: RobotDescription, state: RobotState, start: FloatArray, start_time: float
+        self, robot: RobotDescription, keys: Sequence[FootKey], start: FloatArray, start_time: float
     ) -> None:
         self._robot, self._legs = robot, Legs(robot)
-        self._start_time = start_time
-        feet = level_feet(self._legs, state.joint_position, state.quaternion)
-        feet[:, 2] = feet[:, 2].min()  # a foot in the air is put down
-        self._keys = self._steps(feet)
+        self._start_time, self._keys = start_time, keys
         self._jump = start - self._plan(start_time)
 
     @property
     def end_time(self) -> float:
-        """When the last foot carries [s]."""
-        return self._start_time + sum(key.duration for key in self._keys)
+        """When the last key is reached [s]."""
+        return self._start_time + sum(key.duration for key in self._keys[1:])
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(12,)`` at ``time`` [s]."""
+        """Joint targets [rad] ``(12,)`` at ``time`` [s]; what the start differs by fades in the first phase."""
         fading = 1.0 - _smooth((time - self._start_time) / self._keys[1].duration)
         return self._plan(time) + self._jump * fading
-
-    def _steps(self, feet: FloatArray) -> list[_Key]:
-        """Shift the weight, swing, land; for one diagonal, then for the other."""
-        natural = math.sqrt(self._robot.standing_height / GRAVITY)
-        goal = self._legs.feet(self._robot.default_pose)
-        everyone = (0, 1, 2, 3)
-        keys = [_Key(feet, self._legs.loads(feet, everyone), 0.0)]
-        last, first = sorted(_DIAGONALS, key=lambda pair: _distance_from_middle(feet, pair))
-        for swinging, carrying in ((first, last), (last, first)):
-            moved = feet.copy()
-            moved[list(swinging), :2] = goal[list(swinging), :2]
-            alone = self._legs.loads(feet, carrying)
-            keys.append(_Key(feet, alone, _SHIFT * natural))
-            keys.append(_Key(moved, alone, _SWING * natural, swinging))
-            keys.append(_Key(moved, self._legs.loads(moved, everyone), _LAND * natural))
-            feet = moved
-        return keys
 
     def _plan(self, time: float) -> FloatArray:
         pose, loads = self._pose(time)
@@ -170,7 +172,7 @@ class GatherMotion:
     def _pose(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Joint positions [rad] ``(12,)`` and loads [N] ``(4,)`` wanted at ``time`` [s]."""
         begin = self._start_time
-        for before, key in zip(self._keys, self._keys[1:], strict=False):
+        for before, key in pairwise(self._keys):
             if time < begin + key.duration:
                 share = max((time - begin) / key.duration, 0.0)
                 part = _smooth(share)
@@ -180,6 +182,67 @@ class GatherMotion:
                 return self._legs.pose(feet), before.loads + (key.loads - before.loads) * part
             begin += key.duration
         return self._legs.pose(self._keys[-1].feet), self._keys[-1].loads
+
+
+def gather_motion(
+    robot: RobotDescription, state: RobotState, start: FloatArray, start_time: float
+) -> FootMotion:
+    """Two steps that bring the feet to where they stand below a robot in its default pose.
+
+    First one diagonal pair of feet is lifted and put down, then the other, at the height that the trunk has:
+    no foot is dragged while it carries. The pair that carries better, whose line passes nearer below the
+    trunk's middle, goes second.
+
+    Args:
+        robot: geometry, mass and gains.
+        state: where the legs are and how the trunk is tilted.
+        start: targets at ``start_time`` [rad] ``(12,)``.
+        start_time: [s].
+    """
+    legs = Legs(robot)
+    natural = math.sqrt(robot.standing_height / GRAVITY)
+    goal = legs.feet(robot.default_pose)
+    feet = level_feet(legs, state.joint_position, state.quaternion)
+    feet[:, 2] = feet[:, 2].min()  # a foot in the air is put down
+    keys = [FootKey(feet, legs.loads(feet, _EVERYONE), 0.0)]
+    second, first = sorted(_DIAGONALS, key=lambda pair: _distance_from_middle(feet, pair))
+    for swinging, carrying in ((first, second), (second, first)):
+        moved = feet.copy()
+        moved[list(swinging), :2] = goal[list(swinging), :2]
+        alone = legs.loads(feet, carrying)
+        keys.append(FootKey(feet, alone, _SHIFT * natural))
+        keys.append(FootKey(moved, alone, _SWING * natural, swinging))
+        keys.append(FootKey(moved, legs.loads(moved, _EVERYONE), _LAND * natural))
+        feet = moved
+    return FootMotion(robot, keys, start, start_time)
+
+
+def rise_motion(
+    robot: RobotDescription, start: FloatArray, start_time: float, tuck_time: float, rise_time: float
+) -> FootMotion:
+    """From wherever the legs of a lying robot are to the default pose.
+
+    The legs are tucked beside the belly; then all of them turn under the hips and stretch, alike, so that the
+    feet stay where they stand.
+
+    Args:
+        robot: geometry, mass and gains.
+        start: targets at ``start_time`` [rad] ``(12,)``.
+        start_time: [s].
+        tuck_time: [s].
+        rise_time: [s].
+    """
+    legs = Legs(robot)
+    tucked, folded, standing = (
+        legs.feet(pose) for pose in (tucked_pose(robot), folded_pose(robot), robot.default_pose)
+    )
+    keys = (
+        FootKey(tucked, np.zeros(len(tucked)), 0.0),
+        FootKey(tucked, legs.loads(tucked, _EVERYONE), tuck_time),
+        FootKey(folded, legs.loads(folded, _EVERYONE), 0.5 * rise_time),
+        FootKey(standing, legs.loads(standing, _EVERYONE), 0.5 * rise_time),
+    )
+    return FootMotion(robot, keys, start, start_time)
 
 
 def feet_apart(robot: RobotDescription, state: RobotState) -> float:
