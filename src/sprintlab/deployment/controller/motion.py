@@ -23,6 +23,7 @@ from sprintlab.robots import RobotDescription
 _SHIFT = 0.17  # until a pair of legs carries all
 _SWING = 0.43  # of the other pair through the air
 _LAND = 0.21  # until all legs carry again
+_REST = 2.0  # on all feet after two steps, until the trunk no longer drifts
 _LIFT = 0.1  # of the standing height
 _STEP = 1e-3  # s over which speeds are taken
 _DIAGONALS = ((0, 3), (1, 2))
@@ -191,7 +192,7 @@ def gather_motion(
 
     First one diagonal pair of feet is lifted and put down, then the other, at the height that the trunk has:
     no foot is dragged while it carries. The pair that carries better, whose line passes nearer below the
-    trunk's middle, goes second.
+    trunk's middle, goes second. A rest on all feet ends the motion: the trunk may still drift a little.
 
     Args:
         robot: geometry, mass and gains.
@@ -214,6 +215,7 @@ def gather_motion(
         keys.append(FootKey(moved, alone, _SWING * natural, swinging))
         keys.append(FootKey(moved, legs.loads(moved, _EVERYONE), _LAND * natural))
         feet = moved
+    keys.append(FootKey(feet, legs.loads(feet, _EVERYONE), _REST * natural))
     return FootMotion(robot, keys, start, start_time)
 
 
