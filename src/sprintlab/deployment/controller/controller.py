@@ -415,7 +415,7 @@ class Controller:
         elif mode is Mode.LIE_DOWN:
             self._brake_started = None
             self._velocity = np.zeros(3)
-            # Where a run has left the feet, only the policy keeps the balance: step them under the robot first.
+            # Where a run has left the feet, only the policy keeps the balance: step them below the robot.
             self._gathers_left = _GATHERS if self._balancing else 0
             self._motion = self._way_down(state, time)
         elif mode is Mode.RUN:

@@ -1,4 +1,4 @@
-"""Where the feet of a robot are, which joint angles bring them somewhere, and what carrying the robot takes."""
+"""Where the feet of a robot are, which joint angles bring them there, and what carrying the robot takes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Legs:
     """Kinematics and statics of the four legs, feet as points.
 
     In the plane of a leg with thigh ``a``, shank ``b``, hip angle ``h`` and knee angle ``k`` the foot is at
-    ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip; the abduction turns this
-    plane, at its offset, about the trunk's forward axis.
+    ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip; the abduction turns
+    this plane, at its offset, about the trunk's forward axis.
 
     Args:
         robot: link lengths, limits, mass.
@@ -86,7 +86,7 @@ class Legs:
         return forces
 
     def carrying_torque(self, pose: FloatArray, loads: FloatArray) -> FloatArray:
-        """Joint torques [N m] ``(12,)`` that hold vertical forces ``loads`` [N] ``(4,)`` at the feet: -J' f."""
+        """Joint torques [N m] ``(12,)`` that hold vertical ``loads`` [N] ``(4,)`` at the feet: ``-J' f``."""
         abad, hip, knee = pose.reshape(-1, 3).T
         x, _ = self.in_plane(pose)
         sideways = (self.feet(pose) - self._axes)[:, 1]

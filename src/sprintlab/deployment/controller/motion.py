@@ -19,7 +19,7 @@ from sprintlab.deployment.controller.legs import (
 from sprintlab.deployment.interface import FloatArray, RobotState
 from sprintlab.robots import RobotDescription
 
-# Of the time sqrt(height / g) in which a robot tips over its feet: lifting a pair of feet must be short of it.
+# Of sqrt(height / g), the time in which a robot tips over its feet: what two feet carry must be shorter.
 _SHIFT = 0.17  # until a pair of legs carries all
 _SWING = 0.43  # of the other pair through the air
 _LAND = 0.21  # until all legs carry again
@@ -160,7 +160,7 @@ class FootMotion:
         return self._start_time + sum(key.duration for key in self._keys[1:])
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(12,)`` at ``time`` [s]; what the start differs by fades in the first phase."""
+        """Joint targets [rad] ``(12,)`` at ``time`` [s]; the jump at the start fades in the first phase."""
         fading = 1.0 - _smooth((time - self._start_time) / self._keys[1].duration)
         return self._plan(time) + self._jump * fading
 
