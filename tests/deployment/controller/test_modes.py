@@ -224,6 +224,44 @@ def test_coming_down_overrules_the_source(running):
     assert running.simulated.fall_reason == ""
 
 
+def test_a_fault_while_the_feet_are_stepped_damps_at_once(running):
+    running.controller.come_down()
+    running.run_until(lambda tick: tick.mode == "lie-down", 8.0)
+    running.run(0.1)
+    running.on_states = changed_states(status=int(RobotStatus.DRIVE_FAULT))
+    tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.003)
+    assert tick.mode == "stop" and running.controller.stop_reason == Fault.DRIVE_FAULT.value
+
+
+def test_a_policy_that_never_rests_is_not_waited_for(running):
+    running.source.request = Request.STAND
+    until(running, "stand")
+
+    def restless(states):
+        velocity = states[0].joint_velocity.copy()
+        velocity[0] = 1.5
+        return [msgspec.structs.replace(states[0], joint_velocity=velocity)]
+
+    running.on_states = restless
+    running.source.request = Request.LIE_DOWN
+    assert running.run(3.0).mode == "stand"
+    until(running, "lie-down", 1.0)
+
+
+def test_a_robot_that_was_damped_in_its_stand_stands_up_from_where_its_legs_have_come_to_lie(running):
+    running.source.request = Request.STAND
+    until(running, "stand")
+    running.source.request = Request.STOP
+    until(running, "stop", 0.1)
+    running.run(1.5)
+    running.source.request = Request.PASSIVE
+    until(running, "passive", 3.0)
+    running.source.request = Request.STAND
+    until(running, "stand")
+    running.run(0.5)
+    assert trunk_tilt(running.ticks[-1].state) < 5.0
+
+
 def test_from_the_stand_after_a_run_it_runs_again(running):
     running.source.request = Request.STAND
     until(running, "stand")
