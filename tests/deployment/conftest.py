@@ -215,12 +215,15 @@ def sprint_policy() -> Policy:
 
 @pytest.fixture(scope="session")
 def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
-    """A rig whose robot lies on the ground; options as of ``SimulatorOptions``."""
+    """A rig whose robot lies on the ground; ``sprint`` drives it unless told otherwise.
 
-    def make(source: Any | None = None, **options: Any) -> Rig:
+    Options as of ``SimulatorOptions``.
+    """
+
+    def make(source: Any | None = None, policy: Policy | None = None, **options: Any) -> Rig:
         source = source or StraightSource()
         simulated = SimulatedRobot(bp2, SimulatorOptions(**options))
-        return Rig(bp2, simulated, Controller(sprint_policy, bp2, source), source)
+        return Rig(bp2, simulated, Controller(policy or sprint_policy, bp2, source), source)
 
     return make
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.deployment.controller.motion import JointMotion, SinkMotion, Waypoint, folded_pose
-from sprintlab.robots import load_robot
+from sprintlab.deployment.controller.legs import GRAVITY, Legs, folded_pose, level_feet, tucked_pose
+from sprintlab.deployment.controller.motion import (
+    JointMotion,
+    SinkMotion,
+    Waypoint,
+    feet_apart,
+    gather_motion,
+    rise_motion,
+)
+from sprintlab.deployment.interface import RobotState
+from sprintlab.robots import ModelOptions, build_model, load_robot
 
 BP2 = load_robot("bp2")
 A, B = BP2.mechanics.thigh_length, BP2.mechanics.shank_length
@@ -45,9 +55,126 @@ def test_a_motion_passes_its_waypoints_without_a_jump():
 def test_sinking_keeps_every_foot_where_it_stands(angles):
     legs = [(abad, hip, -1.2 - 0.5 * (hip - 0.7)) for abad, hip in angles]
     start = np.array(legs).reshape(-1)
-    motion = SinkMotion(BP2, start, 1.0, 1.5)
+    motion = SinkMotion(BP2, start, 1.0, 1.5, 1.0)
     np.testing.assert_allclose(motion.target(1.0), start, atol=1e-9)
     for time in np.linspace(1.0, 2.5, 7):
         np.testing.assert_allclose(feet(motion.target(time))[:, 0], feet(start)[:, 0], atol=1e-9)
-    end = feet(motion.target(motion.end_time))
-    np.testing.assert_allclose(end[:, 1], feet(folded_pose(BP2))[:, 1], atol=1e-9)
+    np.testing.assert_allclose(feet(motion.target(2.5))[:, 1], feet(folded_pose(BP2))[:, 1], atol=1e-9)
+    assert motion.end_time == 3.5
+    np.testing.assert_allclose(motion.target(3.5), tucked_pose(BP2), atol=1e-9)
+
+
+def test_sinking_never_lifts_a_robot_that_is_already_down():
+    motion = SinkMotion(BP2, tucked_pose(BP2), 0.0, 1.5, 1.0)
+    for time in np.linspace(0.0, 2.5, 11):
+        np.testing.assert_allclose(motion.target(time), tucked_pose(BP2), atol=1e-9)
+
+
+def turned(axis, angle):
+    """Quaternion, w first."""
+    return np.array([np.cos(0.5 * angle), *(np.sin(0.5 * angle) * np.asarray(axis))])
+
+
+def state_of(pose, quaternion=(1.0, 0.0, 0.0, 0.0)):
+    return RobotState(
+        sequence=1,
+        timestamp=0,
+        joint_position=np.asarray(pose),
+        joint_velocity=np.zeros(12),
+        joint_torque=np.zeros(12),
+        quaternion=np.asarray(quaternion),
+        angular_velocity=np.zeros(3),
+        bus_voltage=60.0,
+    )
+
+
+ROBOTS = [load_robot("bp2"), load_robot("go1")]
+POSES = st.lists(
+    st.tuples(st.floats(-0.4, 0.4), st.floats(0.5, 1.1), st.floats(-1.9, -1.0)), min_size=4, max_size=4
+).map(lambda legs: np.array(legs).reshape(-1))
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+@given(pose=POSES)
+def test_a_pose_leads_to_feet_that_lead_back_to_it(robot, pose):
+    legs = Legs(robot)
+    np.testing.assert_allclose(legs.pose(legs.feet(pose)), pose, atol=1e-9)
+
+
+def test_feet_are_where_the_simulated_robot_has_them():
+    model = build_model(BP2, ModelOptions())
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = turned((0.6, 0.8, 0.0), 0.2)
+    pose = BP2.default_pose + np.linspace(-0.2, 0.2, 12)
+    for joint, angle in zip(BP2.joint_names, pose, strict=True):
+        data.joint(joint).qpos[0] = angle
+    mujoco.mj_kinematics(model, data)
+    seen = np.array([data.geom(f"{leg}_foot").xpos for leg in BP2.leg_names]) - data.body("trunk").xpos
+    w, x, y, z = data.qpos[3:7]
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+    seen[:, :2] = seen[:, :2] @ turn.T
+    np.testing.assert_allclose(level_feet(Legs(BP2), pose, data.qpos[3:7]), seen, atol=1e-9)
+
+
+@given(pose=POSES)
+def test_the_torques_that_carry_do_the_work_of_the_loads(pose):
+    """Virtual work: torque times a small motion is the load times the way that the foot is pushed down."""
+    legs, loads = Legs(BP2), np.array([10.0, 20.0, 30.0, 40.0])
+    torque = legs.carrying_torque(pose, loads)
+    for joint in range(12):
+        small = np.zeros(12)
+        small[joint] = 1e-6
+        rise = (legs.feet(pose + small) - legs.feet(pose - small))[:, 2] / 2e-6
+        assert torque[joint] == pytest.approx(-(loads * rise).sum(), abs=1e-5)
+
+
+def test_the_loads_carry_the_weight_in_balance_where_the_feet_allow_it():
+    legs = Legs(BP2)
+    feet_below = legs.feet(BP2.default_pose)
+    loads = legs.loads(feet_below, (0, 1, 2, 3))
+    assert loads.sum() == pytest.approx(GRAVITY * BP2.total_mass) and (loads > 0.0).all()
+    assert loads @ feet_below[:, :2] == pytest.approx(np.zeros(2), abs=1e-9)
+    assert legs.loads(feet_below, (0, 3))[[1, 2]] == pytest.approx(np.zeros(2))
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+@given(offset=st.lists(st.floats(-0.15, 0.15), min_size=12, max_size=12))
+def test_gathering_lifts_two_feet_at_a_time_and_puts_all_in_their_places(robot, offset):
+    legs, start = Legs(robot), robot.default_pose + np.array(offset)
+    motion = gather_motion(robot, state_of(start), start, 1.0)
+    np.testing.assert_allclose(motion.target(1.0), start, atol=1e-9)
+    end, loads = motion._pose(motion.end_time)
+    assert feet_apart(robot, state_of(end)) < 1e-9
+    torque = (motion.target(motion.end_time) - end) * robot.stiffness
+    np.testing.assert_allclose(torque, legs.carrying_torque(end, loads), atol=1e-6)
+    before = None
+    for time in np.arange(1.0, motion.end_time, 0.002):
+        now = legs.feet(motion._pose(time)[0])
+        if before is not None:
+            moved = np.abs(now - before)[:, :2].max(axis=1) > 1e-9
+            assert tuple(np.flatnonzero(moved)) in {(), (0,), (1,), (2,), (3,), (0, 3), (1, 2)}
+        before = now
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+@given(pose=POSES)
+def test_rising_begins_at_the_joints_and_moves_all_legs_alike(robot, pose):
+    legs, motion = Legs(robot), rise_motion(robot, pose, 2.0, 1.0, 1.5)
+    np.testing.assert_allclose(motion.target(2.0), pose, atol=1e-9)
+    assert motion.end_time == 4.5
+    np.testing.assert_allclose(motion._pose(4.5)[0], robot.default_pose, atol=1e-6)
+    hips = legs.feet(folded_pose(robot))
+    hips[:, 2] = 0.0
+    for time in np.linspace(3.0, 3.75, 6):  # until the feet are below the hips
+        below = legs.feet(motion._pose(time)[0]) - hips
+        np.testing.assert_allclose(below, np.tile(below[0], (4, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
+def test_the_tucked_pose_is_low_and_has_room_at_the_stops(robot):
+    pose = tucked_pose(robot)
+    lower, upper = robot.position_limits.T
+    assert (pose > lower + robot.soft_stop.zone).all() and (pose < upper - robot.soft_stop.zone).all()
+    depth = -Legs(robot).feet(pose)[:, 2]
+    assert (depth < 0.2 * robot.standing_height).all()

@@ -18,7 +18,15 @@ from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.deployment.controller.course import Course, LastFix
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
-from sprintlab.deployment.controller.motion import JointMotion, Motion, SinkMotion, Waypoint, folded_pose
+from sprintlab.deployment.controller.motion import (
+    JointMotion,
+    Motion,
+    SinkMotion,
+    Waypoint,
+    feet_apart,
+    gather_motion,
+    rise_motion,
+)
 from sprintlab.deployment.controller.outgoing import CommandWriter
 from sprintlab.deployment.interface import (
     CommandSource,
@@ -49,7 +57,7 @@ from sprintlab.robots import RobotDescription
 
 POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
 
-_FOLD_TIME = 1.0  # s
+_TUCK_TIME = 1.0  # s
 _RISE_TIME = 1.5  # s
 _SINK_TIME = 1.5  # s
 _DAMP_TIME = 1.0  # s of damping after sinking
@@ -58,6 +66,11 @@ _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
+_CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
+_CALM_TIME = 0.5  # s
+_CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
+_GATHERS = 3  # times at most that the feet are stepped under the robot
+_GATHERED = 0.15  # of the standing height: feet nearer than this to their places may stay
 _WARM_UP_STEPS = 20
 _LATE_WINDOW = 50  # policy steps
 
@@ -100,13 +113,16 @@ class Controller:
         self._commands = CommandWriter(robot)
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
-        self._folded = folded_pose(robot)
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
         self._motion: Motion = JointMotion(self._targets, 0.0)
         self._course = Course(0.0)
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
         self._slow = Persistence(_BRAKED_TIME)
+        self._calm = Persistence(_CALM_TIME)
+        self._calmed = False
+        self._gathers_left = 0
+        self._gathering = False
         self._start: int | None = None
         self._now = self._next_policy = 0
         self._answer, self._answered_at = 0, 0.0
@@ -345,6 +361,8 @@ class Controller:
             return self._states.stale(time) or self._at_rest(state)
         if self.mode is Mode.STAND and time < self._motion.end_time:
             return False
+        if goal is Mode.LIE_DOWN and self._policy_drives:
+            return self._calmed or time - self._motion.end_time > _CALM_PATIENCE
         return goal is not Mode.RUN or not (self._held or self._operator.lost(time))
 
     def _ready(self, state: RobotState, time: float) -> bool:
@@ -388,23 +406,32 @@ class Controller:
         here = self._commands.bumpless_start(state)
         if mode is Mode.STAND_UP:
             self._held = self._balancing = False
-            self._motion = JointMotion(
-                here, time, Waypoint(self._folded, _FOLD_TIME), Waypoint(standing, _RISE_TIME)
-            )
+            self._motion = rise_motion(self._robot, here, time, _TUCK_TIME, _RISE_TIME)
         elif mode is Mode.STAND:
             self._brake_started = None
-            self._balancing = ran
+            self._balancing, self._calmed = ran, False
+            self._calm.reset()
             self._motion = JointMotion(here, time, Waypoint(standing, _SETTLE_TIME))
         elif mode is Mode.LIE_DOWN:
             self._brake_started = None
             self._velocity = np.zeros(3)
-            # Where a run has left the feet, only the policy keeps the balance: no slow sinking, damp at once.
-            sinking = SinkMotion(self._robot, here, time, _SINK_TIME)
-            self._motion = JointMotion(here, time) if self._balancing else sinking
+            # Where a run has left the feet, only the policy keeps the balance: step them below the robot.
+            self._gathers_left = _GATHERS if self._balancing else 0
+            self._motion = self._way_down(state, time)
         elif mode is Mode.RUN:
             self._start_run(state, time)
         else:
             self._forget_robot()
+
+    def _way_down(self, state: RobotState, time: float) -> Motion:
+        """The next motion of lying down: gather the feet as long as they stand apart, then sink over them."""
+        here = self._commands.bumpless_start(state)
+        apart = feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
+        self._gathering = apart and self._gathers_left > 0
+        if self._gathering:
+            self._gathers_left -= 1
+            return gather_motion(self._robot, state, here, time)
+        return SinkMotion(self._robot, here, time, _SINK_TIME, _TUCK_TIME)
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()
@@ -422,10 +449,19 @@ class Controller:
             self._end_brake(state, time)
         elif self.mode is Mode.STAND_UP and time >= self._motion.end_time:
             self._end_stand_up(state, time)
-        elif self.mode is Mode.LIE_DOWN and time >= self._motion.end_time + _DAMP_TIME:
-            self.mode = Mode.PASSIVE
+        elif self.mode is Mode.STAND and self._balancing:
+            speed = float(np.abs(state.joint_velocity).max())
+            self._calmed = self._calm.update(speed < _CALM_SPEED, time)
+        elif self.mode is Mode.LIE_DOWN:
+            self._lie_down(state, time)
         if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN) and not self._policy_drives:
             self._targets = self._motion.target(time)
+
+    def _lie_down(self, state: RobotState, time: float) -> None:
+        if self._gathering and time >= self._motion.end_time:
+            self._motion = self._way_down(state, time)
+        elif not self._gathering and time >= self._motion.end_time + _DAMP_TIME:
+            self.mode = Mode.PASSIVE
 
     def _end_stand_up(self, state: RobotState, time: float) -> None:
         error = float(np.abs(state.joint_position - self._robot.default_pose).max())
@@ -471,7 +507,7 @@ class Controller:
         return (self._now - (self._start or 0)) * 1e-9
 
     def _damps_after_sinking(self) -> bool:
-        return self.mode is Mode.LIE_DOWN and self._time >= self._motion.end_time
+        return self.mode is Mode.LIE_DOWN and not self._gathering and self._time >= self._motion.end_time
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:

@@ -10,9 +10,9 @@ from sprintlab.deployment.interface import Request
 class Mode(str, Enum):
     """What the controller does.
 
-    ``PASSIVE``: drives off. ``STAND_UP``: fold the legs, then rise. ``STAND``: hold the standing pose, or,
-    after a run, keep the balance under the policy. ``RUN``: the policy drives. ``LIE_DOWN``: sink, then damp.
-    ``STOP``: damp until an operator lets go.
+    ``PASSIVE``: drives off. ``STAND_UP``: tuck the legs, then rise. ``STAND``: hold the standing pose, or,
+    after a run, keep the balance under the policy. ``RUN``: the policy drives. ``LIE_DOWN``: after a run step
+    the feet below the robot; sink on the belly, then damp. ``STOP``: damp until an operator lets go.
     """
 
     PASSIVE = "passive"

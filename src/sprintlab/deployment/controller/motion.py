@@ -1,16 +1,33 @@
-"""Joint motions that need no policy: folding, rising, sinking."""
+"""Joint motions that need no policy: folding, rising, gathering, sinking."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from sprintlab.deployment.interface import FloatArray
+from sprintlab.deployment.controller.legs import (
+    GRAVITY,
+    Legs,
+    folded_pose,
+    level_feet,
+    tucked_pose,
+)
+from sprintlab.deployment.interface import FloatArray, RobotState
 from sprintlab.robots import RobotDescription
 
-_KNEE_RESERVE = 0.1  # rad kept between the folded knee and its end stop
+# Of sqrt(height / g), the time in which a robot tips over its feet: what two feet carry must be shorter.
+_SHIFT = 0.17  # until a pair of legs carries all
+_SWING = 0.43  # of the other pair through the air
+_LAND = 0.21  # until all legs carry again
+_REST = 2.0  # on all feet after two steps, until the trunk no longer drifts
+_LIFT = 0.1  # of the standing height
+_STEP = 1e-3  # s over which speeds are taken
+_DIAGONALS = ((0, 3), (1, 2))
+_EVERYONE = (0, 1, 2, 3)
 
 
 class Waypoint(NamedTuple):
@@ -61,67 +78,190 @@ class JointMotion:
 
 
 class SinkMotion:
-    """Straight down over the feet, wherever they stand: no leg is braced against another.
+    """Straight down over the feet, wherever they stand, then down on the belly: no leg works against another.
 
-    In the plane of a leg with thigh ``a``, shank ``b``, hip angle ``h`` and knee angle ``k`` the foot is at
-    ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip. ``x`` is kept, ``z``
-    rises to that of the folded pose, or as far as the knee bends.
+    In the plane of each leg the foot keeps its place along the trunk, and rises to the height of the folded
+    pose, or as far as the knee bends. Then all legs turn back to ``tucked_pose``.
 
     Args:
         robot: link lengths and limits.
         start: pose at ``start_time`` [rad] ``(12,)``.
         start_time: [s].
-        duration: [s].
+        duration: of sinking over the feet [s].
+        tuck_time: from there to the belly [s].
     """
 
     def __init__(
-        self, robot: RobotDescription, start: FloatArray, start_time: float, duration: float
+        self,
+        robot: RobotDescription,
+        start: FloatArray,
+        start_time: float,
+        duration: float,
+        tuck_time: float,
     ) -> None:
-        self._a, self._b = robot.mechanics.thigh_length, robot.mechanics.shank_length
-        self._start_time, self._duration = start_time, duration
-        self._abad, hip, knee = start.reshape(-1, 3).T
-        self._bend = np.sign(robot.default_pose.reshape(-1, 3)[:, 2])
-        self._x = -(self._a * np.sin(hip) + self._b * np.sin(hip + knee))
-        self._z = -(self._a * np.cos(hip) + self._b * np.cos(hip + knee))
-        folded = folded_pose(robot).reshape(-1, 3)[:, 2]
-        self._shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))
+        self._legs, self._tucked = Legs(robot), tucked_pose(robot)
+        self._start_time, self._duration, self._tuck_time = start_time, duration, tuck_time
+        self._abad = start.reshape(-1, 3)[:, 0]
+        self._x, self._z = self._legs.in_plane(start)
+        self._highest = np.maximum(self._z, -self._legs.shortest)
 
     @property
     def end_time(self) -> float:
         """When the robot lies [s]."""
-        return self._start_time + self._duration
+        return self._start_time + self._duration + self._tuck_time
 
     def target(self, time: float) -> FloatArray:
         """Joint targets [rad] ``(12,)`` at ``time`` [s]."""
-        share = _smooth((time - self._start_time) / self._duration)
-        z = self._z + (-self._shortest - self._z) * share
-        reach = np.clip(np.hypot(self._x, z), self._shortest, self._a + self._b)
-        cosine = (reach**2 - self._a**2 - self._b**2) / (2.0 * self._a * self._b)
-        knee = self._bend * np.arccos(np.clip(cosine, -1.0, 1.0))
-        inner = np.arctan2(self._b * np.sin(knee), self._a + self._b * np.cos(knee))
-        hip = np.arctan2(-self._x, -z) - inner
-        return np.stack((self._abad, hip, knee), axis=1).reshape(-1)
+        passed = time - self._start_time
+        z = self._z + (self._highest - self._z) * _smooth(passed / self._duration)
+        pose = self._legs.bent(self._abad, self._x, z)
+        return pose + (self._tucked - pose) * _smooth((passed - self._duration) / self._tuck_time)
+
+
+class FootKey(NamedTuple):
+    """Where the feet are at the end of a phase, and what they carry.
+
+    Attributes:
+        feet: from the trunk's middle [m] ``(4, 3)``.
+        loads: vertical forces [N] ``(4,)``.
+        duration: of the phase that ends here [s].
+        airborne: legs that are lifted meanwhile.
+    """
+
+    feet: FloatArray
+    loads: FloatArray
+    duration: float
+    airborne: tuple[int, ...] = ()
+
+
+class FootMotion:
+    """Feet that move from key to key while they carry the robot.
+
+    The targets ask for the torques that carry the robot on the feet that stand, and for those that overcome
+    the drives' damping: ``q + (tau + D dq/dt) / K``.
+
+    Args:
+        robot: geometry, mass and gains.
+        keys: the first one is where the feet are at the start; its duration counts for nothing.
+        start: targets at ``start_time`` [rad] ``(12,)``.
+        start_time: [s].
+    """
+
+    def __init__(
+        self, robot: RobotDescription, keys: Sequence[FootKey], start: FloatArray, start_time: float
+    ) -> None:
+        self._robot, self._legs = robot, Legs(robot)
+        self._start_time, self._keys = start_time, keys
+        self._jump = start - self._plan(start_time)
+
+    @property
+    def end_time(self) -> float:
+        """When the last key is reached [s]."""
+        return self._start_time + sum(key.duration for key in self._keys[1:])
+
+    def target(self, time: float) -> FloatArray:
+        """Joint targets [rad] ``(12,)`` at ``time`` [s]; the jump at the start fades in the first phase."""
+        fading = 1.0 - _smooth((time - self._start_time) / self._keys[1].duration)
+        return self._plan(time) + self._jump * fading
+
+    def _plan(self, time: float) -> FloatArray:
+        pose, loads = self._pose(time)
+        velocity = (self._pose(time + _STEP)[0] - pose) / _STEP
+        torque = self._legs.carrying_torque(pose, loads) + self._robot.damping * velocity
+        return pose + torque / self._robot.stiffness
+
+    def _pose(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Joint positions [rad] ``(12,)`` and loads [N] ``(4,)`` wanted at ``time`` [s]."""
+        begin = self._start_time
+        for before, key in pairwise(self._keys):
+            if time < begin + key.duration:
+                share = max((time - begin) / key.duration, 0.0)
+                part = _smooth(share)
+                feet = before.feet + (key.feet - before.feet) * part
+                lift = _LIFT * self._robot.standing_height * math.sin(math.pi * share) ** 2
+                feet[list(key.airborne), 2] += lift
+                return self._legs.pose(feet), before.loads + (key.loads - before.loads) * part
+            begin += key.duration
+        return self._legs.pose(self._keys[-1].feet), self._keys[-1].loads
+
+
+def gather_motion(
+    robot: RobotDescription, state: RobotState, start: FloatArray, start_time: float
+) -> FootMotion:
+    """Two steps that bring the feet to where they stand below a robot in its default pose.
+
+    First one diagonal pair of feet is lifted and put down, then the other, at the height that the trunk has:
+    no foot is dragged while it carries. The pair that carries better, whose line passes nearer below the
+    trunk's middle, goes second. A rest on all feet ends the motion: the trunk may still drift a little.
+
+    Args:
+        robot: geometry, mass and gains.
+        state: where the legs are and how the trunk is tilted.
+        start: targets at ``start_time`` [rad] ``(12,)``.
+        start_time: [s].
+    """
+    legs = Legs(robot)
+    natural = math.sqrt(robot.standing_height / GRAVITY)
+    goal = legs.feet(robot.default_pose)
+    feet = level_feet(legs, state.joint_position, state.quaternion)
+    feet[:, 2] = feet[:, 2].min()  # a foot in the air is put down
+    keys = [FootKey(feet, legs.loads(feet, _EVERYONE), 0.0)]
+    second, first = sorted(_DIAGONALS, key=lambda pair: _distance_from_middle(feet, pair))
+    for swinging, carrying in ((first, second), (second, first)):
+        moved = feet.copy()
+        moved[list(swinging), :2] = goal[list(swinging), :2]
+        alone = legs.loads(feet, carrying)
+        keys.append(FootKey(feet, alone, _SHIFT * natural))
+        keys.append(FootKey(moved, alone, _SWING * natural, swinging))
+        keys.append(FootKey(moved, legs.loads(moved, _EVERYONE), _LAND * natural))
+        feet = moved
+    keys.append(FootKey(feet, legs.loads(feet, _EVERYONE), _REST * natural))
+    return FootMotion(robot, keys, start, start_time)
+
+
+def rise_motion(
+    robot: RobotDescription, start: FloatArray, start_time: float, tuck_time: float, rise_time: float
+) -> FootMotion:
+    """From wherever the legs of a lying robot are to the default pose.
+
+    The legs are tucked beside the belly; then all of them turn under the hips and stretch, alike, so that the
+    feet stay where they stand.
+
+    Args:
+        robot: geometry, mass and gains.
+        start: targets at ``start_time`` [rad] ``(12,)``.
+        start_time: [s].
+        tuck_time: [s].
+        rise_time: [s].
+    """
+    legs = Legs(robot)
+    tucked, folded, standing = (
+        legs.feet(pose) for pose in (tucked_pose(robot), folded_pose(robot), robot.default_pose)
+    )
+    keys = (
+        FootKey(tucked, np.zeros(len(tucked)), 0.0),
+        FootKey(tucked, legs.loads(tucked, _EVERYONE), tuck_time),
+        FootKey(folded, legs.loads(folded, _EVERYONE), 0.5 * rise_time),
+        FootKey(standing, legs.loads(standing, _EVERYONE), 0.5 * rise_time),
+    )
+    return FootMotion(robot, keys, start, start_time)
+
+
+def feet_apart(robot: RobotDescription, state: RobotState) -> float:
+    """Greatest horizontal distance of a foot from its place in the default pose [m]."""
+    legs = Legs(robot)
+    feet = level_feet(legs, state.joint_position, state.quaternion)
+    away = (feet - legs.feet(robot.default_pose))[:, :2]
+    return float(np.hypot(away[:, 0], away[:, 1]).max())
+
+
+def _distance_from_middle(feet: FloatArray, pair: tuple[int, int]) -> float:
+    """How far the line through two feet passes from below the trunk's middle [m]."""
+    (ax, ay), (bx, by) = feet[pair[0], :2].tolist(), feet[pair[1], :2].tolist()
+    return abs(ax * by - ay * bx) / max(math.hypot(bx - ax, by - ay), 1e-9)
 
 
 def _smooth(share: float) -> float:
     """From 0 to 1 with rest at both ends."""
     share = min(max(share, 0.0), 1.0)
     return share * share * (3.0 - 2.0 * share)
-
-
-def folded_pose(robot: RobotDescription) -> FloatArray:
-    """Pose of a lying robot [rad] ``(12,)``: knees folded as far as is free, feet below the hips.
-
-    With thigh ``a``, shank ``b`` and knee angle ``k`` the foot is below the hip for a hip angle
-    ``atan2(-b sin k, a + b cos k)``.
-    """
-    a, b = robot.mechanics.thigh_length, robot.mechanics.shank_length
-    reserve = robot.soft_stop.zone + _KNEE_RESERVE
-    poses = []
-    for leg in range(len(robot.leg_names)):
-        lower, upper = robot.position_limits[3 * leg + 2]
-        bends_back = robot.default_pose[3 * leg + 2] < 0.0
-        knee = float(lower) + reserve if bends_back else float(upper) - reserve
-        hip = math.atan2(-b * math.sin(knee), a + b * math.cos(knee))
-        poses.append((0.0, hip, knee))
-    return np.asarray(poses, dtype=np.float64).reshape(-1)
