@@ -92,7 +92,9 @@ def _copy_small_files(run: Run, folder: Path) -> None:
         if (run.folder / name).is_file():
             _copy(run.folder / name, folder / name)
     if (run.folder / CURVE_NAME).is_file():
-        atomic_write_text(folder / CURVE_NAME, _thinned((run.folder / CURVE_NAME).read_text(encoding="utf-8")))
+        atomic_write_text(
+            folder / CURVE_NAME, _thinned((run.folder / CURVE_NAME).read_text(encoding="utf-8"))
+        )
     elif (run.folder / LOG_NAME).is_file():
         atomic_write_text(folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME)))
 

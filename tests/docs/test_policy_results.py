@@ -47,7 +47,7 @@ class Told(NamedTuple):
 GO1 = Told("go1-sprint", "A second robot: Go1", "go1", 8)
 FAST = Told(
     "sprint-fast",
-    "The fastest policy: `sprint-fast`",
+    "Fast and sure: `sprint-fast`",
     "bp2",
     14,
     frozenset({"stride period from policy clock"}),

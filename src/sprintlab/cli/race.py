@@ -92,10 +92,10 @@ def policy_path(policy: str) -> Path:
     Raises:
         PolicyFileError: there is no such policy.
     """
-    from sprintlab.control import shipped_policies, shipped_policy
+    from sprintlab.control import shipped_policy
 
-    looks_like_path = policy.endswith(".onnx") or "/" in policy or "\\" in policy
-    is_path = Path(policy).exists() or (looks_like_path and policy not in shipped_policies())
+    has_folder = "\\" in policy or ("/" in policy and not policy.startswith("methods/"))
+    is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
     return Path(policy) if is_path else shipped_policy(policy)
 
 

@@ -35,9 +35,9 @@ from sprintlab.robots import RobotDescription
 FloatArray = npt.NDArray[np.floating[Any]]
 
 SHIPPED_POLICIES = Path(__file__).parent / "policies"
-METHOD_POLICIES = SHIPPED_POLICIES / "methods"
-"""The best policy of each of the paper's methods, trained for the same time: the table of the results page."""
 """Folder of the policies that come with the package."""
+METHOD_POLICIES = SHIPPED_POLICIES / "methods"
+"""The best policy of each of the paper's methods, trained for the same time: the results page's table."""
 
 ESTIMATE_SIZE = 8
 """Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
