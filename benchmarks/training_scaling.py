@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import shlex
+import signal
 import statistics
 import subprocess
 import sys
@@ -24,8 +25,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from sprintlab.core.checks import check_range
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_json
 from sprintlab.training.run import pick_device
 from sprintlab.training.runner import device_description
 from sprintlab.training.settings import PRECISIONS
@@ -53,18 +55,36 @@ def training_command(
     return [sys.executable, "-m", *program, *words, "--no-tensorboard", "--no-cloud", "--no-keep-robots"]
 
 
-def rate(command: list[str], folder: Path) -> float:
+def rate(command: list[str], folder: Path, minutes: float) -> float:
     """Environment steps a second of all processes together.
 
     Raises:
-        SprintlabError: the training failed; its last words.
+        SprintlabError: the training failed, or was not done in time; its last words.
     """
-    environment = {**os.environ, "MUJOCO_GL": "disabled"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    if done.returncode:
-        raise SprintlabError(f"{shlex.join(command)} failed: {done.stderr.strip()[-1000:]}")
+    said = folder.parent / "said.txt"
+    status = finished(command, said, 60.0 * minutes)
+    words = said.read_text(errors="replace").strip()[-1000:]
+    if status is None:
+        raise SprintlabError(f"{shlex.join(command)} was not done after {minutes:g} min; it said: {words}")
+    if status:
+        raise SprintlabError(f"{shlex.join(command)} failed: {words}")
     rows = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
     return statistics.median(row["steps_per_second"] for row in rows[SETTLING:])
+
+
+def finished(command: list[str], said: Path, seconds: float) -> int | None:
+    """Exit status of a command; None where it took too long: then all of its processes are stopped."""
+    environment = {**os.environ, "MUJOCO_GL": "disabled"}
+    with said.open("w") as output:
+        process = subprocess.Popen(
+            command, stdout=output, stderr=output, env=environment, start_new_session=True
+        )
+        try:
+            return process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return None
 
 
 def measure_case(kind: str, processes: int, chosen: argparse.Namespace) -> dict[str, Any]:
@@ -77,7 +97,7 @@ def measure_case(kind: str, processes: int, chosen: argparse.Namespace) -> dict[
             "kind": kind,
             "processes": processes,
             "environments_each": each,
-            "steps_per_second": rate(command, folder),
+            "steps_per_second": rate(command, folder, chosen.minutes),
         }
 
 
@@ -89,18 +109,26 @@ def with_efficiency(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
-    """Every number of processes, weak and strong; one process is both."""
+    """Every number of processes, weak and strong; one process is both.
+
+    What is done is in ``--output`` after every case: a machine that is lent for minutes may not see the last.
+    """
     counts = chosen.processes
     cases = [(kind, count) for kind in KINDS for count in counts if kind == "weak" or count > 1]
-    console = Console(stderr=True)
-    rows = [measure_case(*case, chosen) for case in track(cases, "trainings", console=console)]
-    return {
+    result = {
         "device": device_description(pick_device(chosen.device)),
         **circumstances(PACKAGES),
         "precision": chosen.precision,
         "iterations": chosen.iterations,
-        "rows": with_efficiency(rows),
+        "rows": [],
     }
+    rows: list[dict[str, Any]] = []
+    for case in track(cases, "trainings", console=Console(stderr=True)):
+        rows.append(measure_case(*case, chosen))
+        result["rows"] = with_efficiency(rows)
+        if chosen.output is not None:
+            atomic_write_json(chosen.output, result)
+    return result
 
 
 def show(result: dict[str, Any]) -> None:
@@ -127,6 +155,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--processes", type=process_counts, default=(1, 2), help="such as 1,2,4")
     parser.add_argument("--environments", type=int, default=8192)
     parser.add_argument("--iterations", type=int, default=60, help="timed, of each training")
+    parser.add_argument("--minutes", type=float, default=10.0, help="the most that a training may take")
     parser.add_argument("--precision", choices=PRECISIONS, default="bfloat16")
     parser.add_argument("--device", default="auto")
     parser.add_argument("--output", type=Path, help="JSON file")
@@ -135,6 +164,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     check_range("processes", min(chosen.processes), 1, 10**4)
     check_range("environments", chosen.environments, 2 * max(chosen.processes), 10**6)
     check_range("iterations", chosen.iterations, 1, 10**4)
+    check_positive("minutes", chosen.minutes, "min")
     return chosen
 
 

@@ -29,7 +29,7 @@ from sprintlab.evaluation.ablation.record import EvaluationRecord, read_evaluati
 from sprintlab.evaluation.ablation.runs import CLOUD_NAME, EVALUATION_NAME, Run, find_runs
 
 LOG_NAME = "log.jsonl"
-KEPT = ("run.json", EVALUATION_NAME)
+KEPT = ("settings.json", "run.json", EVALUATION_NAME)
 CURVE_ROWS = 100
 """About so many rows of a learning curve are kept: whole, a run's has 350 kB."""
 POLICIES = Path("src/sprintlab/control/policies/methods")

@@ -65,6 +65,12 @@ def test_it_was_trained_with_the_defaults_of_its_method(method):
     options = TrainOptions(method=method, seed=training.seed, settings=settings)
     assert options.full_settings().digest() == training.config_hash
     assert options.iterations == training.iterations
+    written = json.loads(
+        (RESULTS / "methods" / method / f"seed-{training.seed}" / "settings.json").read_text()
+    )
+    assert written == json.loads(
+        json.dumps({"config_hash": training.config_hash, **options.full_settings().as_dict()})
+    )
 
 
 @pytest.mark.parametrize("method", PAPER_TABLE)

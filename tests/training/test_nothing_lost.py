@@ -104,7 +104,12 @@ def test_killed_twenty_times_the_run_is_the_run_that_was_never_killed(tmp_path: 
     assert len(set(reached)) >= 5  # the kills fell into the run, not all before it or after it
     assert finish(start(*FLAGS, *limit, "--output", str(killed), "--resume")) == 0
     assert rows(killed) == rows(straight)
-    assert {path.name for path in killed.iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+    assert {path.name for path in killed.iterdir()} == {
+        "checkpoint.pt",
+        "log.jsonl",
+        "settings.json",
+        ".lock",
+    }
     first, second = (read_checkpoint(folder / "checkpoint.pt") for folder in (straight, killed))
     for name, value in first["learner"]["actor"].items():
         assert torch.equal(value, second["learner"]["actor"][name]), name
@@ -144,7 +149,12 @@ def test_a_full_disk_stops_with_the_last_checkpoint_intact(
     message = capsys.readouterr().err.splitlines()[-1]
     assert message.startswith("sprintlab: training stopped at iteration")
     assert "No space left on device" in message
-    assert {path.name for path in tmp_path.iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "checkpoint.pt",
+        "log.jsonl",
+        "settings.json",
+        ".lock",
+    }
     if fitting < 2:  # the third write is the log, after a checkpoint that fitted
         assert (tmp_path / "checkpoint.pt").read_bytes() == before
     train(options(tmp_path, iterations=3, resume=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -150,7 +151,7 @@ def test_the_steady_stage_begins_where_it_is_told_to_and_in_a_resumed_run(tmp_pa
         replace(SETTINGS.stages, steady_iteration=-1)
 
 
-def test_a_run_that_ends_before_its_steady_stage_says_so(
+def test_a_run_writes_its_settings_and_says_where_it_ends_before_its_steady_stage(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
@@ -159,6 +160,10 @@ def test_a_run_that_ends_before_its_steady_stage_says_so(
     assert "before its steady stage (settings.stages.steady_iteration, 1350)" in " ".join(
         capsys.readouterr().err.split()
     )
+    written = json.loads((tmp_path / "short" / "settings.json").read_text())
+    state = read_checkpoint(tmp_path / "short" / "checkpoint.pt")
+    assert written["config_hash"] == state["settings"].digest()
+    assert written["ppo"]["steps"] == 2 and written["schedule_kind"] == "AdaptiveSchedule"
     from_the_start = replace(short, stages=replace(short.stages, steady_iteration=0))
     train(TrainOptions(output=tmp_path / "whole", settings=from_the_start, **options))
     assert "before its" not in capsys.readouterr().err

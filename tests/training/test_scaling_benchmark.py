@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +15,7 @@ pytest.importorskip("mujoco_warp")
 import tyro
 
 from sprintlab.cli.train import method_as_option
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.run import TrainOptions
 
 
@@ -44,10 +47,34 @@ def test_efficiency_is_the_rate_over_that_of_separate_processes(benchmark_module
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--processes", "0,2"], ["--environments", "1"], ["--iterations", "0"]]
+    "arguments", [["--processes", "0,2"], ["--environments", "1"], ["--iterations", "0"], ["--minutes", "0"]]
 )
 def test_numbers_out_of_range_are_refused(benchmark_module: ModuleType, arguments: list[str]) -> None:
-    from sprintlab.core.errors import InvalidValueError
-
     with pytest.raises(InvalidValueError, match="not allowed"):
         benchmark_module.parse(arguments)
+
+
+def test_what_is_done_is_written_before_the_last_case_fails(
+    benchmark_module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def rate(command: list[str], folder: Path, minutes: float) -> float:
+        if "torch.distributed.run" in command:
+            raise SprintlabError("two are too many")
+        return 100.0
+
+    monkeypatch.setattr(benchmark_module, "rate", rate)
+    output = tmp_path / "scaling.json"
+    chosen = benchmark_module.parse(["--processes", "1,2", "--device", "cpu", "--output", str(output)])
+    with pytest.raises(SprintlabError, match="two are too many"):
+        benchmark_module.measure(chosen)
+    assert [row["steps_per_second"] for row in json.loads(output.read_text())["rows"]] == [100.0]
+
+
+def test_a_training_that_takes_too_long_is_stopped_and_quoted(
+    benchmark_module: ModuleType, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-uc", "import time; print('preparing'); time.sleep(600)"]
+    with pytest.raises(SprintlabError, match=r"not done after 0\.05 min; it said: preparing"):
+        benchmark_module.rate(command, tmp_path / "run", 0.05)
+    with pytest.raises(SprintlabError, match="failed: no room"):
+        benchmark_module.rate([sys.executable, "-c", "raise SystemExit('no room')"], tmp_path / "run", 1.0)

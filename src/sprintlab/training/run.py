@@ -13,6 +13,7 @@ import torch
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
+from sprintlab.core.files import atomic_write_json
 from sprintlab.training.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.distributed import Workers, join_workers
 from sprintlab.training.guard import StopRequest, exclusive
@@ -21,6 +22,8 @@ from sprintlab.training.progress import Board, Reporter, follow_on_wandb, prepar
 from sprintlab.training.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
+SETTINGS_NAME = "settings.json"
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
@@ -28,7 +31,8 @@ class TrainOptions:
 
     Attributes:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
-        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``cloud.npz``, ``tensorboard/``.
+        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
+            ``tensorboard/``.
         minutes: stop after this much time in this sitting.
         iterations: stop at this iteration of the run; some 250 after ``settings.stages.steady_iteration``.
         environments: robots side by side.
@@ -141,9 +145,17 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
             options = replace(options, resume=checkpoint.exists())
         with preparing(quiet=not workers.leads):
             runner = open_run(options, workers, typed)
+        if workers.leads:
+            with _stopping_cleanly(runner, options):
+                _write_settings(options.output / SETTINGS_NAME, runner.settings)
         spent = runner.progress.seconds if restartable else 0.0
         _sit(options, runner, 60.0 * options.minutes - spent)
     return checkpoint
+
+
+def _write_settings(path: Path, settings: TrainingSettings) -> None:
+    """Every setting of the run, for people and other programs; the checkpoint has its own."""
+    atomic_write_json(path, {"config_hash": settings.digest(), **settings.as_dict()})
 
 
 def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) -> Runner:
@@ -267,6 +279,6 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 def _remove_halves(folder: Path) -> None:
     """Delete what writes that were killed have left; nobody else writes here."""
-    for name in ("checkpoint.pt", "log.jsonl", CLOUD_NAME):
+    for name in ("checkpoint.pt", "log.jsonl", SETTINGS_NAME, CLOUD_NAME):
         for half in folder.glob(f".{name}.*"):
             half.unlink(missing_ok=True)
