@@ -11,14 +11,22 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from harness import answer, circumstances
+from rich.console import Console
 from rich.progress import track
+from rich.table import Table
 
 from sprintlab.commands import heading_command
 from sprintlab.control import load_policy, shipped_policy
+from sprintlab.core.checks import check_range
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.interface import OperatorCommand, Request, SourceView
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
@@ -26,6 +34,7 @@ from sprintlab.deployment.simulator.options import TYPICAL_NOISE
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import load_robot
 
+PACKAGES = ("sprintlab", "mujoco", "onnxruntime", "numpy")
 MILLISECOND = 1_000_000  # ns
 SECOND_RUN = 2.0  # m/s
 
@@ -118,7 +127,45 @@ def live(task: tuple[str, float, int]) -> tuple[str, float, float]:
         return f"{life.controller.mode.value}: {end}", *down
 
 
-def main() -> None:
+def summary(name: str, speed: float, ends: Sequence[tuple[str, float, float]]) -> dict[str, Any]:
+    """The lives of one policy at one speed."""
+    return {
+        "policy": name,
+        "speed_m_s": speed,
+        "lives": len(ends),
+        "lived": sum(not reason for reason, _, _ in ends),
+        "greatest_tilt_deg": max(tilt for _, tilt, _ in ends),
+        "greatest_sinking_m_s": max(sinking for _, _, sinking in ends),
+        "failures": sorted({reason for reason, _, _ in ends if reason}),
+    }
+
+
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Every policy at every speed, life after life."""
+    cases = list(itertools.product(chosen.policies, chosen.speeds))
+    tasks = [(name, speed, seed) for name, speed in cases for seed in range(chosen.seeds)]
+    with ProcessPoolExecutor(chosen.workers) as pool:
+        console = Console(stderr=True)
+        ends = list(track(pool.map(live, tasks), "lives", total=len(tasks), transient=True, console=console))
+    groups = [ends[first : first + chosen.seeds] for first in range(0, len(ends), chosen.seeds)]
+    rows = [summary(*case, group) for case, group in zip(cases, groups, strict=True)]
+    return {**circumstances(PACKAGES), "rows": rows}
+
+
+def show(result: dict[str, Any]) -> None:
+    """A table of the rows."""
+    table = Table("policy", "run [m/s]", "lived", "tilt [deg]", "down [m/s]", "what failed")
+    for row in result["rows"]:
+        numbers = (f"{row['greatest_tilt_deg']:.1f}", f"{row['greatest_sinking_m_s']:.2f}")
+        lived = f"{row['lived']} of {row['lives']}"
+        table.add_row(
+            row["policy"], f"{row['speed_m_s']:g}", lived, *numbers, "; ".join(row["failures"]) or "-"
+        )
+    Console().print(table)
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line, checked."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -126,22 +173,17 @@ def main() -> None:
     parser.add_argument("--speeds", nargs="+", type=float, default=[2.0, 4.0, 8.0], help="of the run [m/s]")
     parser.add_argument("--seeds", type=int, default=10, help="lives for each policy and speed")
     parser.add_argument("--workers", type=int, default=2)
-    options = parser.parse_args()
-    tasks = list(itertools.product(options.policies, options.speeds, range(options.seeds)))
-    with ProcessPoolExecutor(options.workers) as pool:
-        ends = list(track(pool.map(live, tasks), description="lives", total=len(tasks), transient=True))
-    for (name, speed), group in itertools.groupby(
-        zip(tasks, ends, strict=True), key=lambda item: item[0][:2]
-    ):
-        results = [end for _, end in group]
-        failures = sorted({reason for reason, _, _ in results if reason})
-        tilt, sinking = (max(result[i] for result in results) for i in (1, 2))
-        lived = sum(not reason for reason, _, _ in results)
-        print(
-            f"{name} {speed:g} m/s: {lived} of {len(results)}, tilt {tilt:.1f} deg, down {sinking:.2f} m/s",
-            *failures,
-        )
+    parser.add_argument("--output", type=Path, help="JSON file")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    chosen = parser.parse_args(arguments)
+    for name in chosen.policies:
+        shipped_policy(name)
+    for speed in chosen.speeds:
+        check_range("speeds", speed, 0.5, 20.0, "m/s")
+    check_range("seeds", chosen.seeds, 1, 10**4)
+    check_range("workers", chosen.workers, 1, 10**3)
+    return chosen
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(answer(parse, measure, show))

@@ -116,11 +116,19 @@ def test_gamepad_option_takes_a_device_or_none():
 def test_interrupt_ends_the_command_as_done():
     command = [sys.executable, "-m", "sprintlab.cli.main", "play", "--port", "8250"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes) as process:
-        assert "http://localhost:" in process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=30.0)[1] == ""
+    with subprocess.Popen(command, **pipes, preexec_fn=_heed_interrupts) as process:
+        try:
+            assert "http://localhost:" in process.stdout.readline()
+            process.send_signal(signal.SIGINT)
+            assert process.communicate(timeout=30.0)[1] == ""
+        finally:
+            process.kill()
         assert process.returncode == 0
+
+
+def _heed_interrupts():
+    """A shell's background jobs ignore them, and with them whatever the tests start."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.parametrize(
