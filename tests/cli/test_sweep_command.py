@@ -62,7 +62,12 @@ def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     pytest.importorskip("mujoco_warp")
     from sprintlab.training.sweep_plan import plan_sweep
 
-    limits = {"minutes": 20.0, "iterations": 100_000, "environments": 8192, "save_seconds": 60.0}
+    limits = {
+        "minutes": 20.0,
+        "iterations": sweep.Sweep.iterations,
+        "environments": 8192,
+        "save_seconds": 60.0,
+    }
     for plan in plan_sweep(tmp_path, ("sprint",), (0,), {}, {}, device="auto", **limits):
         atomic_write_json(plan.folder / "run.json", {**plan.asked(), "finished": True})
         row = {"iteration": 9, "seconds": 60.0, "steps_per_second": 5, "speed_p999": 3.25, "falls": 0.002}

@@ -137,7 +137,12 @@ def test_a_real_time_run_of_a_few_seconds(bus):
     assert run["steps"] > 100
     assert simulated["commands_accepted"] > 100
     assert simulated["fall_reason"] == ""
-    assert run["end"] in ("passive", "stop (state-stale)", "stop (watchdog-expired)")
+    busy = (
+        "state-stale",
+        "watchdog-expired",
+        "loop-stalled",
+    )  # what a machine with other work may end it with
+    assert run["end"] in ("passive", *(f"stop ({fault})" for fault in busy))
     assert status in (0, 1)
 
 

@@ -97,7 +97,9 @@ def test_one_checkpoint_holds_every_process(folder: Path) -> None:
     assert torch.equal(
         state["others"][0]["environment"]["action"], read(folder, "straight-1")["robots"]["action"]
     )
-    assert {path.name for path in (folder / "straight").iterdir()} == {"checkpoint.pt", "log.jsonl", ".lock"}
+    assert {path.name for path in (folder / "straight").iterdir()} == {
+        "checkpoint.pt", "log.jsonl", "settings.json", ".lock",
+    }  # fmt: skip
 
 
 def test_one_process_takes_up_the_run_of_two_and_three_do_too(folder: Path) -> None:

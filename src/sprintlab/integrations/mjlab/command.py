@@ -35,9 +35,9 @@ class AdaptiveVelocityCommandCfg(CommandTermCfg):
     entity_name: str = "robot"
     """The entity that is commanded."""
     schedule: AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule = field(
-        default_factory=AdaptiveSchedule
+        default_factory=lambda: AdaptiveSchedule(braking_window=1.0)
     )
-    """How commands evolve."""
+    """How commands evolve; by default as in the paper, within 1 m/s of the robot's speed either way."""
     lower: float = -1.0
     """Bottom of the speed range [m/s]."""
     upper: float = 2.0
