@@ -141,7 +141,7 @@ def test_a_real_time_run_of_a_few_seconds(bus):
         "state-stale",
         "watchdog-expired",
         "loop-stalled",
-    )  # what a machine with other work may end it with
+    )  # ends on a machine with other work
     assert run["end"] in ("passive", *(f"stop ({fault})" for fault in busy))
     assert status in (0, 1)
 
