@@ -11,10 +11,17 @@ from PIL import Image
 
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.evaluation import figures, report, video
-from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.race_files import default_folder, save_trajectory
-from sprintlab.evaluation.report_text import audit_limit, audit_value, result_rows, setup_rows, summary
-from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.report_text import (
+    audit_limit,
+    audit_value,
+    audit_verdict,
+    result_rows,
+    setup_rows,
+    summary,
+)
+from sprintlab.evaluation.results import AuditItem, AuditReport, RaceResult, SpeedResult, SprintResult
 
 
 @pytest.fixture
@@ -265,3 +272,21 @@ def test_a_video_is_rendered_where_a_backend_works(trial, tmp_path):
     np.savez(tmp_path / "run.npz", **short)
     assert video.render_video(tmp_path / "run.npz", tmp_path / "run.mp4", "bp2", (0.0, 0.1)) == ""
     assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+@pytest.mark.parametrize(
+    ("failed", "verdict"),
+    [
+        ((), "passed"),
+        ((CLOCK_ITEM,), "by the clock alone: evaluate --clock-check"),
+        ((CLOCK_ITEM, "smallest leg distance"), "do not trust the speeds"),
+        (("smallest leg distance",), "do not trust the speeds"),
+    ],
+)
+def test_the_verdict_tells_a_clock_from_an_exploit(failed, verdict):
+    names = (CLOCK_ITEM, "smallest leg distance")
+    items = [
+        AuditItem(name=name, value=0.0, unit="m", threshold=0.0, passed=name not in failed, note="")
+        for name in names
+    ]
+    assert verdict in audit_verdict(AuditReport(items=tuple(items)))

@@ -163,11 +163,15 @@ def result_table(result: Any) -> Table:
 
 def audit_table(audit: Any) -> Table:
     """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_limit, audit_value
+    from sprintlab.evaluation.report_text import audit_limit, audit_value, audit_verdict
 
-    verdict = "passed" if audit.passed else "FAILED: do not trust the speeds"
     table = plain_table(
-        f"Exploit audit: {verdict}", "what", "measured", "limit", "", numbers=("measured", "limit")
+        f"Exploit audit: {audit_verdict(audit)}",
+        "what",
+        "measured",
+        "limit",
+        "",
+        numbers=("measured", "limit"),
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))

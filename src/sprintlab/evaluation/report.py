@@ -16,6 +16,7 @@ from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
     audit_limit,
     audit_value,
+    audit_verdict,
     number,
     result_rows,
     setup_rows,
@@ -112,9 +113,7 @@ def render_report(
     return page_template("report.html.j2").render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
         subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
-        verdict="exploit audit passed"
-        if result.audit.passed
-        else "exploit audit FAILED: do not trust the speeds",
+        verdict=f"exploit audit {audit_verdict(result.audit)}",
         audit_passed=result.audit.passed,
         tiles=list(_tiles(result)),
         summary=summary(result, robot),

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.quantities import QUANTITIES, Quantity
-from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, Trajectory
+from sprintlab.evaluation.results import (
+    AuditItem,
+    AuditReport,
+    RaceResult,
+    SpeedResult,
+    SprintResult,
+    Trajectory,
+)
 from sprintlab.robots import RobotDescription
 
 STANDING_SPEED = 0.5
@@ -41,6 +49,16 @@ def audit_limit(item: AuditItem) -> str:
         return text
     from_above = item.passed == (item.value <= item.threshold)
     return f"{'at most' if from_above else 'at least'} {text}"
+
+
+def audit_verdict(audit: AuditReport) -> str:
+    """What the audit says of the speeds; a gait timed by the clock is a question, not an answer."""
+    failed = {item.name for item in audit.items if not item.passed}
+    if not failed:
+        return "passed"
+    if failed == {CLOCK_ITEM}:
+        return "FAILED, by the clock alone: evaluate --clock-check tells whether it matters"
+    return "FAILED: do not trust the speeds"
 
 
 @dataclass(frozen=True, kw_only=True)
