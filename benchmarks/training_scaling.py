@@ -42,7 +42,8 @@ def training_command(
     processes: int, environments: int, chosen: argparse.Namespace, folder: Path
 ) -> list[str]:
     """One training of ``processes`` with ``environments`` robots each."""
-    torchrun = ["torch.distributed.run", "--standalone", "--nproc-per-node", str(processes), "-m"]
+    torchrun = ["torch.distributed.run", "--standalone", "--local-addr", "127.0.0.1"]
+    torchrun += ["--nproc-per-node", str(processes), "-m"]
     options = {
         "output": folder,
         "iterations": SETTLING + chosen.iterations,
@@ -111,9 +112,10 @@ def with_efficiency(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     """Every number of processes, weak and strong; one process is both.
 
-    What is done is in ``--output`` after every case: a machine that is lent for minutes may not see the last.
+    The largest comes first: it compiles for all GPUs, and the others find their kernels ready. What is done
+    is in ``--output`` after every case: a machine that is lent for minutes may not see the last.
     """
-    counts = chosen.processes
+    counts = sorted(chosen.processes, reverse=True)
     cases = [(kind, count) for kind in KINDS for count in counts if kind == "weak" or count > 1]
     result = {
         "device": device_description(pick_device(chosen.device)),

@@ -58,16 +58,17 @@ def test_what_is_done_is_written_before_the_last_case_fails(
     benchmark_module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def rate(command: list[str], folder: Path, minutes: float) -> float:
-        if "torch.distributed.run" in command:
-            raise SprintlabError("two are too many")
+        if "torch.distributed.run" not in command:
+            raise SprintlabError("one is too few")
         return 100.0
 
     monkeypatch.setattr(benchmark_module, "rate", rate)
     output = tmp_path / "scaling.json"
     chosen = benchmark_module.parse(["--processes", "1,2", "--device", "cpu", "--output", str(output)])
-    with pytest.raises(SprintlabError, match="two are too many"):
+    with pytest.raises(SprintlabError, match="one is too few"):
         benchmark_module.measure(chosen)
-    assert [row["steps_per_second"] for row in json.loads(output.read_text())["rows"]] == [100.0]
+    (row,) = json.loads(output.read_text())["rows"]
+    assert row["steps_per_second"] == 100.0 and row["processes"] == 2  # the largest comes first
 
 
 def test_a_training_that_takes_too_long_is_stopped_and_quoted(

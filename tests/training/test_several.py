@@ -1,10 +1,14 @@
-"""Two processes under torchrun: identical networks, normalizers and curriculum; resumed, bit for bit."""
+"""Two processes under torchrun: identical networks, normalizers and curriculum; resumed, bit for bit.
+
+Over gloo on the CPU; with two GPUs also over NCCL, whose operations are part of the update's graph.
+"""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -13,9 +17,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
+from sprintlab.core.errors import SprintlabError
 from sprintlab.training.distributed import Workers
-from sprintlab.training.run import TrainOptions, open_run
-from sprintlab.training.runner import read_checkpoint
+from sprintlab.training.run import TrainOptions, open_run, train
+from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 PROGRAM = """
 import sys
@@ -26,20 +32,23 @@ torch.set_num_threads(1)
 from sprintlab.training import run
 from sprintlab.training.settings import PpoSettings, TrainingSettings
 
-folder, runners = Path(sys.argv[1]), []
+folder, device, runners = Path(sys.argv[1]), sys.argv[2], []
 tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
 straight = run.TrainOptions(
-    output=folder / "straight", environments=8, iterations=4, device="cpu", tensorboard=False, cloud=False,
+    output=folder / "straight", environments=8, iterations=4, device=device, tensorboard=False, cloud=False,
     settings=tiny,
 )
 halves = replace(straight, output=folder / "halves", iterations=2)
 opened = run.open_run
 run.open_run = lambda *a: runners.append(opened(*a)) or runners[-1]
-for options in (straight, halves, replace(halves, iterations=4, resume=True)):
+trainings = {"straight": straight, "first": halves, "halves": replace(halves, iterations=4, resume=True)}
+if device != "cpu":
+    del trainings["first"], trainings["halves"]
+for options in trainings.values():
     run.train(options)
     run.join_workers().any_of([False])  # the leader has written before the others read
 rank = runners[0].workers.rank
-for name, runner in (("straight", runners[0]), ("halves", runners[2])):
+for name, runner in zip(trainings, runners):
     log = [{k: v for k, v in row.items() if "second" not in k} for row in runner.progress.log]
     own = {"networks": runner.learner._networks(), "moments": runner.learner._moments(), "log": log}
     own |= {"growth": runner.growth.state_dict(), "robots": runner.environment.state()}
@@ -47,22 +56,28 @@ for name, runner in (("straight", runners[0]), ("halves", runners[2])):
 """
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("several")
+def train_two(folder: Path, device: str, seconds: float) -> Path:
+    """Run the program in two processes; returns the folder with what they ended with."""
     (folder / "program.py").write_text(PROGRAM)
-    environment = os.environ | {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1"}
-    command = ("torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    if device == "cpu":
+        environment["CUDA_VISIBLE_DEVICES"] = ""
+    command = ("torch.distributed.run", "--standalone", "--local-addr", "127.0.0.1", "--nproc-per-node", "2")
     done = subprocess.run(
-        [sys.executable, "-m", *command, folder / "program.py", folder],
+        [sys.executable, "-m", *command, folder / "program.py", folder, device],
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=seconds,
         check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]
     return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return train_two(tmp_path_factory.mktemp("several"), "cpu", 120.0)
 
 
 def read(folder: Path, name: str) -> dict:
@@ -70,6 +85,15 @@ def read(folder: Path, name: str) -> dict:
 
 
 def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) -> None:
+    assert_equal_ends(folder)
+
+
+@pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
+def test_two_gpus_end_with_the_same_networks_and_curriculum(tmp_path: Path) -> None:
+    assert_equal_ends(train_two(tmp_path, "auto", 300.0))
+
+
+def assert_equal_ends(folder: Path) -> None:
     first, second = read(folder, "straight-0"), read(folder, "straight-1")
     for name, value in first["networks"].items():  # normalizers are among them
         assert torch.equal(value, second["networks"][name]), name
@@ -110,3 +134,27 @@ def test_one_process_takes_up_the_run_of_two_and_three_do_too(folder: Path) -> N
     leader = read(folder, "straight-0")["robots"]
     assert not torch.equal(third.environment.actor_observation, leader["actor_observation"])
     assert third.iterate()["iteration"] == 5
+
+
+@pytest.mark.parametrize("ends", ["well", "badly"])
+def test_graphs_are_let_go_before_processes_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: str
+) -> None:
+    """NCCL gives no connection up whose operations a graph still holds: the process would wait for ever."""
+    runners: list[Runner] = []
+
+    class Watched(Runner):
+        def iterate(self) -> dict[str, float]:
+            runners.append(self)
+            assert self.learner.update is not None
+            if ends == "badly":
+                raise SprintlabError("no room")
+            return super().iterate()
+
+    monkeypatch.setattr("sprintlab.training.run.Runner", Watched)
+    tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
+    cheap = {"environments": 8, "iterations": 1, "device": "cpu", "tensorboard": False, "cloud": False}
+    options = TrainOptions(output=tmp_path, settings=tiny, **cheap)
+    with nullcontext() if ends == "well" else pytest.raises(SprintlabError, match="no room"):
+        train(options)
+    assert not {"act", "record", "update"} & set(vars(runners[0].learner))

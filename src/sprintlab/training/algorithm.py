@@ -130,6 +130,14 @@ class EstimatorPpo:
         for tensor in (self._loss_sums, self.rolled_back, self.rollout.step, self.environment.estimate):
             tensor.zero_()
 
+    def release_graphs(self) -> None:
+        """Let go of the graphs; nothing can be learned afterwards.
+
+        NCCL waits for the graphs that hold its operations before it gives up a connection: a process that
+        left the others with an update's graph at hand would never end.
+        """
+        del self.act, self.record, self.update
+
     def _networks(self) -> dict[str, torch.Tensor]:
         """Parameters and buffers of both networks, by name."""
         named = {f"actor.{name}": value for name, value in self.actor.state_dict().items()}

@@ -145,11 +145,14 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
             options = replace(options, resume=checkpoint.exists())
         with preparing(quiet=not workers.leads):
             runner = open_run(options, workers, typed)
-        if workers.leads:
-            with _stopping_cleanly(runner, options):
-                _write_settings(options.output / SETTINGS_NAME, runner.settings)
-        spent = runner.progress.seconds if restartable else 0.0
-        _sit(options, runner, 60.0 * options.minutes - spent)
+        try:
+            if workers.leads:
+                with _stopping_cleanly(runner, options):
+                    _write_settings(options.output / SETTINGS_NAME, runner.settings)
+            spent = runner.progress.seconds if restartable else 0.0
+            _sit(options, runner, 60.0 * options.minutes - spent)
+        finally:
+            runner.learner.release_graphs()
     return checkpoint
 
 
