@@ -16,6 +16,9 @@ from typing import Any
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 
+EVALUATION_PACKAGES = ("sprintlab", "mujoco", "onnxruntime", "numpy")
+"""What an evaluation runs on."""
+
 
 def answer(
     parse: Callable[[], argparse.Namespace],

@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from harness import answer, circumstances
+from harness import EVALUATION_PACKAGES, answer, circumstances
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
@@ -38,8 +38,6 @@ from sprintlab.robots import load_robot
 from sprintlab.training.export import export_checkpoint
 from sprintlab.training.runner import read_checkpoint
 
-PACKAGES = ("sprintlab", "mujoco", "onnxruntime", "numpy")
-"""What the evaluation runs on; a run's own versions stand among its facts."""
 GOAL = (180.0, 10.0)
 """Training time [s] and held speed [m/s]."""
 
@@ -193,7 +191,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     runs = [{"facts": run_facts(run), "milestones": rows} for run, rows in found.items()]
     if chosen.figure is not None:
         atomic_write_bytes(chosen.figure, png_bytes(draw(runs)))
-    return {**circumstances(PACKAGES), "runs": runs}
+    return {**circumstances(EVALUATION_PACKAGES), "runs": runs}
 
 
 if __name__ == "__main__":

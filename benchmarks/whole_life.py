@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import answer, circumstances
+from harness import EVALUATION_PACKAGES, answer, circumstances
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -34,7 +34,6 @@ from sprintlab.deployment.simulator.options import TYPICAL_NOISE
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import load_robot
 
-PACKAGES = ("sprintlab", "mujoco", "onnxruntime", "numpy")
 MILLISECOND = 1_000_000  # ns
 SECOND_RUN = 2.0  # m/s
 
@@ -149,7 +148,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         ends = list(track(pool.map(live, tasks), "lives", total=len(tasks), transient=True, console=console))
     groups = [ends[first : first + chosen.seeds] for first in range(0, len(ends), chosen.seeds)]
     rows = [summary(*case, group) for case, group in zip(cases, groups, strict=True)]
-    return {**circumstances(PACKAGES), "rows": rows}
+    return {**circumstances(EVALUATION_PACKAGES), "rows": rows}
 
 
 def show(result: dict[str, Any]) -> None:

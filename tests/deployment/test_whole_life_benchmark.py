@@ -32,9 +32,9 @@ def test_what_it_cannot_measure_is_refused(benchmark_module, arguments, named):
         benchmark_module.parse(arguments)
 
 
-def test_the_page_tells_what_was_counted():
+def test_the_page_tells_what_was_counted(flowing):
     rows = [row for file in RESULTS for row in json.loads(file.read_text(encoding="utf-8"))["rows"]]
-    page = " ".join((ROOT / "docs" / "deployment.md").read_text(encoding="utf-8").split())
+    page = flowing("docs/deployment.md")
     for policy in {row["policy"] for row in rows}:
         of_policy = [row for row in rows if row["policy"] == policy]
         lived, lives = (sum(row[name] for row in of_policy) for name in ("lived", "lives"))

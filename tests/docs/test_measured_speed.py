@@ -30,11 +30,6 @@ def page(name):
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def flowing(name):
-    """A page's text with every line break as a space."""
-    return " ".join(page(name).split())
-
-
 def row(*cells):
     return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
 
@@ -79,7 +74,7 @@ def test_ratios_in_the_files_follow_from_their_rates(environments):
         assert value == pytest.approx(expected)
 
 
-def test_readme_names_the_measured_rates():
+def test_readme_names_the_measured_rates(flowing):
     whole, ppo = speed(8192, "ours-4x5", "whole_step"), speed(8192, "ours-4x5", "ppo")
     alone, theirs = speed(8192, "ours-4x5", "bare_physics"), speed(8192, "mjlab", "ppo")
     text = flowing("README.md")
@@ -87,7 +82,25 @@ def test_readme_names_the_measured_rates():
     assert f"{ppo / 1e6:.2f} million with PPO and the estimator, {ppo / theirs:.1f} times mjlab's" in text
 
 
-def test_trainings_ran_as_fast_as_the_pages_say():
+def test_scaling_is_the_measured_one(flowing):
+    rows = result("scaling")["rows"]
+    alone = next(case["steps_per_second"] for case in rows if case["processes"] == 1)
+    assert {(case["kind"], case["processes"]) for case in rows} == {
+        *(("weak", count) for count in (1, 2, 4)),
+        *(("strong", count) for count in (2, 4)),
+    }
+    for case in rows:
+        count, each, rate = (case[name] for name in ("processes", "environments_each", "steps_per_second"))
+        assert count * each == (8192 if case["kind"] == "strong" else 8192 * count)
+        cells = (case["kind"], f"{count}", f"{each}", f"{rate:,.0f}", f"{100 * rate / alone / count:.0f} %")
+        assert row(*cells) in page("docs/training-engine.md")
+    few = next(case for case in rows if case["environments_each"] == 2048)
+    times = [1e3 * count / rate for count, rate in ((8192, few["steps_per_second"]), (8192, alone))]
+    assert f"of theirs takes {times[0]:.1f} ms" in flowing("docs/training-engine.md")
+    assert f"one of 8192 takes {times[1]:.1f} ms" in flowing("docs/training-engine.md")
+
+
+def test_trainings_ran_as_fast_as_the_pages_say(flowing):
     trainings = result("trainings")["trainings"]
     assert len(trainings) == 2
     for training in trainings:
@@ -108,7 +121,7 @@ def test_profile_is_the_measured_one():
         assert row(*cells) in page("docs/training-engine.md")
 
 
-def test_what_the_profile_says_is_in_it():
+def test_what_the_profile_says_is_in_it(flowing):
     phases, text = result("profile")["phases"], flowing("docs/training-engine.md")
     physics, update = phases["physics"], phases["update"]
     shares = [
@@ -126,7 +139,7 @@ def test_what_the_profile_says_is_in_it():
     assert f"at least {known:.0f} of its {all_of_them:.0f} µs" in text
 
 
-def test_motor_law_costs_what_the_page_says():
+def test_motor_law_costs_what_the_page_says(flowing):
     measured, text = result("motor_law"), page("docs/motors.md")
     warp, numpy = measured["warp"], measured["numpy"]
     assert f"physics step itself ({1e6 * warp['physics_substep_s']:.0f} µs)" in flowing("docs/motors.md")
@@ -144,7 +157,7 @@ def test_committed_results_hold_no_paths_of_a_machine():
         assert not any(f"{folder}/" in text for folder in ("/tmp", "/opt", "/home", "/root")), path.name
 
 
-def test_speed_over_time_is_told_as_measured():
+def test_speed_over_time_is_told_as_measured(flowing):
     (run,) = result("speed_over_time")["runs"]
     text = page("docs/training-engine.md")
     for point in run["milestones"]:

@@ -24,11 +24,6 @@ def evaluation(folder):
     return json.loads((RESULTS / folder / "evaluation.json").read_text(encoding="utf-8"))
 
 
-def flowing(page):
-    """A page's text with every line break as a space."""
-    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
-
-
 def rows(section, label):
     """Cells of the rows of a section of the results page that begin with ``label``."""
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
@@ -116,7 +111,7 @@ def test_speed_by_speed(section, folder, label, way):
             assert cell == (f"{row['lateral_deviation']:.1f}" if row and row["passed"] else "")
 
 
-def test_the_fastest_policy_s_numbers_stand_in_every_page():
+def test_the_fastest_policy_s_numbers_stand_in_every_page(flowing):
     told = evaluation("methods/fixed-acceleration/seed-0")
     record = RECORDS["fixed-acceleration", 0]
     held, clock = f"{record.raw.max_velocity:.2f} m/s", told["clock"]["entries"]

@@ -55,11 +55,6 @@ FAST = Told(
 both = pytest.mark.parametrize("told", [GO1, FAST], ids=lambda told: told.policy)
 
 
-def flowing(page):
-    """A page's text with every line break as a space."""
-    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
-
-
 @both
 def test_the_race_was_run_by_the_policy_that_is_shipped(told):
     race = told.committed("result")
@@ -84,7 +79,7 @@ def test_the_table_is_of_the_race(told, label, key, form):
     assert told.cells(label) == [format(numbers[key], form) for numbers in (race, race["self_paced"])]
 
 
-def test_the_fast_policy_s_numbers_stand_in_every_page():
+def test_the_fast_policy_s_numbers_stand_in_every_page(flowing):
     race, clock = FAST.committed("result"), FAST.committed("clock")["clock_check"]
     assert FAST.cells("100 m at 14 m/s [s]") == [
         f"{race[key]:.2f}" for key in ("time_100m_s", "time_100m_self_paced_s")
@@ -99,7 +94,7 @@ def test_the_fast_policy_s_numbers_stand_in_every_page():
     assert all(row["falls"] == 0 for way in WAYS for row in searched[way]["speeds"])
 
 
-def test_times_and_speeds_stand_in_every_page():
+def test_times_and_speeds_stand_in_every_page(flowing):
     race, cells = GO1.committed("result"), GO1.cells
     times = [f"{race[key]:.2f}" for key in ("time_100m_s", "time_100m_self_paced_s")]
     assert cells("100 m at 8 m/s [s]") == times

@@ -81,7 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read(folder: Path, name: str) -> dict:
-    return torch.load(folder / f"{name}.pt", weights_only=False)
+    return torch.load(folder / f"{name}.pt", map_location="cpu", weights_only=False)
 
 
 def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) -> None:

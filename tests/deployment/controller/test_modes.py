@@ -203,15 +203,21 @@ def test_a_stand_up_that_fails_ends_in_a_stop(lying):
     assert lying.controller.stop_reason == "stand-failed"
 
 
+def restless(speed):
+    """States in which one joint turns at ``speed`` [rad/s], whatever it does."""
+
+    def changed(states):
+        velocity = states[0].joint_velocity.copy()
+        velocity[0] = speed
+        return [msgspec.structs.replace(states[0], joint_velocity=velocity)]
+
+    return changed
+
+
 def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch):
     monkeypatch.setattr(controller_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
 
-    def restless(states):
-        velocity = states[0].joint_velocity.copy()
-        velocity[0] = 7.0
-        return [msgspec.structs.replace(states[0], joint_velocity=velocity)]
-
-    running.on_states = restless
+    running.on_states = restless(7.0)
     running.source.request = Request.STAND
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
     assert running.controller.stop_reason == "brake-failed" and Fault.BRAKE_FAILED.value in tick.faults
@@ -237,12 +243,7 @@ def test_a_policy_that_never_rests_is_not_waited_for(running):
     running.source.request = Request.STAND
     until(running, "stand")
 
-    def restless(states):
-        velocity = states[0].joint_velocity.copy()
-        velocity[0] = 1.5
-        return [msgspec.structs.replace(states[0], joint_velocity=velocity)]
-
-    running.on_states = restless
+    running.on_states = restless(1.5)
     running.source.request = Request.LIE_DOWN
     assert running.run(3.0).mode == "stand"
     until(running, "lie-down", 1.0)
