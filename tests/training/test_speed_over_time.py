@@ -80,6 +80,6 @@ def test_the_file_tells_where_policies_were_trained_and_how_they_were_evaluated(
     assert result["runs"] == [committed]
     assert set(committed["facts"]) >= {"device", "versions", "command_line", "date"}
     assert result["command_line"].startswith(f"speed_over_time.py {tmp_path}")
-    assert set(result["packages"]) == set(benchmark_module.PACKAGES)
+    assert set(result["packages"]) == set(benchmark_module.EVALUATION_PACKAGES)
     assert set(json.loads(COMMITTED.read_text())) <= set(result)
     assert figure.read_bytes().startswith(b"\x89PNG")
