@@ -1,38 +1,54 @@
-"""Every policy of the package carries what the recipe that trained it would write into it."""
+"""Every policy that comes with the package carries what the command that trained it would write into it."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from types import ModuleType
 
 import pytest
+import tyro
 
 pytest.importorskip("mujoco_warp")
 
+from sprintlab.cli.train import method_as_option
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
+from sprintlab.training.run import TrainOptions
 
-RECIPES = {
-    "sprint": ("bp2_sprint", "shipped_settings"),
-    "sprint-fast": ("bp2_fast_sprint", "shipped_settings"),
-    "go1-sprint": ("go1_sprint", "go1_settings"),
-}
-"""Script of a policy, and the function that tells its settings."""
+COMMANDS = ("sprint", "sprint-fast")
+"""Policies of ``sprintlab train``; the others have a script."""
 
 
-def test_every_policy_of_the_package_has_a_recipe() -> None:
-    assert {path.stem for path in SHIPPED_POLICIES.glob("*.onnx")} == set(RECIPES)
+def test_every_policy_of_the_package_has_its_command_or_recipe() -> None:
+    assert {path.stem for path in SHIPPED_POLICIES.glob("*.onnx")} == {*COMMANDS, "go1-sprint"}
 
 
-@pytest.mark.parametrize("policy", RECIPES)
-def test_the_shipped_policy_was_trained_by_its_recipe(
-    policy: str, load_script: Callable[[str], ModuleType]
-) -> None:
-    script, function = RECIPES[policy]
-    recipe, contract = load_script(f"recipes/{script}.py"), load_policy(shipped_policy(policy)).contract
-    settings, record = getattr(recipe, function)(), contract.training
+@pytest.mark.parametrize("policy", COMMANDS)
+def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
+    contract = load_policy(shipped_policy(policy)).contract
+    record, (_, train, *words) = contract.training, shlex.split(contract.training.command_line)
+    options = tyro.cli(TrainOptions, args=method_as_option(words))
+    settings = options.full_settings()
+    assert train == "train" and contract.robot_name == settings.robot
+    assert record.config_hash == settings.digest()
+    assert (record.iterations, record.seed) == (options.iterations, options.seed)
+
+
+@pytest.mark.parametrize("policy", COMMANDS)
+def test_but_for_the_precision_it_was_trained_with_the_defaults(policy: str) -> None:
+    words = shlex.split(load_policy(shipped_policy(policy)).contract.training.command_line)
+    trained = tyro.cli(TrainOptions, args=method_as_option(words[2:]))
+    short = ["--seed", str(trained.seed), "--settings.ppo.precision", "bfloat16"]
+    again = tyro.cli(TrainOptions, args=["--method", trained.method, *short])
+    assert again.full_settings() == trained.full_settings() and again.iterations == trained.iterations
+
+
+def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
+    recipe = load_script("recipes/go1_sprint.py")
+    contract = load_policy(shipped_policy("go1-sprint")).contract
+    settings, record = recipe.go1_settings(), contract.training
     assert contract.robot_name == settings.robot
     assert record.config_hash == settings.digest()
-    assert record.iterations == recipe.ITERATIONS
-    assert record.seed == settings.seed
-    assert record.command_line == f"python recipes/{script}.py --output runs/{script.replace('_', '-')}"
+    assert (record.iterations, record.seed) == (recipe.ITERATIONS, settings.seed)
+    assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"

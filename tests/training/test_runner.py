@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
+from sprintlab.robots.importing import write
 from sprintlab.training.export import export_checkpoint
 from sprintlab.training.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runner import Runner, read_checkpoint
@@ -157,7 +159,7 @@ def test_a_run_writes_its_settings_and_says_where_it_ends_before_its_steady_stag
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
     options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "iterations": 1}
     train(TrainOptions(output=tmp_path / "short", settings=short, **options))
-    assert "before its steady stage (settings.stages.steady_iteration, 1350)" in " ".join(
+    assert "before its steady stage (settings.stages.steady_iteration, 2750)" in " ".join(
         capsys.readouterr().err.split()
     )
     written = json.loads((tmp_path / "short" / "settings.json").read_text())
@@ -169,8 +171,25 @@ def test_a_run_writes_its_settings_and_says_where_it_ends_before_its_steady_stag
     assert "before its" not in capsys.readouterr().err
 
 
-def test_a_sweep_trains_as_long_as_a_training_does() -> None:
-    assert Sweep(out=Path("runs")).iterations == TrainOptions().iterations
+def test_a_training_begins_where_another_run_has_come_to(tmp_path: Path) -> None:
+    options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False}
+    first = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
+    begun = train(TrainOptions(output=tmp_path / "first", settings=first, iterations=2, **options))
+    second = replace(first, ppo=replace(first.ppo, entropy=0.1))
+    ended = train(
+        TrainOptions(output=tmp_path / "second", settings=second, iterations=3, start_from=begun, **options)
+    )
+    state, before = read_checkpoint(ended), read_checkpoint(begun)
+    assert state["settings"].ppo.entropy == 0.1
+    assert [row["iteration"] for row in state["progress"].log] == [1, 2, 3]
+    assert state["progress"].log[:2] == before["progress"].log
+
+
+def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None:
+    iterations = TrainOptions().iterations
+    assert Sweep(out=Path("runs")).iterations == iterations
+    assert f"iterations: int = {iterations}\n" in inspect.getsource(write)
+    assert (TrainOptions().settings.stages.steady_iteration or 0) < iterations
 
 
 def test_the_noise_calms_down_where_it_is_told_to() -> None:

@@ -56,7 +56,7 @@ class Sweep:
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     vary: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     minutes: float = 20.0
-    iterations: int = 1600
+    iterations: int = 3200
     environments: int = 8192
     device: str = "auto"
     per_gpu: int = 1

@@ -34,7 +34,7 @@ class TrainOptions:
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
             ``tensorboard/``.
         minutes: stop after this much time in this sitting.
-        iterations: stop at this iteration of the run; some 250 after ``settings.stages.steady_iteration``.
+        iterations: stop at this iteration of the run; some 450 after ``settings.stages.steady_iteration``.
         environments: robots side by side.
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
@@ -61,7 +61,7 @@ class TrainOptions:
     method: str = "sprint"
     output: Path = Path("runs/train")
     minutes: float = 20.0
-    iterations: int = 1600
+    iterations: int = 3200
     environments: int = 8192
     seed: int = 0
     device: str = "auto"

@@ -130,7 +130,7 @@ class Options:
     output: Path = Path("runs/{name}")
     minutes: float = 8.0
     environments: int = 8192
-    iterations: int = 1600
+    iterations: int = 3200
     device: str = "auto"
     seed: int = 0
     resume: bool = False

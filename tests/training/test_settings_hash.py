@@ -1,0 +1,58 @@
+"""A field newer than the first published hash counts in it as soon as it changes something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+from sprintlab.commands import AdaptiveSchedule
+from sprintlab.training.settings import LATER_FIELDS, TrainingSettings
+
+OLDER = {"precision": "bfloat16", "quiet_share": 0.1, "quiet_noise": 0.5}
+
+
+def as_before() -> TrainingSettings:
+    """What was trained before the later fields came."""
+    defaults = TrainingSettings()
+    return replace(
+        defaults,
+        heading_hold=False,
+        schedule=AdaptiveSchedule(braking_window=1.0),
+        ppo=replace(defaults.ppo, quiet_share=0.0),
+        stages=replace(defaults.stages, steady_iteration=None),
+    )
+
+
+def hashed(values: dict[str, Any]) -> set[str]:
+    """Names of nested settings."""
+    return {
+        *values,
+        *(name for value in values.values() if isinstance(value, dict) for name in hashed(value)),
+    }
+
+
+def test_what_changes_nothing_is_a_later_field_of_the_settings() -> None:
+    values = as_before().as_dict()
+    assert set(LATER_FIELDS) <= hashed(values)
+    flat = [values, values["ppo"], values["stages"], values["schedule"]]
+    for name, value in LATER_FIELDS.items():
+        assert [part[name] for part in flat if name in part] == [value], name
+
+
+@pytest.mark.parametrize(("name", "value"), OLDER.items())
+def test_a_later_field_of_ppo_counts_as_soon_as_it_changes_something(name: str, value: float | str) -> None:
+    settings = as_before()
+    assert replace(settings, ppo=replace(settings.ppo, **{name: value})).digest() != settings.digest()
+
+
+def test_other_later_fields_count_as_soon_as_they_change_something() -> None:
+    settings = as_before()
+    assert replace(settings, heading_hold=True).digest() != settings.digest()
+    braking = replace(settings.schedule, braking_window=2.0)
+    assert replace(settings, schedule=braking).digest() != settings.digest()
+    steady = replace(settings.stages, steady_iteration=0)
+    assert replace(settings, stages=steady).digest() != settings.digest()
