@@ -157,6 +157,15 @@ def test_gathering_lifts_two_feet_at_a_time_and_puts_all_in_their_places(robot, 
         before = now
 
 
+@pytest.mark.parametrize("knee", [-0.02, -0.1, -0.2, -0.4])
+def test_a_stretched_leg_is_lifted_without_a_jerk(knee):
+    start = np.array(BP2.default_pose)
+    start[6:9] = (0.6, -0.5 * knee, knee)
+    motion = gather_motion(BP2, state_of(start), start, 1.0)
+    path = np.array([motion.target(time) for time in np.arange(1.0, motion.end_time, 0.001)])
+    assert np.abs(np.diff(path, axis=0)).max() < 0.1
+
+
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
 @given(pose=POSES)
 def test_rising_begins_at_the_joints_and_moves_all_legs_alike(robot, pose):

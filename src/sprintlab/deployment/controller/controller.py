@@ -121,6 +121,8 @@ class Controller:
         self._slow = Persistence(_BRAKED_TIME)
         self._calm = Persistence(_CALM_TIME)
         self._calmed = False
+        self._rest = Persistence(self._safety.rest_time)
+        self._rested = False
         self._gathers_left = 0
         self._gathering = False
         self._start: int | None = None
@@ -283,6 +285,9 @@ class Controller:
             self._start_brake(time)
 
     def _enter_stop(self, reason: str) -> None:
+        if self.mode is not Mode.STOP:
+            self._rested = False
+            self._rest.reset()
         self.mode, self.stop_reason = Mode.STOP, reason
         self._brake_started = None
         self._limiter.reset()
@@ -358,7 +363,7 @@ class Controller:
         if self.mode is Mode.PASSIVE:
             return self._ready(state, time)
         if self.mode is Mode.STOP:
-            return self._states.stale(time) or self._at_rest(state)
+            return self._states.stale(time) or self._rested
         if self.mode is Mode.STAND and time < self._motion.end_time:
             return False
         if goal is Mode.LIE_DOWN and self._policy_drives:
@@ -454,6 +459,8 @@ class Controller:
             self._calmed = self._calm.update(speed < _CALM_SPEED, time)
         elif self.mode is Mode.LIE_DOWN:
             self._lie_down(state, time)
+        elif self.mode is Mode.STOP:
+            self._rested = self._rest.update(self._at_rest(state), time)
         if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN) and not self._policy_drives:
             self._targets = self._motion.target(time)
 

@@ -73,6 +73,14 @@ class Legs:
         abad = (turn + math.pi) % (2.0 * math.pi) - math.pi
         return self.bent(abad, x, z)
 
+    def within_reach(self, feet: FloatArray, share: float) -> FloatArray:
+        """Feet [m] ``(4, 3)`` from the trunk's middle, raised where a leg would be longer than that share."""
+        hips = feet - self._axes
+        longest = (share * (self._a + self._b)) ** 2 + self._offset**2
+        lowest = -np.sqrt(np.maximum(longest - hips[:, 0] ** 2 - hips[:, 1] ** 2, 0.0))
+        hips[:, 2] = np.maximum(hips[:, 2], lowest)
+        return hips + self._axes
+
     def loads(self, feet: FloatArray, standing: tuple[int, ...]) -> FloatArray:
         """Vertical forces [N] ``(4,)`` with which some of the feet carry a robot that is level.
 

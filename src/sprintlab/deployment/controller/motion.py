@@ -25,6 +25,7 @@ _SWING = 0.43  # of the other pair through the air
 _LAND = 0.21  # until all legs carry again
 _REST = 2.0  # on all feet after two steps, until the trunk no longer drifts
 _LIFT = 0.1  # of the standing height
+_LONGEST = 0.985  # of a stretched leg: beyond, a knee turns without end where its foot moves up
 _STEP = 1e-3  # s over which speeds are taken
 _DIAGONALS = ((0, 3), (1, 2))
 _EVERYONE = (0, 1, 2, 3)
@@ -178,7 +179,7 @@ class FootMotion:
                 share = max((time - begin) / key.duration, 0.0)
                 part = _smooth(share)
                 feet = before.feet + (key.feet - before.feet) * part
-                lift = _LIFT * self._robot.standing_height * math.sin(math.pi * share) ** 2
+                lift = _LIFT * self._robot.standing_height * (4.0 * share * (1.0 - share)) ** 3
                 feet[list(key.airborne), 2] += lift
                 return self._legs.pose(feet), before.loads + (key.loads - before.loads) * part
             begin += key.duration
@@ -205,6 +206,7 @@ def gather_motion(
     goal = legs.feet(robot.default_pose)
     feet = level_feet(legs, state.joint_position, state.quaternion)
     feet[:, 2] = feet[:, 2].min()  # a foot in the air is put down
+    feet = legs.within_reach(feet, _LONGEST)
     keys = [FootKey(feet, legs.loads(feet, _EVERYONE), 0.0)]
     second, first = sorted(_DIAGONALS, key=lambda pair: _distance_from_middle(feet, pair))
     for swinging, carrying in ((first, second), (second, first)):

@@ -38,6 +38,8 @@ class SafetySettings:
         fix_timeout: age at which a position fix is no longer used [s].
         start_tilt: greatest tilt at which the robot may stand up [degrees].
         start_speed: greatest joint speed at which a mode at rest may be left [rad/s].
+        rest_time: for which no joint of a stopped robot may have been faster before its drives are switched
+            off [s]: in a gallop, too, there are moments at which all joints are slow.
 
     Raises:
         InvalidValueError: a field is not positive.
@@ -69,6 +71,7 @@ class SafetySettings:
     fix_timeout: float = 0.500
     start_tilt: float = 30.0
     start_speed: float = 2.0
+    rest_time: float = 0.200
 
     def __post_init__(self) -> None:
         for field in fields(self):
