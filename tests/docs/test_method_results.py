@@ -223,6 +223,8 @@ def test_the_policy_beyond_the_speed_limit_is_told_as_it_was(flowing):
     fastest, raw = told["self_paced"]["speeds"][-1], told["raw"]["speeds"][-1]
     assert all(item["passed"] for item in fastest["audit"]["items"]) and fastest["falls"] == 0
     assert (raw["top_speed"], raw["falls"]) == (2.0, 2)
+    policy = RESULTS / "longer" / "fixed-acceleration" / "seed-1" / "policy.onnx"
+    assert hashlib.sha256(policy.read_bytes()).hexdigest() == LONGER["fixed-acceleration", 1].policy_sha256
     held, time = f"{fastest['held_speed']:.2f} m/s", f"{told['sprint_self_paced']['time']:.2f} s"
     assert f"holds {held} self-paced at 16 m/s and runs 100 m in {time}" in flowing("docs/results.md")
     assert f"{held}, self-paced at 16 m/s" in flowing("docs/speed-limit.md")
