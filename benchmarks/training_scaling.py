@@ -115,7 +115,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
     The largest comes first: it compiles for all GPUs, and the others find their kernels ready. What is done
     is in ``--output`` after every case: a machine that is lent for minutes may not see the last.
     """
-    counts = sorted(chosen.processes, reverse=True)
+    counts = chosen.processes
     cases = [(kind, count) for kind in KINDS for count in counts if kind == "weak" or count > 1]
     result = {
         "device": device_description(pick_device(chosen.device)),
@@ -144,9 +144,9 @@ def show(result: dict[str, Any]) -> None:
 
 
 def process_counts(text: str) -> tuple[int, ...]:
-    """Numbers of processes from ``1,2,4``."""
+    """Numbers of processes from ``1,2,4``, the largest first."""
     try:
-        return tuple(sorted({int(part) for part in text.split(",")}))
+        return tuple(sorted({int(part) for part in text.split(",")}, reverse=True))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not allowed: numbers such as 1,2,4") from None
 
@@ -154,7 +154,7 @@ def process_counts(text: str) -> tuple[int, ...]:
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line, checked."""
     parser = argparse.ArgumentParser(description="Weak and strong scaling of training over GPUs.")
-    parser.add_argument("--processes", type=process_counts, default=(1, 2), help="such as 1,2,4")
+    parser.add_argument("--processes", type=process_counts, default=(2, 1), help="such as 1,2,4")
     parser.add_argument("--environments", type=int, default=8192)
     parser.add_argument("--iterations", type=int, default=60, help="timed, of each training")
     parser.add_argument("--minutes", type=float, default=10.0, help="the most that a training may take")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -12,7 +11,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.commands import AdaptiveSchedule
 from sprintlab.training.settings import LATER_FIELDS, TrainingSettings
 
-OLDER = {"precision": "bfloat16", "quiet_share": 0.1, "quiet_noise": 0.5}
+PPO_FIELDS = {"precision": "bfloat16", "quiet_share": 0.1, "quiet_noise": 0.5}
 
 
 def as_before() -> TrainingSettings:
@@ -27,23 +26,14 @@ def as_before() -> TrainingSettings:
     )
 
 
-def hashed(values: dict[str, Any]) -> set[str]:
-    """Names of nested settings."""
-    return {
-        *values,
-        *(name for value in values.values() if isinstance(value, dict) for name in hashed(value)),
-    }
-
-
 def test_what_changes_nothing_is_a_later_field_of_the_settings() -> None:
     values = as_before().as_dict()
-    assert set(LATER_FIELDS) <= hashed(values)
     flat = [values, values["ppo"], values["stages"], values["schedule"]]
     for name, value in LATER_FIELDS.items():
         assert [part[name] for part in flat if name in part] == [value], name
 
 
-@pytest.mark.parametrize(("name", "value"), OLDER.items())
+@pytest.mark.parametrize(("name", "value"), PPO_FIELDS.items())
 def test_a_later_field_of_ppo_counts_as_soon_as_it_changes_something(name: str, value: float | str) -> None:
     settings = as_before()
     assert replace(settings, ppo=replace(settings.ppo, **{name: value})).digest() != settings.digest()

@@ -41,9 +41,9 @@ straight = run.TrainOptions(
 halves = replace(straight, output=folder / "halves", iterations=2)
 opened = run.open_run
 run.open_run = lambda *a: runners.append(opened(*a)) or runners[-1]
-trainings = {"straight": straight, "first": halves, "halves": replace(halves, iterations=4, resume=True)}
-if device != "cpu":
-    del trainings["first"], trainings["halves"]
+trainings = {"straight": straight}
+if device == "cpu":
+    trainings |= {"first": halves, "halves": replace(halves, iterations=4, resume=True)}
 for options in trainings.values():
     run.train(options)
     run.join_workers().any_of([False])  # the leader has written before the others read

@@ -111,13 +111,15 @@ def test_drives_are_off_in_passive_and_serve_otherwise(whole_life):
     assert {kind for mode, kind in kinds if mode in ("stand-up", "stand", "run")} == {JointMode.SERVO}
 
 
-def test_targets_never_jump_but_where_the_policy_takes_over(whole_life):
+def test_targets_never_jump_but_where_the_policy_takes_over(whole_life, policy):
+    # Feet are lifted within a tenth of a second, by sprint-fast from legs that are nearly stretched.
+    stepping = 0.05 if policy.contract.training.method == "sprint" else 0.1
     before = None
     for tick in whole_life.ticks:
         same = before is not None and tick.mode == before.mode and not tick.policy_step
         if same and tick.mode in ("stand-up", "stand", "lie-down"):
-            stepping = tick.mode == "lie-down"  # feet are lifted within a tenth of a second
-            assert np.abs(tick.targets - before.targets).max() < (0.1 if stepping else 0.02)
+            most = stepping if tick.mode == "lie-down" else 0.02
+            assert np.abs(tick.targets - before.targets).max() < most
         before = tick
 
 
@@ -216,7 +218,6 @@ def restless(speed):
 
 def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch):
     monkeypatch.setattr(controller_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
-
     running.on_states = restless(7.0)
     running.source.request = Request.STAND
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
