@@ -236,13 +236,25 @@ def test_a_taken_folder_name_gets_a_number(tmp_path):
 
 
 def test_slow_motion_follows_the_run():
-    options = video.VideoOptions(slow_motion=0.4, slow_factor=5.0)
-    frames = video.frame_times(8.0, (3.0, 7.0), options)
-    run = [moment for moment, slow in frames if not slow]
-    slow = [moment for moment, slow in frames if slow]
+    options = video.VideoOptions(frames_per_second=25, slow_motion=0.4, slow_factor=5.0)
+    run, slow = split_frames(video.frame_times(8.0, (3.0, 7.0), options))
     assert len(run) == 200 and run[-1] == pytest.approx(7.96)
     assert len(slow) == 50 and slow[0] == pytest.approx(4.8) and slow[-1] < 5.2
     assert not any(slow for _, slow in video.frame_times(1.0, (0.9, 1.0), options))
+
+
+def split_frames(frames):
+    return [moment for moment, slow in frames if not slow], [moment for moment, slow in frames if slow]
+
+
+@pytest.mark.parametrize("allowed", [30, 120, 500])
+def test_a_slow_machine_shows_fewer_seconds_and_never_fewer_frames_a_second(allowed):
+    options = video.VideoOptions()
+    run, slow = split_frames(video.frame_times(15.0, (5.0, 12.0), options, allowed))
+    assert len(run) + len(slow) == allowed and len(slow) >= 0.3 * allowed
+    assert np.diff(run) == pytest.approx(1.0 / 60.0)
+    assert np.diff(slow) == pytest.approx(1.0 / 480.0)
+    assert run[-1] == pytest.approx(12.3, abs=0.02), "the finish is what a viewer wants to see"
 
 
 def test_video_options_are_checked():

@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +96,32 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     finally:
         if temporary is not None and temporary.exists():
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
+    """Hold a folder's name, as an empty folder, while what will fill it is worked out.
+
+    Of two that ask for the same name at the same time only one gets it. An error in the block gives the
+    name free again, unless something was put into the folder.
+
+    Raises:
+        SprintlabError: the folder exists already, or the disk refuses.
+    """
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.mkdir()
+    except FileExistsError as error:
+        raise SprintlabError(f"{target} exists already; choose another folder for the results") from error
+    except OSError as error:
+        raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+    try:
+        yield target
+    except BaseException:
+        with suppress(OSError):
+            target.rmdir()
+        raise
 
 
 def _swap_in(temporary: Path, target: Path) -> None:
