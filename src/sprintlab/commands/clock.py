@@ -24,7 +24,7 @@ def command_start(time: Samples, command: Samples) -> float:
 
 
 def race_clock(time: Samples, command: Samples, finish: float) -> Samples:
-    """What a stopwatch shows at every sample ``(T,)`` [s]: zero until the first command, halted at the finish.
+    """What a stopwatch shows at every sample ``(T,)`` [s]: from the first command to the finish.
 
     Args:
         time: of every sample ``(T,)`` [s], rising.

@@ -398,15 +398,20 @@ class RaceResult:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
 
         ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
-        (12 numbers in policy order) are means over the raw trials that completed; ``time_100m_s`` is raw.
+        (12 numbers in policy order) are means over the raw trials that completed; ``sprint_time_s`` is raw,
+        over ``distance_m``; ``time_100m_s`` is the same where that is 100 m, else null.
         """
+        hundred = self.sprint.distance == 100.0
         return json_ready(
             {
                 "robot": self.robot,
                 "policy": self.policy,
                 "top_speed_command_m_s": self.top_speed,
-                "time_100m_s": self.sprint.time,
-                "time_100m_self_paced_s": self.sprint_self_paced.time,
+                "distance_m": self.sprint.distance,
+                "sprint_time_s": self.sprint.time,
+                "sprint_time_self_paced_s": self.sprint_self_paced.time,
+                "time_100m_s": self.sprint.time if hundred else float("nan"),
+                "time_100m_self_paced_s": self.sprint_self_paced.time if hundred else float("nan"),
                 **_speed_summary(self.raw),
                 "self_paced": _speed_summary(self.self_paced),
                 "audit": self.audit.to_dict(),

@@ -56,7 +56,7 @@ class VideoOptions:
     frames_per_second: int = 60
     slow_motion: float = 0.6
     slow_factor: float = 8.0
-    time_budget: float = 25.0
+    time_budget: float = 40.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "frames_per_second", "slow_factor", "time_budget"):
@@ -85,7 +85,7 @@ def has_encoder() -> bool:
 
 
 def render_video(
-    trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float], timeout: float = 120.0
+    trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float], timeout: float = 150.0
 ) -> str:
     """Render ``trajectory.npz`` to ``target`` in a subprocess.
 
@@ -216,6 +216,7 @@ class _Scene:
         self.model, self.renderer, self.options = model, renderer, options
         self.data = mujoco.MjData(model)
         self.time, self.qpos = trajectory["time"], trajectory["qpos"]
+        self.finish = min(int(np.searchsorted(self.time, hold[1])), len(self.time) - 1)
         self.clock = race_clock(self.time, trajectory["command"], hold[1])
         step = float(self.time[1] - self.time[0])
         self.speed = _smooth(trajectory["velocity"][:, 0], HUD_SPEED_WINDOW / step)
@@ -274,7 +275,7 @@ class _Scene:
         draw.text(
             (14, middle), f"{max(self.speed[sample], 0.0):4.1f} m/s", font=large, fill="white", anchor="lm"
         )
-        way = self.qpos[sample, 0] - self.qpos[0, 0]
+        way = self.qpos[min(sample, self.finish), 0] - self.qpos[0, 0]
         label = f"{max(way, 0.0):5.1f} m    {self.clock[sample]:5.2f} s"
         if slow:
             label = f"slow motion 1/{self.options.slow_factor:g}    {label}"
