@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_of
+from sprintlab.cli.race import default_robot, policy_path, robot_of
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
 
@@ -35,7 +35,7 @@ class Play:
         policies: policy files, or names of policies that come with the package; those that fit the robot
             when left out. The page switches between them.
         robot: a robot's name, or a parameter table of one's own (.toml); the first policy's when left out,
-            bp2 without a policy.
+            without a policy, that of sprint.
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
         gamepad: drive with a gamepad too; a device other than /dev/input/js0 may follow.
@@ -79,8 +79,10 @@ class Play:
         return Session(robot, policies or fitting_policies(robot))
 
     def _robot(self, policies: dict[str, Any]) -> str:
-        if self.robot is not None or not policies:
-            return self.robot or "bp2"
+        if self.robot is not None:
+            return self.robot
+        if not policies:
+            return default_robot()
         return robot_of(next(iter(policies.values())), policy_path(self.policies[0]).name)
 
     def _announce(self, address: str) -> None:
