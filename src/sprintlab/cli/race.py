@@ -111,6 +111,17 @@ def robot_for(policy: Path, robot: str | None) -> str:
     return robot_of(load_policy(policy), policy.name) if robot is None else robot
 
 
+def default_robot() -> str:
+    """The robot where neither a robot nor a policy is named: that of the package's standard policy.
+
+    Raises:
+        PolicyFileError: the standard policy cannot be read.
+    """
+    from sprintlab.control import shipped_policy
+
+    return robot_for(shipped_policy(), None)
+
+
 def robot_of(policy: Policy, name: str) -> str:
     """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
 
