@@ -59,8 +59,8 @@ class Limit:
         """Print the estimate; raises ``SprintlabError`` for an unknown robot, a bad option, or no SciPy."""
         check_figure_path(self.figure)
         require_package("scipy", extra="analysis", use="sprintlab limit")
-        from sprintlab.limits import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
         from sprintlab.robots import load_robot
+        from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 
         settings = SearchSettings(starts=self.starts, seed=self.seed)
         robot = load_robot(self.robot)
@@ -84,7 +84,7 @@ class Limit:
 
     def _draw(self, limit: Any, robot: Any) -> None:
         from sprintlab.core.theme import save_figure
-        from sprintlab.limits import limit_figure, runner_from_robot
+        from sprintlab.speed_limit import limit_figure, runner_from_robot
 
         assert self.figure is not None
         save_figure(self.figure, limit_figure(limit, runner_from_robot(robot)))

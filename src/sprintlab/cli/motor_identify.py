@@ -13,7 +13,7 @@ from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_figure_path
 
 if TYPE_CHECKING:
-    from sprintlab.motors.identification import Identification
+    from sprintlab.workbench.identification import Identification
 
 UNTRUSTED = 1
 
@@ -81,7 +81,7 @@ class MotorIdentify:
         from dataclasses import replace
 
         from sprintlab.core.errors import InvalidValueError
-        from sprintlab.motors.identification import identify, load_bench
+        from sprintlab.workbench.identification import identify, load_bench
 
         pole_pairs = self.pole_pairs
         if pole_pairs is None and base is not None:
@@ -117,7 +117,7 @@ class MotorIdentify:
 
 def identification_numbers(result: Identification) -> dict[str, Any]:
     """Estimates, fit quality and warnings, ready for JSON."""
-    from sprintlab.motors.identification import PARAMETER_UNITS
+    from sprintlab.workbench.identification import PARAMETER_UNITS
 
     return {
         "trustworthy": result.trustworthy,
