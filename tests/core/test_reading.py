@@ -8,7 +8,15 @@ import pytest
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import RobotModelError, SprintlabError
-from sprintlab.core.reading import parse_json, parse_toml, printable, read_bytes, read_json, read_text, read_toml
+from sprintlab.core.reading import (
+    parse_json,
+    parse_toml,
+    printable,
+    read_bytes,
+    read_json,
+    read_text,
+    read_toml,
+)
 
 
 def test_link_to_a_file_is_followed(tmp_path):

@@ -8,7 +8,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Collection
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,7 @@ def _array(content: bytes) -> Array:
         header = np.lib.format.read_array_header_2_0(stream)
     else:
         raise ValueError(f"version {version} is unknown")
-    shape, fortran, kind = cast("tuple[tuple[int, ...], bool, np.dtype[Any]]", header)
+    shape, fortran, kind = header
     if kind.kind not in "biufU" or any(size < 0 for size in shape):
         raise ValueError("no numbers and no text")
     rest = content[stream.tell() :]

@@ -10,8 +10,8 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from typing import Any, cast
 
 from sprintlab.core.errors import SprintlabError
 
@@ -156,7 +156,11 @@ def _check_tree(value: Any, depth: int) -> None:
         raise ValueError("it is nested too deeply")
     if isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
         raise ValueError("a whole number has more than 64 bits")
-    children: Any = value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ()
+    children: list[Any] = []
+    if isinstance(value, dict):
+        children = list(cast("dict[str, Any]", value).values())
+    elif isinstance(value, list):
+        children = cast("list[Any]", value)
     for child in children:
         _check_tree(child, depth + 1)
 
@@ -169,4 +173,3 @@ def _whole_number(digits: str) -> int:
 
 def _size(count: int) -> str:
     return f"{count >> 20} MB" if count >= 1 << 20 else f"{count >> 10} kB"
-
