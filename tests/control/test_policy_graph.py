@@ -1,5 +1,6 @@
 """What a policy's network may be: shipped ones pass, programs that loop, grow or read other files do not."""
 
+import itertools
 import time
 
 import numpy as np
@@ -52,9 +53,7 @@ def loop():
 def doubling():
     """Twice the size with each operator: 2^60 numbers."""
     names = ["observation", *(f"d{n}" for n in range(60))]
-    return model(
-        [helper.make_node("Concat", [a, a], [b], axis=1) for a, b in zip(names, names[1:], strict=False)]
-    )
+    return model([helper.make_node("Concat", [a, a], [b], axis=1) for a, b in itertools.pairwise(names)])
 
 
 def outer():

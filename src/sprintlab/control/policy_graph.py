@@ -1,7 +1,7 @@
-"""What a policy's network will take, known before it is loaded: every tensor's size, from the file's bytes.
+"""What a policy's network will take, known before it is loaded: every tensor's size, from the file alone.
 
-An ONNX file is a program: it may loop for ever, ask for 40 GB, read other files. A policy is a network of known
-operators whose sizes follow from its own numbers, so the sizes are worked out here, for one robot, without
+An ONNX file is a program: it may loop for ever, ask for 40 GB, read other files. A policy is a network of
+known operators whose sizes follow from its own numbers, so they are worked out here, for one robot, without
 running anything: what cannot be followed is refused.
 """
 
@@ -79,8 +79,8 @@ def check_graph(content: bytes) -> None:
     """Refuse an ONNX file whose network could do more than a policy does.
 
     Raises:
-        GraphError: it is damaged; holds an operator that a policy does not need, a subgraph, a function or data
-            in other files; or one step of it would take more memory or multiplications than is allowed.
+        GraphError: it is damaged; holds an operator that a policy does not need, a subgraph, a function or
+            data in other files; or one step of it would take more memory or multiplications than is allowed.
     """
     try:
         graph = _read_model(content)
@@ -93,7 +93,7 @@ def check_graph(content: bytes) -> None:
 
 
 class _Wire:
-    """Reads messages of the protocol buffers' wire format; counts fields, so that a file cannot keep it busy."""
+    """Reads messages of the protocol buffers' wire format; counts fields: no file keeps it busy."""
 
     def __init__(self) -> None:
         self._fields = 0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import RobotModelError
-from sprintlab.core.reading import printable, read_toml
+from sprintlab.core.reading import read_toml
 
 _LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
 JOINTS = ("abad", "hip", "knee")
