@@ -58,7 +58,7 @@ def test_toml_that_is_none(tmp_path, text):
     with pytest.raises(ValueError):
         parse_toml(text)
     (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(SprintlabError, match="no TOML file"):
+    with pytest.raises(SprintlabError, match="not a TOML file"):
         read_toml(tmp_path / "a.toml")
 
 
@@ -67,7 +67,7 @@ def test_json_that_is_none(tmp_path, text):
     with pytest.raises(ValueError):
         parse_json(text)
     (tmp_path / "a.json").write_text(text)
-    with pytest.raises(SprintlabError, match="no JSON file"):
+    with pytest.raises(SprintlabError, match="not a JSON file"):
         read_json(tmp_path / "a.json")
 
 

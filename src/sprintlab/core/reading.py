@@ -95,7 +95,7 @@ def read_toml(
     try:
         return parse_toml(text)
     except ValueError as reason:
-        raise error(f"{what} {printable(path)} is no TOML file: {reason}") from reason
+        raise error(f"{what} {printable(path)} is not a TOML file: {reason}") from reason
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def read_json(
     try:
         return parse_json(text)
     except ValueError as reason:
-        raise error(f"{what} {printable(path)} is no JSON file: {reason}") from reason
+        raise error(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
 
 
 def parse_json(text: str | bytes) -> Any:
