@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +93,7 @@ class CommandGuard:
             None where no such command is within ``COMMAND_BOUNDS``: for targets that are not finite, or
             absurd. What is returned is finite, whatever was given.
         """
-        if not within_bounds("target_position", target):
+        if not (_finite(state) and within_bounds("target_position", target)):
             return None
         with np.errstate(all="ignore"):
             servo = self._nearest(target, stiffness, damping, state, age)
@@ -123,6 +124,8 @@ class CommandGuard:
         At a state whose speeds say nothing (not finite) it damps with the gains as they are.
         """
         zeros = np.zeros_like(damping)
+        if not _finite(state):
+            return GuardedServo(zeros, zeros, damping, zeros)
         with np.errstate(all="ignore"):
             lower, upper = self.torque_interval(state)
             wanted = -damping * state.joint_velocity
@@ -131,6 +134,12 @@ class CommandGuard:
             scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
             servo = GuardedServo(zeros, zeros, damping * scale, zeros)
         return servo if _sound(servo) else GuardedServo(zeros, zeros, damping, zeros)
+
+
+def _finite(state: RobotState) -> bool:
+    with np.errstate(all="ignore"):
+        total = float(state.joint_position.sum()) + float(state.joint_velocity.sum()) + state.bus_voltage
+    return math.isfinite(total)
 
 
 def _sound(servo: GuardedServo) -> bool:
