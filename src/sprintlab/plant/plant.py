@@ -145,8 +145,8 @@ class MotionRecorder(Protocol):
         """Take one sample; ``data`` holds the kinematics of its present state (after ``mj_step1``)."""
         ...
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
-        """Look at the feet after a physics step."""
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Look on after each physics step; velocities are new, kinematics and forces those of the step."""
         ...
 
 
@@ -276,10 +276,11 @@ class Plant:
         self.fall_reason = self._find_fall()
         self._apply_stops()
         mujoco.mj_step2(self.model, self.data)
+        recorder.watch_step(self.data)
         for _ in range(self.options.substeps - 1):
             self._apply_stops()
             mujoco.mj_step(self.model, self.data)
-            recorder.watch_feet(self.data)
+            recorder.watch_step(self.data)
         return drive
 
     def _apply_stops(self) -> None:
