@@ -29,6 +29,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from rich.progress import track
+from studies.paper.pages import replace_section
 
 from sprintlab.commands import SpeedProfile, heading_command
 from sprintlab.control import (
@@ -40,7 +41,6 @@ from sprintlab.control import (
     shipped_policy,
 )
 from sprintlab.core.files import atomic_write_json
-from sprintlab.evaluation.ablation.pages import replace_section
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.motors import electrical_power
 from sprintlab.plant import BaseState, Plant, PlantOptions, PreparedDrive, TrialSettings
@@ -89,7 +89,7 @@ class Variant:
         return round(POLICY_STEP / self.timestep)
 
     def model_options(self) -> ModelOptions:
-        """As ``sprintlab.training.simulation.training_model`` compiles the robot."""
+        """As ``sprintlab.training.environment.simulation.training_model`` compiles the robot."""
         return ModelOptions(
             timestep=self.timestep,
             collisions="feet",
@@ -294,7 +294,8 @@ _worker: dict[str, Any] = {}
 
 def _load(policy: Path) -> None:
     mujoco.set_mju_user_warning(lambda _: None)  # a run that diverges is counted as a fall, not logged
-    _worker.update(robot=load_robot("bp2"), policy=load_policy(policy))
+    loaded = load_policy(policy)
+    _worker.update(robot=load_robot(loaded.contract.robot_name), policy=loaded)
 
 
 def run(trial: Trial) -> Outcome:

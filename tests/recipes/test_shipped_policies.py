@@ -14,7 +14,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.train import method_as_option
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
-from sprintlab.training.run import TrainOptions
+from sprintlab.training.runs.run import TrainOptions
 
 COMMANDS = ("sprint", "sprint-fast")
 """Policies of ``sprintlab train``; the others have a script."""
@@ -30,7 +30,7 @@ def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
     record, (_, train, *words) = contract.training, shlex.split(contract.training.command_line)
     options = tyro.cli(TrainOptions, args=method_as_option(words))
     settings = options.full_settings()
-    assert train == "train" and contract.robot_name == settings.robot
+    assert train == "train" and contract.robot_name == f"{settings.robot}-first"  # the edition of that time
     assert record.config_hash == settings.digest()
     assert (record.iterations, record.seed) == (options.iterations, options.seed)
 

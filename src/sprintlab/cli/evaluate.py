@@ -245,8 +245,8 @@ def _print_clocks(check: ClockCheck | None) -> None:
 
 
 def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Any:
-    from sprintlab.evaluation.ablation.table import ESTIMATE_COLUMNS, estimate_cells
     from sprintlab.evaluation.results import EstimateBand
+    from sprintlab.evaluation.tables import ESTIMATE_COLUMNS, estimate_cells
 
     title = f"Estimate against truth at the highest speed, {name}"
     table = plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:])

@@ -57,8 +57,8 @@ class Limit:
     def run(self) -> int:
         """Print the estimate; raises ``SprintlabError`` for an unknown robot, a bad option, or no SciPy."""
         require_package("scipy", extra="analysis", use="sprintlab limit")
-        from sprintlab.limits import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
         from sprintlab.robots import load_robot
+        from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 
         settings = SearchSettings(starts=self.starts, seed=self.seed)
         robot = load_robot(self.robot)
@@ -83,7 +83,7 @@ class Limit:
     def _draw(self, limit: Any, robot: Any) -> None:
         from sprintlab.core.files import atomic_write_bytes
         from sprintlab.core.theme import png_bytes
-        from sprintlab.limits import limit_figure, runner_from_robot
+        from sprintlab.speed_limit import limit_figure, runner_from_robot
 
         assert self.figure is not None
         atomic_write_bytes(self.figure, png_bytes(limit_figure(limit, runner_from_robot(robot))))

@@ -35,7 +35,7 @@ class Play:
         policies: policy files, or names of policies that come with the package; those that fit the robot
             when left out. The page switches between them.
         robot: a robot's name, or a parameter table of one's own (.toml); the first policy's when left out,
-            bp2 without a policy.
+            without a policy, that of sprint.
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
         gamepad: drive with a gamepad too; a device other than /dev/input/js0 may follow.
@@ -74,14 +74,13 @@ class Play:
         from sprintlab.robots import load_robot
         from sprintlab.viewer.live import Session
 
-        policies = named_policies(self.policies)
-        robot = load_robot(self._robot(policies))
-        return Session(robot, policies or fitting_policies(robot))
+        policies = named_policies(self.policies) or shipped_policies_opened()
+        robot = load_robot(self.robot or self._robot_of_first(policies))
+        return Session(robot, policies if self.policies else fitting_policies(policies, robot))
 
-    def _robot(self, policies: dict[str, Any]) -> str:
-        if self.robot is not None or not policies:
-            return self.robot or "bp2"
-        return robot_of(next(iter(policies.values())), policy_path(self.policies[0]).name)
+    def _robot_of_first(self, policies: dict[str, Any]) -> str:
+        label, policy = next(iter(policies.items()))
+        return robot_of(policy, policy_path(self.policies[0]).name if self.policies else label)
 
     def _announce(self, address: str) -> None:
         if self.json:
@@ -111,23 +110,30 @@ def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
     return loaded
 
 
-def fitting_policies(robot: Any) -> dict[str, Any]:
-    """The policies that come with the package and were made for this robot; ``sprint`` first.
+def shipped_policies_opened() -> dict[str, Any]:
+    """The policies that come with the package by name, ``sprint`` first."""
+    from sprintlab.control import load_policy
+    from sprintlab.control.policy import SHIPPED_POLICIES
+
+    paths = sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem))
+    return {path.stem: load_policy(path) for path in paths}
+
+
+def fitting_policies(policies: dict[str, Any], robot: Any) -> dict[str, Any]:
+    """Those of the policies that were made for this robot.
 
     Raises:
         SprintlabError: there is none.
     """
-    from sprintlab.control import check_contract, load_policy
-    from sprintlab.control.policy import SHIPPED_POLICIES
+    from sprintlab.control import check_contract
 
     fitting: dict[str, Any] = {}
-    for path in sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem)):
-        policy = load_policy(path)
+    for name, policy in policies.items():
         try:
             check_contract(policy.contract, robot)
         except ContractMismatchError:
             continue
-        fitting[path.stem] = policy
+        fitting[name] = policy
     if not fitting:
         raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
     return fitting

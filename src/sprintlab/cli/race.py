@@ -94,7 +94,7 @@ def policy_path(policy: str) -> Path:
     """
     from sprintlab.control import shipped_policy
 
-    has_folder = "\\" in policy or ("/" in policy and not policy.startswith("methods/"))
+    has_folder = "\\" in policy or "/" in policy
     is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
     return Path(policy) if is_path else shipped_policy(policy)
 
@@ -109,6 +109,17 @@ def robot_for(policy: Path, robot: str | None) -> str:
     from sprintlab.control import load_policy
 
     return robot_of(load_policy(policy), policy.name) if robot is None else robot
+
+
+def default_robot() -> str:
+    """The robot where neither a robot nor a policy is named: that of the package's standard policy.
+
+    Raises:
+        PolicyFileError: the standard policy cannot be read.
+    """
+    from sprintlab.control import shipped_policy
+
+    return robot_for(shipped_policy(), None)
 
 
 def robot_of(policy: Policy, name: str) -> str:

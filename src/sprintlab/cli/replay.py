@@ -10,6 +10,7 @@ from typing import Any
 import tyro
 
 from sprintlab.cli.output import print_json, stdout_console
+from sprintlab.cli.race import default_robot
 from sprintlab.core.errors import SprintlabError
 
 RUNS = Path("runs")
@@ -48,7 +49,7 @@ class Replay:
         result = race_result(trajectory.with_name("result.json"))
         arrays = load_arrays(trajectory)
         page = self.out or trajectory.with_name("replay.html")
-        robot = load_robot(self.robot or str(result.get("robot", "bp2")))
+        robot = load_robot(self.robot or str(result.get("robot") or default_robot()))
         write_replay(page, arrays, robot, replay_text(trajectory, robot.name, result))
         if self.json:
             print_json({"page": str(page), "bytes": page.stat().st_size})

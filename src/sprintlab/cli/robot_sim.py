@@ -12,6 +12,7 @@ import tyro
 from sprintlab.cli.drive_flags import DriveFlags
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.cli.race import default_robot
 
 if TYPE_CHECKING:
     from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
@@ -26,7 +27,8 @@ class RobotSim(DriveFlags):
 
     Attributes:
         bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left
+            out.
         start: lying on the ground with damped joints, or standing.
         delay: of every message, each way [ms].
         jitter: greatest additional delay of a message, each way [ms].
@@ -50,7 +52,7 @@ class RobotSim(DriveFlags):
     """
 
     bus: tyro.conf.Positional[str] = "shm://bp2"
-    robot: str = "bp2"
+    robot: str | None = None
     start: str = "lying"
     delay: float = 0.0
     jitter: float = 0.0
@@ -90,7 +92,7 @@ class RobotSim(DriveFlags):
         pace, options = self._pace(), self._options()
         endpoint = open_endpoint(self.bus)
         try:
-            world = SimulatedWorld(load_robot(self.robot), options)
+            world = SimulatedWorld(load_robot(self.robot or default_robot()), options)
             report = self._simulate(world, endpoint, pace)
         finally:
             endpoint.close()

@@ -78,7 +78,7 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
-    from sprintlab.training.run import TrainOptions, train
+    from sprintlab.training.runs.run import TrainOptions, train
 
     return train(TrainOptions(settings=settings, **options))
 
@@ -96,7 +96,7 @@ def run_training(arguments: Sequence[str]) -> int:
     for word in (argument.partition("=")[0] for argument in arguments):
         if word in DECIDED:
             raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
-    from sprintlab.training.run import TrainOptions, train
+    from sprintlab.training.runs.run import TrainOptions, train
 
     train(_parse(TrainOptions, method_as_option(arguments)))
     return 0
