@@ -11,25 +11,31 @@ from sprintlab.commands.schedules import (
     UniformSchedule,
 )
 from sprintlab.commands.state import CommandState, initial_state, limit_yaw_rate
+from sprintlab.commands.track import KERB_DISTANCE, LANE_WIDTH, PathPoint, Track, path_yaw_rate
 
 __all__ = [
+    "KERB_DISTANCE",
+    "LANE_WIDTH",
     "AdaptiveSchedule",
     "CommandGrid",
     "CommandState",
     "FixedAccelerationSchedule",
     "GridBins",
+    "PathPoint",
     "Phase",
     "RangeGrowth",
     "SpeedProfile",
     "SprintProfile",
     "StageBlend",
     "TargetSampling",
+    "Track",
     "UniformSchedule",
     "fastest_speed",
     "heading_angle",
     "heading_command",
     "initial_state",
     "limit_yaw_rate",
+    "path_yaw_rate",
     "ranked_speeds",
     "self_paced",
     "wrap_angle",

@@ -341,12 +341,9 @@ def _powers(
     names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
     if not window.any():
         return dict.fromkeys(names, math.nan)
-    torque, speed = trajectory.motor_torque[window], trajectory.joint_velocity[window]
-    mechanical = trajectory.joint_torque[window] * speed
+    mechanical = trajectory.joint_torque[window] * trajectory.joint_velocity[window]
     loss = copper_losses(trajectory, robot)[window]
-    drawn = (torque * (speed * robot.gear.ratio) + loss).sum(axis=1)
-    # The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
-    electrical = float(np.maximum(drawn, 0.0).mean())
+    electrical = float(bus_power(trajectory, robot)[window].mean())
     forward = float(trajectory.velocity[window, 0].mean())
     return {
         "mechanical_power": float(mechanical.sum(axis=1).mean()),
@@ -355,6 +352,15 @@ def _powers(
         "electrical_power": electrical,
         "cost_of_transport": electrical / (mass * GRAVITY * forward) if forward > 0.1 else math.nan,
     }
+
+
+def bus_power(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
+    """Power that all motors together draw from the bus ``(T,)`` [W].
+
+    The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
+    """
+    shaft = trajectory.motor_torque * trajectory.joint_velocity * robot.gear.ratio
+    return np.maximum((shaft + copper_losses(trajectory, robot)).sum(axis=1), 0.0)
 
 
 def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
