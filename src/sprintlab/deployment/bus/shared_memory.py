@@ -49,6 +49,9 @@ _CHANNELS = {
 }
 
 
+_FILE_SIZE = 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
+
+
 def shared_folder() -> Path:
     """Where the files are: memory if the system has such a folder, else the temporary folder."""
     memory = Path("/dev/shm")
@@ -146,7 +149,7 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         self._lock = lock
         try:
             super().__init__(_open_running(path, name), path)
-            if self._words[_MAGIC_WORD] != _MAGIC:
+            if len(self._map) != _FILE_SIZE or self._words[_MAGIC_WORD] != _MAGIC:
                 raise BusError(f"{path} was made by another version of sprintlab")
         except BaseException:
             self._unlock()
@@ -233,12 +236,11 @@ def _create(path: Path) -> IO[bytes] | None:
 
     It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it.
     """
-    size = 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         file = os.fdopen(handle, "rb+")
         _lock(file)
-        file.truncate(size)
+        file.truncate(_FILE_SIZE)
         file.write(struct.pack("=Q", _MAGIC))
         file.flush()
     except OSError as error:
@@ -266,6 +268,9 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
     if _lock(file):
         file.close()
         raise BusError(f"the robot {name!r} has crashed and left its memory behind; start it again")
+    if os.fstat(file.fileno()).st_size != _FILE_SIZE:
+        file.close()
+        raise BusError(f"{path} is no memory of a robot of this version of sprintlab")
     return file
 
 
