@@ -24,6 +24,7 @@ from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import (
     DRAG_AREA,
+    NOMINAL_FOOT,
     FootContact,
     ModelOptions,
     RobotDescription,
@@ -66,7 +67,7 @@ class PlantOptions:
     timestep: float = 0.00025
     motor_rate: float = 1000.0
     record_rate: float = 500.0
-    foot: FootContact = FootContact()
+    foot: FootContact = NOMINAL_FOOT
     drag_area: float = DRAG_AREA
     contact_time_constant: float = 0.0005
     motor_model: MotorModel = "refined"

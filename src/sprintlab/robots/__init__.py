@@ -10,6 +10,7 @@ from sprintlab.robots.description import (
     robot_fingerprint,
 )
 from sprintlab.robots.foot import (
+    NOMINAL_FOOT,
     RESTITUTION_BAND,
     STIFFNESS_BAND,
     ContactLaw,
@@ -34,6 +35,7 @@ __all__ = [
     "AIR_DENSITY",
     "DRAG_AREA",
     "DRAG_AREA_BAND",
+    "NOMINAL_FOOT",
     "RESTITUTION_BAND",
     "STIFFNESS_BAND",
     "ContactLaw",

@@ -84,6 +84,10 @@ class FootContact:
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
 
 
+NOMINAL_FOOT = FootContact()
+"""Of every published number."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DropOutcome:
     """What a drop shows.

@@ -15,6 +15,7 @@ from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, Link, RobotDescription
 from sprintlab.robots.foot import (
     FRICTION_RATIO,
+    NOMINAL_FOOT,
     FootContact,
     add_foot_pair,
     effective_leg_mass,
@@ -64,7 +65,7 @@ class ModelOptions:
 
     timestep: float = 0.001
     collisions: str = "feet"
-    foot: FootContact = FootContact()
+    foot: FootContact = NOMINAL_FOOT
     contact_time_constant: float = 0.004
     impratio: float = FRICTION_RATIO
     integrator: str = "implicitfast"
@@ -91,7 +92,8 @@ def build_model(robot: RobotDescription, options: ModelOptions | None = None) ->
     Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
     between the last two; joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms
     ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
-    of floor and foot a leg, named like the foot, with the pad's contact; twelve torque actuators in policy order; keyframe ``stand``.
+    of floor and foot a leg, named like the foot, with the pad's contact; twelve torque
+    actuators in policy order; keyframe ``stand``.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
 
     Raises:

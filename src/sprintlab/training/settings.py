@@ -215,17 +215,11 @@ class RandomizationSettings:
     push_speed: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in (
-            "friction",
-            "foot_stiffness",
-            "foot_restitution",
-            "drag_area",
-            "bus_voltage",
-            "resistance",
-            "dry_friction",
-        ):
+        factors = ("friction", "bus_voltage", "resistance", "dry_friction")
+        for name in (*factors, "foot_stiffness", "foot_restitution"):
             low, high = getattr(self, name)
-            check_range(f"{name}[0]", low, 0.0 if name == "drag_area" else 0.05, high)
+            check_range(f"{name}[0]", low, 0.05, high)
+        check_range("drag_area[0]", self.drag_area[0], 0.0, self.drag_area[1], "m^2")
         check_range("payload[0]", self.payload[0], -15.0, self.payload[1], "kg")
         for name in ("gain", "strength", "center_of_mass"):
             check_range(name, getattr(self, name), 0.0, 0.5)
