@@ -8,7 +8,7 @@ from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import drive_torque
 from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque
 
-PLANT = ModelOptions(collisions="full", cone="elliptic", impratio=10.0, contact_time_constant=0.002)
+PLANT = ModelOptions(collisions="full", contact_time_constant=0.002)
 
 
 @pytest.fixture(scope="module")
