@@ -164,7 +164,7 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     start, finish = _start_and_finish(run.trajectory, distance)
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(run.trajectory.time[-1])
-    trial = _trial_result(run, robot, request, (min(full_speed, end), end))
+    trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
     return SprintResult(distance=distance, time=finish - start, trial=trial)
 
 
@@ -203,6 +203,7 @@ def _drive(
         samples,
         estimates=policy.estimates,
         supply=None if plant.supply is None else lambda: plant.supply,
+        motor_rate=request.plant.motor_rate,
     )
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     upright = True
@@ -243,10 +244,20 @@ def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, f
 
 
 def _trial_result(
-    run: _Run, robot: RobotDescription, request: TrialRequest, hold_interval: tuple[float, float]
+    run: _Run,
+    robot: RobotDescription,
+    request: TrialRequest,
+    hold_interval: tuple[float, float],
+    finish: float | None = None,
 ) -> TrialResult:
     metrics = trial_metrics(
-        run.trajectory, robot, hold_interval, payload=request.settings.payload, plant=request.plant
+        run.trajectory,
+        robot,
+        hold_interval,
+        payload=request.settings.payload,
+        plant=request.plant,
+        finish=finish,
+        fell=bool(run.fall_reason),
     )
     result = TrialResult(
         settings=request.settings,
