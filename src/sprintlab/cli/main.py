@@ -26,6 +26,7 @@ from sprintlab.cli.replay import Replay
 from sprintlab.cli.report import Report
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
+from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
@@ -39,6 +40,7 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]
