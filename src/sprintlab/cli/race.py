@@ -7,7 +7,7 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from sprintlab.control import Policy
     from sprintlab.evaluation.race_files import RaceFiles
+    from sprintlab.plant import PlantOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,8 @@ class Race:
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
+        engine: physics: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its 100 m
+            and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -44,6 +47,7 @@ class Race:
     robot: str | None = None
     out: Path | None = None
     top_speed: float | None = None
+    engine: Literal["mujoco", "drake", "both"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -69,6 +73,15 @@ class Race:
         _print_result(files)
         return 0
 
+    def _plant(self) -> PlantOptions:
+        from sprintlab.plant import check_engine, on_engine
+
+        plant = self.drive.plant()
+        if self.engine == "both":
+            check_engine("drake")
+            return plant
+        return on_engine(plant, self.engine)
+
     def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race
 
@@ -77,7 +90,7 @@ class Race:
             robot,
             self.out,
             top_speed=self.top_speed,
-            settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
+            settings=protocol_settings(self.trials, self.seed, plant=self._plant()),
             step_check=self.step_check,
             workers=self.workers,
             video=not self.no_video,

@@ -38,8 +38,10 @@ def on_engine(options: PlantOptions, engine: str) -> PlantOptions:
         SprintlabError: the engine is not installed.
     """
     chosen = replace(options, engine=engine)
+    if engine != "drake":
+        return chosen
     check_engine(engine)
-    return replace(chosen, timestep=DRAKE_TIMESTEP) if engine == "drake" else chosen
+    return replace(chosen, timestep=DRAKE_TIMESTEP, contact_time_constant=2.0 * DRAKE_TIMESTEP)
 
 
 def check_engine(engine: str) -> None:
@@ -50,11 +52,10 @@ def check_engine(engine: str) -> None:
     """
     if engine != "drake" or find_spec("pydrake") is not None:
         return
-    version = sys.version_info[:2]
-    if version < (3, 11) or sys.platform not in ("linux", "darwin"):
+    if sys.platform not in ("linux", "darwin"):
         raise SprintlabError(
-            "the second engine needs the package drake, which comes for Linux and macOS from Python 3.11 on; "
-            f"this is Python {version[0]}.{version[1]} on {sys.platform}"
+            "the second engine needs the package drake, which comes for Linux and macOS, "
+            f"not for {sys.platform}"
         )
     raise SprintlabError(
         "the second engine needs the package drake, which is not installed: pip install 'sprintlab[drake]'"

@@ -1,7 +1,8 @@
 """The robot as a Drake ``MultibodyPlant``, built body by body from the numbers of its compiled model."""
 
-# Drake's and MuJoCo's compiled modules have no complete type stubs.
-# pyright: reportAttributeAccessIssue=false
+# Drake's stubs take numpy's shapes for its element types, and MuJoCo's compiled module has no complete stubs.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false
 
 from __future__ import annotations
 
