@@ -228,10 +228,8 @@ class Watcher:
 
     def sample(self, data: mujoco.MjData, drive: object, targets: object) -> None: ...
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
+    def watch_step(self, data: mujoco.MjData) -> None:
         self.vertical = self._vertical(data)
-
-    watch_step = watch_feet
 
     @staticmethod
     def _vertical(data: mujoco.MjData) -> float:
