@@ -33,8 +33,7 @@ class Race:
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
-        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
-            and raw trials once more in Drake.
+        engine: mujoco, or drake: the second engine (extra drake).
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -49,7 +48,7 @@ class Race:
     out: Path | None = None
     top_speed: float | None = None
     distance: float = 100.0
-    engine: Literal["mujoco", "drake", "both"] = "mujoco"
+    engine: Literal["mujoco", "drake"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -76,13 +75,9 @@ class Race:
         return 0
 
     def _plant(self) -> PlantOptions:
-        from sprintlab.plant import check_engine, on_engine
+        from sprintlab.plant import on_engine
 
-        plant = self.drive.plant()
-        if self.engine == "both":
-            check_engine("drake")
-            return plant
-        return on_engine(plant, self.engine)
+        return on_engine(self.drive.plant(), self.engine)
 
     def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race

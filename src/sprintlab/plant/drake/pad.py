@@ -14,6 +14,8 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+from sprintlab.robots.foot import FootContact
+
 SLOWEST_TOUCHDOWN = 0.1
 """Touchdowns below this speed dissipate as if they had it [m/s]."""
 
@@ -38,10 +40,16 @@ class Pad:
         return self.dissipation_number / max(speed, SLOWEST_TOUCHDOWN)
 
 
-def pad_for(stiffness: float, restitution: float, mass: float, timestep: float) -> Pad:
-    """The pad that shows a stiffness [N/m] and a restitution under a mass [kg] at a time step [s]."""
-    number = dissipation_number(stiffness, restitution, mass, timestep)
-    return Pad(stiffness=stiffness, dissipation_number=number)
+def pad_for(foot: FootContact, mass: float, timestep: float) -> Pad:
+    """The pad that shows a foot's stiffness and restitution under a leg.
+
+    Args:
+        foot: what to show.
+        mass: the leg's effective mass [kg].
+        timestep: Drake's [s].
+    """
+    number = dissipation_number(foot.stiffness, foot.restitution, round(mass, 6), timestep)
+    return Pad(stiffness=foot.stiffness, dissipation_number=number)
 
 
 @lru_cache(maxsize=256)

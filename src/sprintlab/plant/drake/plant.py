@@ -15,6 +15,7 @@ from sprintlab.plant.drake.pad import pad_for
 from sprintlab.plant.plant import Plant, PlantOptions
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import RobotDescription
+from sprintlab.robots.foot import effective_leg_mass
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ class DrakePlant(Plant):
             self._timestep,
             rotors=rotors_of(robot),
             feet=feet,
-            pad=pad_for(80e3, 0.4, 1.5, self._timestep),
+            pad=pad_for(options.foot, effective_leg_mass(self.model), self._timestep),
         )
         self._feet = np.array([self.model.geom(foot).id for foot in feet])
         self._leg_of = {int(foot): leg for leg, foot in enumerate(self._feet)}
