@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from sprintlab.cli.drive_flags import DriveFlags
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.cli.output import (
+    plain_table,
+    print_json,
+    progress_bar,
+    stderr_console,
+    stdout_console,
+    styled,
+)
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -199,9 +206,8 @@ def audit_table(audit: Any) -> Table:
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(
-            item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]", item.source
-        )
+        verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(item.name, *values, verdict, item.source)
     return table
 
 

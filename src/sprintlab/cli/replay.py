@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import tyro
 from sprintlab.cli.output import print_json, stdout_console
 from sprintlab.cli.race import default_robot
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import read_json
 
 RUNS = Path("runs")
 _FIELDS: dict[str, tuple[type, ...]] = {
@@ -84,10 +84,7 @@ def race_result(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         return {}
-    try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SprintlabError(f"{path} cannot be read: {error}") from error
+    numbers = read_json(path, what="result")
     if not isinstance(numbers, dict):
         raise SprintlabError(f"{path} is no result of a race")
     given = {name: value for name, value in numbers.items() if value is not None}
