@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
-from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.api.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import policy_path, robot_for
+from sprintlab.api.search import SearchOptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.race import policy_path, robot_for
-from sprintlab.cli.search_flags import SearchFlags
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.clock_check import ClockCheck
@@ -47,8 +47,8 @@ class Evaluate:
     workers: int | None = None
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
-    search: SearchFlags = SearchFlags()
-    drive: DriveFlags = DriveFlags()
+    search: tyro.conf.FlagCreatePairsOff[SearchOptions] = SearchOptions()
+    drive: tyro.conf.FlagCreatePairsOff[DriveOptions] = DriveOptions()
 
     def run(self) -> int:
         """Run the protocol and print its numbers.
@@ -111,7 +111,7 @@ class Evaluate:
 
 
 def _speed_progress(
-    report: Callable[[str, float | None], None], name: str, search: SearchFlags
+    report: Callable[[str, float | None], None], name: str, search: SearchOptions
 ) -> Callable[[SpeedResult], None]:
     def show(speed: SpeedResult) -> None:
         report(f"{name}: {speed.top_speed:g} m/s, {speed.falls} falls", search.share(speed.top_speed))

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+
+from sprintlab.api.tables import plain_table as plain_table
 
 PIPED_WIDTH = 140  # columns of a table that goes to a file
 
@@ -27,16 +28,6 @@ def stderr_console() -> Console:
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:
-    """A table with quiet lines; columns named in ``numbers`` are aligned to the right."""
-    table = Table(
-        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0)
-    )
-    for column in columns:
-        table.add_column(column, justify="right" if column in numbers else "left", header_style="dim")
-    return table
 
 
 @contextmanager

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import policy_path, robot_for
+from sprintlab.api.replay import write_race_replay
+from sprintlab.api.search import protocol_settings
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
-from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sprintlab.control import Policy
     from sprintlab.evaluation.race_files import RaceFiles
 
 
@@ -50,7 +51,7 @@ class Race:
     step_check: tyro.conf.FlagCreatePairsOff[bool] = False
     no_video: tyro.conf.FlagCreatePairsOff[bool] = False
     json: tyro.conf.FlagCreatePairsOff[bool] = False
-    drive: DriveFlags = DriveFlags()
+    drive: tyro.conf.FlagCreatePairsOff[DriveOptions] = DriveOptions()
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
@@ -60,7 +61,7 @@ class Race:
             robot = robot_for(policy, self.robot)
             files = self._race(policy, robot, lambda what: report(what, None))
             report("writing the replay", None)
-            _write_replay(files.folder, robot)
+            write_race_replay(files.folder, robot)
         if self.json:
             print_json(
                 {**json.loads((files.folder / "result.json").read_text()), "folder": str(files.folder)}
@@ -84,60 +85,6 @@ class Race:
             command_line=shlex.join(["sprintlab", *sys.argv[1:]]),
             progress=progress,
         )
-
-
-def policy_path(policy: str) -> Path:
-    """A policy file by path, or one that comes with the package by name.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-    """
-    from sprintlab.control import shipped_policy
-
-    has_folder = "\\" in policy or ("/" in policy and not policy.startswith("methods/"))
-    is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
-    return Path(policy) if is_path else shipped_policy(policy)
-
-
-def robot_for(policy: Path, robot: str | None) -> str:
-    """The robot that was asked for, or else the one that the policy's contract names.
-
-    Raises:
-        PolicyFileError: the file is no policy.
-        SprintlabError: the contract names a robot that is not known here.
-    """
-    from sprintlab.control import load_policy
-
-    return robot_of(load_policy(policy), policy.name) if robot is None else robot
-
-
-def robot_of(policy: Policy, name: str) -> str:
-    """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
-
-    Raises:
-        SprintlabError: that robot is not known here.
-    """
-    from sprintlab.robots import robot_names
-
-    robot = policy.contract.robot_name
-    if robot not in robot_names():
-        raise SprintlabError(
-            f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"
-        )
-    return robot
-
-
-def protocol_settings(trials: int, seed: int, **more: Any) -> Any:
-    """Settings with nine of ten trials required, rounded up.
-
-    Raises:
-        InvalidValueError: a setting is out of range.
-    """
-    from sprintlab.core.checks import check_range
-    from sprintlab.evaluation.protocol import ProtocolSettings
-
-    check_range("trials", trials, 1, 10_000)
-    return ProtocolSettings(trials=trials, required=-(-trials * 9 // 10), seed=seed, **more)
 
 
 def result_table(result: Any) -> Table:
@@ -186,18 +133,6 @@ def _share(group: Any, kind: str) -> str:
 
     values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
     return number(float(getattr(values, kind)()), 1)
-
-
-def _write_replay(folder: Path, robot: str) -> None:
-    """The 100 m as an interactive page beside the report."""
-    from sprintlab.cli.replay import race_result, replay_text
-    from sprintlab.robots import load_robot
-    from sprintlab.viewer.replay import load_arrays, write_replay
-
-    trajectory = folder / "trajectory.npz"
-    described = load_robot(robot)
-    text = replay_text(trajectory, described.name, race_result(folder / "result.json"))
-    write_replay(folder / "replay.html", load_arrays(trajectory), described, text)
 
 
 def _print_result(files: RaceFiles) -> None:
