@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import RenderableType
+
+from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
 
 if TYPE_CHECKING:
     from sprintlab.control import Policy
 
+PolicyChoice = str | Path
+"""A policy file, or the name of a policy that comes with the package."""
+RobotChoice = str | Path | None
+"""Name, folder or table of a robot; ``None`` takes that of the policy's contract."""
 
-def policy_path(policy: str) -> Path:
+
+def policy_path(policy: PolicyChoice) -> Path:
     """A policy file by path, or one that comes with the package by name.
 
     Raises:
@@ -19,21 +29,26 @@ def policy_path(policy: str) -> Path:
     """
     from sprintlab.control import shipped_policy
 
+    if isinstance(policy, Path):
+        return policy
     has_folder = "\\" in policy or ("/" in policy and not policy.startswith("methods/"))
     is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
     return Path(policy) if is_path else shipped_policy(policy)
 
 
-def robot_for(policy: Path, robot: str | None) -> str:
+def robot_for(policy: Path, robot: RobotChoice) -> str:
     """The robot that was asked for, or else the one that the policy's contract names.
 
     Raises:
         PolicyFileError: the file is no policy.
         SprintlabError: the contract names a robot that is not known here.
     """
-    from sprintlab.control import load_policy
+    return robot_of(load_policy(policy), policy.name) if robot is None else robot_word(robot)
 
-    return robot_of(load_policy(policy), policy.name) if robot is None else robot
+
+def robot_word(robot: str | Path) -> str:
+    """A robot's name, folder or table as text that means the same."""
+    return str(robot.absolute()) if isinstance(robot, Path) else robot
 
 
 def robot_of(policy: Policy, name: str) -> str:
@@ -58,8 +73,6 @@ def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
     Raises:
         PolicyFileError: there is no such policy.
     """
-    from sprintlab.control import load_policy
-
     loaded: dict[str, Any] = {}
     for name in names:
         path = policy_path(name)
@@ -74,7 +87,7 @@ def fitting_policies(robot: Any) -> dict[str, Any]:
     Raises:
         SprintlabError: there is none.
     """
-    from sprintlab.control import check_contract, load_policy
+    from sprintlab.control import check_contract
     from sprintlab.control.policy import SHIPPED_POLICIES
 
     fitting: dict[str, Any] = {}
@@ -88,3 +101,59 @@ def fitting_policies(robot: Any) -> dict[str, Any]:
     if not fitting:
         raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
     return fitting
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShippedPolicy:
+    """A policy that comes with the package."""
+
+    name: str
+    """By which every function and command knows it."""
+    robot: str
+    """The robot it was made for."""
+    method: str
+    """The training method."""
+    path: Path
+    """The ONNX file with its contract."""
+
+
+class ShippedPolicies(Printed, tuple[ShippedPolicy, ...]):
+    """The policies that come with the package; a tuple that prints as a table."""
+
+    def tables(self) -> Iterator[RenderableType]:
+        """One row per policy."""
+        table = plain_table("Policies", "name", "robot", "method")
+        for item in self:
+            table.add_row(item.name, item.robot, item.method)
+        yield table
+
+    def to_dict(self) -> dict[str, dict[str, str]]:
+        """Robot, method and path by name."""
+        return {
+            item.name: {"robot": item.robot, "method": item.method, "path": str(item.path)} for item in self
+        }
+
+
+def policies() -> ShippedPolicies:
+    """The policies that come with the package, with what their contracts say."""
+    from sprintlab.control import shipped_policies
+
+    found = []
+    for name, path in shipped_policies().items():
+        contract = load_policy(path).contract
+        found.append(
+            ShippedPolicy(name=name, robot=contract.robot_name, method=contract.training.method, path=path)
+        )
+    return ShippedPolicies(found)
+
+
+def load_policy(policy: PolicyChoice) -> Policy:
+    """A policy by the path of its file, or by the name of one that comes with the package.
+
+    Raises:
+        PolicyFileError: there is no such policy, or the file is none.
+        ContractMismatchError: it sees or estimates what this version does not build.
+    """
+    from sprintlab.control import load_policy as read
+
+    return read(policy_path(policy))

@@ -6,18 +6,21 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from sprintlab.api.tables import PLAIN_WIDTH
 from sprintlab.api.tables import plain_table as plain_table
 
-PIPED_WIDTH = 140  # columns of a table that goes to a file
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def stdout_console() -> Console:
     """A console for results; wide when piped, so that tables keep their columns."""
-    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else PLAIN_WIDTH, highlight=False)
 
 
 def stderr_console() -> Console:
@@ -28,6 +31,14 @@ def stderr_console() -> Console:
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def save_figure(path: Path, figure: Figure) -> None:
+    """Write a figure as PNG; raises ``SprintlabError`` where the disk refuses."""
+    from sprintlab.core.files import atomic_write_bytes
+    from sprintlab.core.theme import png_bytes
+
+    atomic_write_bytes(path, png_bytes(figure))
 
 
 @contextmanager

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import policy_path, robot_for
-from sprintlab.api.replay import write_race_replay
-from sprintlab.api.search import protocol_settings
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from sprintlab.evaluation.race_files import RaceFiles
+from sprintlab.api.races import Race as RaceFound
+from sprintlab.api.races import race
+from sprintlab.cli.output import print_json, progress_bar, stderr_console, stdout_console
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,96 +46,37 @@ class Race:
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
+        from sprintlab.evaluation.race_files import default_folder
+
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
-            policy = policy_path(self.policy)
-            robot = robot_for(policy, self.robot)
-            files = self._race(policy, robot, lambda what: report(what, None))
-            report("writing the replay", None)
-            write_race_replay(files.folder, robot)
-        if self.json:
-            print_json(
-                {**json.loads((files.folder / "result.json").read_text()), "folder": str(files.folder)}
+            found = race(
+                self.policy,
+                robot=self.robot,
+                top_speed=self.top_speed,
+                trials=self.trials,
+                seed=self.seed,
+                drive=self.drive,
+                workers=self.workers,
+                step_check=self.step_check,
+                folder=self.out or default_folder(),
+                video=not self.no_video,
+                progress=lambda what: report(what, None),
             )
-            return 0
-        _print_result(files)
+        folder = found.folder or Path()
+        if self.json:
+            print_json({**json.loads((folder / "result.json").read_text()), "folder": str(folder)})
+        else:
+            _print(found, folder)
         return 0
 
-    def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
-        from sprintlab.evaluation.race_files import run_race
 
-        return run_race(
-            policy,
-            robot,
-            self.out,
-            top_speed=self.top_speed,
-            settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
-            step_check=self.step_check,
-            workers=self.workers,
-            video=not self.no_video,
-            command_line=shlex.join(["sprintlab", *sys.argv[1:]]),
-            progress=progress,
-        )
-
-
-def result_table(result: Any) -> Table:
-    """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.quantities import QUANTITIES
-    from sprintlab.evaluation.report_text import number, sprint_text
-
-    raw, paced = result.raw, result.self_paced
-    title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
-    table = plain_table(title, "quantity", "raw", "self-paced", "unit", numbers=("raw", "self-paced"))
-    distance = f"time over {result.sprint.distance:g} m"
-    table.add_row(distance, sprint_text(result.sprint), sprint_text(result.sprint_self_paced), "s")
-    for item in QUANTITIES:
-        values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
-        table.add_row(item.label, *values, item.unit)
-    table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
-    table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
-    table.add_row(
-        "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
-    )
-    return table
-
-
-def audit_table(audit: Any) -> Table:
-    """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_limit, audit_value, audit_verdict
-
-    table = plain_table(
-        f"Exploit audit: {audit_verdict(audit)}",
-        "what",
-        "measured",
-        "limit",
-        "",
-        numbers=("measured", "limit"),
-    )
-    for item in audit.items:
-        values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
-    return table
-
-
-def _share(group: Any, kind: str) -> str:
-    import numpy as np
-
-    from sprintlab.evaluation.report_text import number
-
-    values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
-    return number(float(getattr(values, kind)()), 1)
-
-
-def _print_result(files: RaceFiles) -> None:
+def _print(found: RaceFound, folder: Path) -> None:
     console = stdout_console()
-    console.print(result_table(files.result))
-    console.print()
-    console.print(audit_table(files.result.audit))
-    for note in files.result.notes:
-        console.print(note)
-    console.print(f"\nreport: {files.folder / 'report.html'}", soft_wrap=True)
-    console.print(f"replay: {files.folder / 'replay.html'}", soft_wrap=True)
-    if files.video_message:
-        stderr_console().print(files.video_message, soft_wrap=True)
+    console.print(found)
+    console.print(f"\nreport: {folder / 'report.html'}", soft_wrap=True)
+    console.print(f"replay: {folder / 'replay.html'}", soft_wrap=True)
+    if found.video_message:
+        stderr_console().print(found.video_message, soft_wrap=True)
     else:
-        console.print(f"video: {files.folder / 'sprint.mp4'}", soft_wrap=True)
+        console.print(f"video: {folder / 'sprint.mp4'}", soft_wrap=True)

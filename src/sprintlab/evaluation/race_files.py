@@ -88,15 +88,30 @@ def run_race(
     if folder is not None and folder.exists():
         raise SprintlabError(f"{folder} exists already; choose another folder for the results")
     robot = load_robot(robot_name)
-    contract = load_policy(policy).contract
+    load_policy(policy)  # refuse a bad file before any work
     progress("running trials")
     result = evaluate_race(
         policy, robot, top_speed=top_speed, settings=settings, step_check=step_check, workers=workers
     )
-    facts = race_facts(policy, contract, command_line)
+    return write_race(result, policy, robot_name, folder, video, command_line, progress)
+
+
+def write_race(
+    result: RaceResult,
+    policy: Path,
+    robot_name: str,
+    folder: Path | None = None,
+    video: bool = True,
+    command_line: str = "",
+    progress: Progress = lambda _: None,
+) -> RaceFiles:
+    """Write the report of a race; arguments and errors as in ``run_race``."""
+    if folder is not None and folder.exists():
+        raise SprintlabError(f"{folder} exists already; choose another folder for the results")
+    facts = race_facts(policy, load_policy(policy).contract, command_line)
     target = folder or default_folder()
     with atomic_directory(target) as temporary:
-        message = _fill(temporary, result, robot, robot_name, facts, video, progress)
+        message = _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
     return RaceFiles(folder=target, result=result, video_message=message)
 
 
