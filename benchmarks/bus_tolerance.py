@@ -67,10 +67,11 @@ def run_sprint(condition: Condition, seed: int, top_speed: float) -> dict[str, A
     options = SimulatorOptions(
         trial=trial, to_controller=condition.link(), to_robot=condition.link(), noise=TYPICAL_NOISE, seed=seed
     )
-    robot = load_robot("bp2")
+    policy = load_policy(shipped_policy())
+    robot = load_robot(policy.contract.robot_name)
     world = SimulatedWorld(robot, options)
     source = SprintSource(top_speed)
-    controller = Controller(load_policy(shipped_policy()), robot, source)
+    controller = Controller(policy, robot, source)
     return _drive(world, controller, source)
 
 

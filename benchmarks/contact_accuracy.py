@@ -294,7 +294,8 @@ _worker: dict[str, Any] = {}
 
 def _load(policy: Path) -> None:
     mujoco.set_mju_user_warning(lambda _: None)  # a run that diverges is counted as a fall, not logged
-    _worker.update(robot=load_robot("bp2"), policy=load_policy(policy))
+    loaded = load_policy(policy)
+    _worker.update(robot=load_robot(loaded.contract.robot_name), policy=loaded)
 
 
 def run(trial: Trial) -> Outcome:

@@ -26,23 +26,29 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from sprintlab.control import load_policy, shipped_policy
+from sprintlab.control import Policy, load_policy, shipped_policy
 from sprintlab.core.files import atomic_write_json
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
 from sprintlab.deployment.controller import Controller, LoopOptions, LoopReport, run_loop
 from sprintlab.deployment.controller.realtime import real_time
 from sprintlab.deployment.simulator import PaceOptions, SimulatedWorld, SimulatorOptions, run_simulator
 from sprintlab.deployment.sources import SprintSource
-from sprintlab.robots import load_robot
+from sprintlab.robots import RobotDescription, load_robot
 
 ROBOT_PRIORITY = 40
 CONTROLLER_PRIORITY = 50
 PACKAGES = ("sprintlab", "numpy", "onnxruntime", "mujoco", "msgspec")
 
 
+def _policy_and_robot() -> tuple[Policy, RobotDescription]:
+    """The standard policy and the robot that its contract names."""
+    policy = load_policy(shipped_policy())
+    return policy, load_robot(policy.contract.robot_name)
+
+
 def be_a_robot(address: str, urgent: bool, results: Any) -> None:
     """The robot's process: until the controller has left."""
-    world = SimulatedWorld(load_robot("bp2"), SimulatorOptions())
+    world = SimulatedWorld(_policy_and_robot()[1], SimulatorOptions())
     endpoint = open_endpoint(address)
     try:
         with real_time(ROBOT_PRIORITY if urgent else None):
@@ -90,9 +96,9 @@ def measure(minutes: float, speed: float, urgent: bool) -> dict[str, Any]:
 
 def drive(address: str, minutes: float, speed: float, urgent: bool) -> tuple[LoopReport, Controller]:
     """The controller's side of ``measure``."""
-    robot = load_robot("bp2")
+    policy, robot = _policy_and_robot()
     source = SprintSource(speed, distance=1e9, pace=False)
-    controller = Controller(load_policy(shipped_policy(), robot), robot, source)
+    controller = Controller(policy, robot, source)
     options = LoopOptions(priority=CONTROLLER_PRIORITY if urgent else None, duration=60.0 * minutes)
     bus = wait_for_robot(address)
     try:

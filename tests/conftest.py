@@ -15,7 +15,9 @@ from sprintlab.control import (
     ObservationLayout,
     PolicyContract,
     TrainingRecord,
+    load_policy,
     make_contract,
+    shipped_policy,
     software_versions,
 )
 from sprintlab.robots import RobotDescription, load_robot
@@ -64,6 +66,12 @@ def flowing() -> Callable[[str], str]:
 @pytest.fixture(scope="session")
 def robot() -> RobotDescription:
     return load_robot("bp2")
+
+
+@pytest.fixture(scope="session")
+def sprint_robot() -> RobotDescription:
+    """The robot that the policy ``sprint`` was trained on."""
+    return load_robot(load_policy(shipped_policy()).contract.robot_name)
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,7 @@ from sprintlab.deployment.interface import (
 )
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 from sprintlab.motors import torque_limits
-from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.robots import RobotDescription
 
 MILLISECOND = 1_000_000
 
@@ -204,17 +204,12 @@ def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tup
 
 
 @pytest.fixture(scope="session")
-def bp2() -> RobotDescription:
-    return load_robot("bp2")
-
-
-@pytest.fixture(scope="session")
 def sprint_policy() -> Policy:
     return load_policy(shipped_policy())
 
 
 @pytest.fixture(scope="session")
-def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
+def make_rig(sprint_robot: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
     """A rig whose robot lies on the ground; ``sprint`` drives it unless told otherwise.
 
     Options as of ``SimulatorOptions``.
@@ -222,8 +217,8 @@ def make_rig(bp2: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]
 
     def make(source: Any | None = None, policy: Policy | None = None, **options: Any) -> Rig:
         source = source or StraightSource()
-        simulated = SimulatedRobot(bp2, SimulatorOptions(**options))
-        return Rig(bp2, simulated, Controller(policy or sprint_policy, bp2, source), source)
+        simulated = SimulatedRobot(sprint_robot, SimulatorOptions(**options))
+        return Rig(sprint_robot, simulated, Controller(policy or sprint_policy, sprint_robot, source), source)
 
     return make
 
@@ -247,11 +242,11 @@ def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
 
 
 @pytest.fixture(scope="session")
-def gallop(bp2: RobotDescription, sprint_policy: Policy) -> Snapshot:
+def gallop(sprint_robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     """Running faster than 6 m/s, speed still rising."""
     source = StraightSource()
-    simulated = SimulatedRobot(bp2, SimulatorOptions())
-    rig = Rig(bp2, simulated, Controller(sprint_policy, bp2, source), source)
+    simulated = SimulatedRobot(sprint_robot, SimulatorOptions())
+    rig = Rig(sprint_robot, simulated, Controller(sprint_policy, sprint_robot, source), source)
     rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
     return Snapshot.take(rig, sprint_policy)
 

@@ -23,6 +23,7 @@ DATA = {
     "sprintlab/evaluation/templates/report.html.j2",
     "sprintlab/py.typed",
     "sprintlab/robots/bp2/parameters.toml",
+    "sprintlab/robots/bp2-first/parameters.toml",
     "sprintlab/viewer/templates/replay.html.j2",
     "sprintlab/viewer/templates/replay.js",
 }

@@ -30,7 +30,7 @@ def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
     record, (_, train, *words) = contract.training, shlex.split(contract.training.command_line)
     options = tyro.cli(TrainOptions, args=method_as_option(words))
     settings = options.full_settings()
-    assert train == "train" and contract.robot_name == settings.robot
+    assert train == "train" and contract.robot_name == f"{settings.robot}-first"  # the edition of that time
     assert record.config_hash == settings.digest()
     assert (record.iterations, record.seed) == (options.iterations, options.seed)
 

@@ -93,9 +93,9 @@ def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypa
     for arguments, robot, policies in (
         (["go1-sprint"], "go1", ["go1-sprint"]),
         (["--robot", "go1"], "go1", ["go1-sprint"]),
-        (["sprint"], "bp2", ["sprint"]),
-        (["sprint-fast", "sprint"], "bp2", ["sprint-fast", "sprint"]),
-        ([], "bp2", ["sprint", "sprint-fast"]),
+        (["sprint"], "bp2-first", ["sprint"]),
+        (["sprint-fast", "sprint"], "bp2-first", ["sprint-fast", "sprint"]),
+        ([], "bp2-first", ["sprint", "sprint-fast"]),
     ):
         session = parse(["play", *arguments])._session()
         assert session.robot.name == robot

@@ -51,6 +51,17 @@ def robot_word(robot: str | Path) -> str:
     return str(robot.absolute()) if isinstance(robot, Path) else robot
 
 
+def default_robot() -> str:
+    """The robot where neither a robot nor a policy is named: that of the package's standard policy.
+
+    Raises:
+        PolicyFileError: the standard policy cannot be read.
+    """
+    from sprintlab.control import shipped_policy
+
+    return robot_for(shipped_policy(), None)
+
+
 def robot_of(policy: Policy, name: str) -> str:
     """The robot that the contract of a policy names; ``name`` is the policy's, for the message.
 
@@ -81,23 +92,29 @@ def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
     return loaded
 
 
-def fitting_policies(robot: Any) -> dict[str, Any]:
-    """The policies that come with the package and were made for this robot; ``sprint`` first.
+def shipped_policies_opened() -> dict[str, Any]:
+    """The policies that come with the package by name, ``sprint`` first."""
+    from sprintlab.control.policy import SHIPPED_POLICIES
+
+    paths = sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem))
+    return {path.stem: load_policy(path) for path in paths}
+
+
+def fitting_policies(policies: dict[str, Any], robot: Any) -> dict[str, Any]:
+    """Those of the policies that were made for this robot.
 
     Raises:
         SprintlabError: there is none.
     """
     from sprintlab.control import check_contract
-    from sprintlab.control.policy import SHIPPED_POLICIES
 
     fitting: dict[str, Any] = {}
-    for path in sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem)):
-        policy = load_policy(path)
+    for name, policy in policies.items():
         try:
             check_contract(policy.contract, robot)
         except ContractMismatchError:
             continue
-        fitting[path.stem] = policy
+        fitting[name] = policy
     if not fitting:
         raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
     return fitting

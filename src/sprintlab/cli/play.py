@@ -10,7 +10,13 @@ from typing import Annotated, Any
 
 import tyro
 
-from sprintlab.api.policies import fitting_policies, named_policies, policy_path, robot_of
+from sprintlab.api.policies import (
+    fitting_policies,
+    named_policies,
+    policy_path,
+    robot_of,
+    shipped_policies_opened,
+)
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
@@ -35,7 +41,7 @@ class Play:
         policies: policy files, or names of policies that come with the package; those that fit the robot
             when left out. The page switches between them.
         robot: a robot's name, or a parameter table of one's own (.toml); the first policy's when left out,
-            bp2 without a policy.
+            without a policy, that of sprint.
         host: interface to listen on; 0.0.0.0 lets other machines in.
         port: first port to try.
         gamepad: drive with a gamepad too; a device other than /dev/input/js0 may follow.
@@ -74,14 +80,13 @@ class Play:
         from sprintlab.robots import load_robot
         from sprintlab.viewer.live import Session
 
-        policies = named_policies(self.policies)
-        robot = load_robot(self._robot(policies))
-        return Session(robot, policies or fitting_policies(robot))
+        policies = named_policies(self.policies) or shipped_policies_opened()
+        robot = load_robot(self.robot or self._robot_of_first(policies))
+        return Session(robot, policies if self.policies else fitting_policies(policies, robot))
 
-    def _robot(self, policies: dict[str, Any]) -> str:
-        if self.robot is not None or not policies:
-            return self.robot or "bp2"
-        return robot_of(next(iter(policies.values())), policy_path(self.policies[0]).name)
+    def _robot_of_first(self, policies: dict[str, Any]) -> str:
+        label, policy = next(iter(policies.items()))
+        return robot_of(policy, policy_path(self.policies[0]).name if self.policies else label)
 
     def _announce(self, address: str) -> None:
         if self.json:

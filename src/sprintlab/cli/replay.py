@@ -28,6 +28,7 @@ class Replay:
 
     def run(self) -> int:
         """Write the page; raises ``SprintlabError`` when there is no recording or it is another robot's."""
+        from sprintlab.api.policies import default_robot
         from sprintlab.api.replay import race_result, replay_text, trajectory_path
         from sprintlab.robots import load_robot
         from sprintlab.viewer.replay import load_arrays, write_replay
@@ -36,7 +37,7 @@ class Replay:
         result = race_result(trajectory.with_name("result.json"))
         arrays = load_arrays(trajectory)
         page = self.out or trajectory.with_name("replay.html")
-        robot = load_robot(self.robot or str(result.get("robot", "bp2")))
+        robot = load_robot(self.robot or str(result.get("robot") or default_robot()))
         write_replay(page, arrays, robot, replay_text(trajectory, robot.name, result))
         if self.json:
             print_json({"page": str(page), "bytes": page.stat().st_size})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import default_robot
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
 
@@ -27,7 +28,8 @@ class RobotSim(DriveOptions):
 
     Attributes:
         bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
-        robot: a robot's name, or a parameter table of one's own (.toml).
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left
+            out.
         start: lying on the ground with damped joints, or standing.
         delay: of every message, each way [ms].
         jitter: greatest additional delay of a message, each way [ms].
@@ -51,7 +53,7 @@ class RobotSim(DriveOptions):
     """
 
     bus: tyro.conf.Positional[str] = "shm://bp2"
-    robot: str = "bp2"
+    robot: str | None = None
     start: str = "lying"
     delay: float = 0.0
     jitter: float = 0.0
@@ -91,7 +93,7 @@ class RobotSim(DriveOptions):
         pace, options = self._pace(), self._options()
         endpoint = open_endpoint(self.bus)
         try:
-            world = SimulatedWorld(load_robot(self.robot), options)
+            world = SimulatedWorld(load_robot(self.robot or default_robot()), options)
             report = self._simulate(world, endpoint, pace)
         finally:
             endpoint.close()

@@ -56,7 +56,7 @@ def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
 
 def run_race(
     policy: Path,
-    robot_name: str = "bp2",
+    robot_name: str,
     folder: Path | None = None,
     *,
     top_speed: float | None = None,

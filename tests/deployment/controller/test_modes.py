@@ -89,14 +89,17 @@ def test_the_policy_runs_at_50_hz_in_the_run_and_keeps_the_balance_in_the_stand_
     assert gaps == pytest.approx(0.02)
 
 
-def test_it_lies_down_slowly_and_level_and_damps_only_on_its_belly(whole_life, bp2):
+def test_it_lies_down_slowly_and_level_and_damps_only_on_its_belly(whole_life, sprint_robot):
     down = [tick for tick in whole_life.ticks if tick.mode == "lie-down"]
     assert max(trunk_tilt(tick.state) for tick in down) < 8.0
     heights = [(tick.time, tick.fix.position[2]) for tick in down if tick.fix is not None]
     times, heights = np.array(heights).T
     assert (np.diff(heights) / np.diff(times) > -0.45).all()  # m/s
     damped_from = next(tick.time for tick in down if tick.command.mode == JointMode.DAMPING)
-    assert heights[times < damped_from][-1] < bp2.mechanics.trunk_half_size[2] + bp2.foot_radius
+    assert (
+        heights[times < damped_from][-1]
+        < sprint_robot.mechanics.trunk_half_size[2] + sprint_robot.foot_radius
+    )
 
 
 def test_it_lies_down_from_the_stand_of_the_policy_when_that_has_come_to_rest(whole_life):
@@ -123,9 +126,9 @@ def test_targets_never_jump_but_where_the_policy_takes_over(whole_life, policy):
         before = tick
 
 
-def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy, bp2):
+def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy, sprint_robot):
     """Fed with the states of the run, ``PolicyRuntime`` gives the targets that the controller had."""
-    runtime = PolicyRuntime(policy, bp2)
+    runtime = PolicyRuntime(policy, sprint_robot)
     steps = [tick for tick in whole_life.ticks if tick.policy_step][:80]
     for tick in steps:
         state = tick.state
@@ -186,9 +189,9 @@ def test_a_restarted_robot_is_taken_again_in_passive(lying):
     assert lying.run(0.1).state.sequence <= 100
 
 
-def test_a_new_controller_counts_on_from_the_last_command(lying, sprint_policy, bp2):
+def test_a_new_controller_counts_on_from_the_last_command(lying, sprint_policy, sprint_robot):
     lying.run(0.5)
-    lying.controller = Controller(sprint_policy, bp2, lying.source)
+    lying.controller = Controller(sprint_policy, sprint_robot, lying.source)
     lying.source.request = Request.STAND
     accepted = lying.simulated.accepted
     lying.run(0.1)

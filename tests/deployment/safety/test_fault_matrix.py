@@ -460,10 +460,10 @@ def test_a_grave_fault_damps_the_joints_in_time(running, name):
     assert {tick.command.mode for tick in running.ticks[-100:]} == {JointMode.DAMPING}
 
 
-def test_a_robot_no_longer_heard_of_is_damped_in_full(running, bp2):
+def test_a_robot_no_longer_heard_of_is_damped_in_full(running, sprint_robot):
     silence(None)(running)
     running.run(0.2)
-    np.testing.assert_array_equal(running.ticks[-1].command.damping, bp2.damping)
+    np.testing.assert_array_equal(running.ticks[-1].command.damping, sprint_robot.damping)
 
 
 @pytest.mark.parametrize("name", BRAKED)
