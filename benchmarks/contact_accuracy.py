@@ -29,6 +29,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from rich.progress import track
+from studies.paper.pages import replace_section
 
 from sprintlab.commands import SpeedProfile, heading_command
 from sprintlab.control import (
@@ -40,7 +41,6 @@ from sprintlab.control import (
     shipped_policy,
 )
 from sprintlab.core.files import atomic_write_json
-from sprintlab.evaluation.ablation.pages import replace_section
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.motors import electrical_power
 from sprintlab.plant import BaseState, Plant, PlantOptions, PreparedDrive, TrialSettings
@@ -89,7 +89,7 @@ class Variant:
         return round(POLICY_STEP / self.timestep)
 
     def model_options(self) -> ModelOptions:
-        """As ``sprintlab.training.simulation.training_model`` compiles the robot."""
+        """As ``sprintlab.training.environment.simulation.training_model`` compiles the robot."""
         return ModelOptions(
             timestep=self.timestep,
             collisions="feet",

@@ -24,7 +24,7 @@ from rich.table import Table
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import PmsmParameters, no_load_speed, phase_voltage_limit, torque_limits
-from sprintlab.motors.identification import Bench, Identification, identify
+from sprintlab.workbench.identification import Bench, Identification, identify
 
 BUS = 60.0  # V
 UTILIZATION = 0.95

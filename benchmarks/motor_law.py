@@ -78,8 +78,8 @@ def warp_seconds(environments: int, device: str, repeats: int) -> dict[str, Any]
     import warp as wp
 
     from sprintlab.robots import load_robot
+    from sprintlab.training.environment.simulation import BatchSimulation
     from sprintlab.training.settings import SimulationSettings
-    from sprintlab.training.simulation import BatchSimulation
 
     robot, physics = load_robot("bp2"), None
     law: dict[str, float] = {}

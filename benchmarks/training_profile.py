@@ -30,7 +30,7 @@ from torch.profiler import ProfilerActivity, profile
 
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.runner import Runner, device_description
+from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings import PRECISIONS, TrainingSettings
 
 PACKAGES = ("sprintlab", "torch", "warp-lang", "mujoco-warp")

@@ -28,8 +28,8 @@ from rich.table import Table
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.training.run import pick_device
-from sprintlab.training.runner import device_description
+from sprintlab.training.runs.run import pick_device
+from sprintlab.training.runs.runner import device_description
 from sprintlab.training.settings import PRECISIONS
 
 PACKAGES = ("sprintlab", "torch", "warp-lang", "mujoco-warp")

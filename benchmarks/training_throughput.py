@@ -41,9 +41,9 @@ from rich.console import Console
 from rich.table import Table
 
 from sprintlab.core.files import atomic_write_text
-from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import suspended_garbage_collection
-from sprintlab.training.runner import Runner, device_description
+from sprintlab.training.runs.runner import Runner, device_description
 from sprintlab.training.settings import PRECISIONS, SimulationSettings, TrainingSettings
 
 MJLAB_TASK = "Mjlab-Velocity-Flat-Unitree-Go1"

@@ -6,15 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
 from sprintlab.control import (
+    CONTRACT_KEY,
     LowPass,
     ObservationLayout,
     PolicyContract,
     TrainingRecord,
+    encode_contract,
     load_policy,
     make_contract,
     shipped_policy,
@@ -136,3 +139,27 @@ def save_network() -> Callable[..., Path]:
         return path
 
     return save
+
+
+@pytest.fixture(scope="session")
+def write_policy(contract: PolicyContract, save_network: Callable[..., Path]) -> Callable[..., Path]:
+    """Write a policy whose action is always zero; contract fields can be replaced."""
+
+    def write(path: Path, with_contract: bool = True, **fields: object) -> Path:
+        changed = msgspec.structs.replace(contract, **fields)
+        size = contract.layout.input_size
+        return save_network(
+            path,
+            [("MatMul", "observation", "weights", "action")],
+            {"weights": np.zeros((size, 12))},
+            inputs={"observation": size},
+            outputs={"action": 12},
+            metadata={CONTRACT_KEY: encode_contract(changed)} if with_contract else {},
+        )
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_policy(tmp_path_factory.mktemp("policy") / "still.onnx")

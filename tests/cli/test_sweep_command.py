@@ -60,7 +60,7 @@ def test_without_its_extra_the_way_to_it_is_named(call, tmp_path, monkeypatch):
 def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     pytest.importorskip("submitit")
     pytest.importorskip("mujoco_warp")
-    from sprintlab.training.sweep_plan import plan_sweep
+    from sprintlab.training.runs.sweep_plan import plan_sweep
 
     limits = {
         "minutes": 20.0,

@@ -150,7 +150,7 @@ def check_training(arguments):
     if importlib.util.find_spec("torch") is None:
         pytest.skip("needs the extra train")
     from sprintlab.cli.train import method_as_option
-    from sprintlab.training.run import TrainOptions
+    from sprintlab.training.runs.run import TrainOptions
 
     import tyro  # isort: skip
 

@@ -83,7 +83,7 @@ def test_staircase_climbs_to_its_target(example):
 
 def test_reward_term_is_among_the_penalties(example):
     torch = pytest.importorskip("torch")
-    from sprintlab.training import rewards
+    from sprintlab.training.environment import rewards
 
     known = dict(rewards.PENALTIES)
     try:

@@ -18,8 +18,8 @@ pytest.importorskip("hatchling", reason="needs hatchling: pip install hatchling"
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = {
-    "sprintlab/control/policies/go1-sprint.onnx",
-    "sprintlab/control/policies/sprint.onnx",
+    "sprintlab/policies/go1-sprint.onnx",
+    "sprintlab/policies/sprint.onnx",
     "sprintlab/evaluation/templates/report.html.j2",
     "sprintlab/py.typed",
     "sprintlab/robots/bp2/parameters.toml",

@@ -29,7 +29,7 @@ def test_it_trains_the_go1_up_to_its_limit_with_bp2_s_weights(recipe):
 
 
 def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
-    from sprintlab.training.environment import SprintEnvironment
+    from sprintlab.training.environment.sprint import SprintEnvironment
 
     settings = recipe["go1_settings"]()
     settings = replace(settings, simulation=replace(settings.simulation, environments=16))

@@ -14,7 +14,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.train import method_as_option
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
-from sprintlab.training.run import TrainOptions
+from sprintlab.training.runs.run import TrainOptions
 
 COMMANDS = ("sprint", "sprint-fast")
 """Policies of ``sprintlab train``; the others have a script."""

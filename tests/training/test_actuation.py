@@ -34,17 +34,17 @@ from sprintlab.motors import (
     warmed,
 )
 from sprintlab.robots import load_robot, soft_stop_torque
-from sprintlab.training.actuation import (
+from sprintlab.training.environment.actuation import (
     FRICTION_SPEED,
     MODEL_CODES,
     JointDrive,
     JointHeat,
     joint_torque_kernel,
 )
-from sprintlab.training.run import TrainOptions
+from sprintlab.training.environment.simulation import BatchSimulation, _joint_drives, training_model
+from sprintlab.training.environment.supply import joint_heats
+from sprintlab.training.runs.run import TrainOptions
 from sprintlab.training.settings import SimulationSettings, TrainingSettings
-from sprintlab.training.simulation import BatchSimulation, _joint_drives, training_model
-from sprintlab.training.supply import joint_heats
 
 ENVIRONMENTS = 256
 DELAY = 3

@@ -17,20 +17,20 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from sprintlab.robots import load_robot
-from sprintlab.training.algorithm import EstimatorPpo, build_actor
-from sprintlab.training.distributed import Workers
-from sprintlab.training.environment import SprintEnvironment
-from sprintlab.training.losses import (
+from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.learner.algorithm import EstimatorPpo, build_actor
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.losses import (
     adapted_learning_rate,
     generalized_advantages,
     log_probability,
     loudness_of,
     policy_losses,
 )
-from sprintlab.training.networks import Critic
-from sprintlab.training.parameters import ParameterBlock
+from sprintlab.training.learner.networks import Critic
+from sprintlab.training.learner.parameters import ParameterBlock
+from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
-from sprintlab.training.storage import Rollout
 
 ROBOTS, STEPS, HIDDEN = 6, 5, (32, 16)
 PPO_SETTINGS = PpoSettings(steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN, learning_rate=1e-3)

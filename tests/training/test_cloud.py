@@ -17,11 +17,11 @@ import torch
 from sprintlab.evaluation.operating_points import load_training_cloud
 from sprintlab.motors import torque_limits
 from sprintlab.robots import load_robot
-from sprintlab.training import cloud, run
-from sprintlab.training.cloud import record_cloud, write_cloud
-from sprintlab.training.environment import SprintEnvironment
-from sprintlab.training.run import TrainOptions, train
-from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.runs import cloud, run
+from sprintlab.training.runs.cloud import record_cloud, write_cloud
+from sprintlab.training.runs.run import TrainOptions, train
+from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import (
     PpoSettings,
     RandomizationSettings,

@@ -15,11 +15,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.training.algorithm import EstimatorPpo
-from sprintlab.training.distributed import Workers
-from sprintlab.training.environment import SprintEnvironment
+from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
-from sprintlab.training.losses import estimator_losses, generalized_advantages, policy_losses
+from sprintlab.training.learner.algorithm import EstimatorPpo
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import METHODS, method_settings
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 

@@ -13,7 +13,7 @@ pytest.importorskip("mujoco_warp")
 import torch
 from torch import multiprocessing
 
-from sprintlab.training.distributed import Workers, join_workers
+from sprintlab.training.learner.distributed import Workers, join_workers
 
 BATCHES = torch.arange(12.0).reshape(2, 6) ** 1.5
 

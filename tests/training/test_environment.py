@@ -14,17 +14,17 @@ import torch
 
 from sprintlab.commands import heading_angle
 from sprintlab.robots import load_robot
-from sprintlab.training.environment import SprintEnvironment
-from sprintlab.training.episodes import Ends, find_ends, standing_starts
-from sprintlab.training.kinematics import BodyState
-from sprintlab.training.randomization import randomize
+from sprintlab.training.environment.episodes import Ends, find_ends, standing_starts
+from sprintlab.training.environment.kinematics import BodyState
+from sprintlab.training.environment.randomization import randomize
+from sprintlab.training.environment.simulation import BatchSimulation
+from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.settings import (
     EpisodeSettings,
     RandomizationSettings,
     SimulationSettings,
     TrainingSettings,
 )
-from sprintlab.training.simulation import BatchSimulation
 
 N = 16
 SIMULATION = SimulationSettings(environments=N)

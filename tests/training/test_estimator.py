@@ -12,9 +12,9 @@ import torch
 
 from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.robots import load_robot
-from sprintlab.training.algorithm import build_actor
-from sprintlab.training.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
-from sprintlab.training.networks import COMMAND, Actor, Critic, Normalizer
+from sprintlab.training.learner.algorithm import build_actor
+from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
+from sprintlab.training.learner.networks import COMMAND, Actor, Critic, Normalizer
 from sprintlab.training.settings import EstimatorSettings, TrainingSettings
 
 SETTINGS = TrainingSettings()

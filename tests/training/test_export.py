@@ -16,10 +16,10 @@ import torch
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, PolicyFileError
 from sprintlab.robots import load_robot
-from sprintlab.training import export
-from sprintlab.training.export import export_checkpoint
-from sprintlab.training.replay import read_recording, replay, run_in_plant
-from sprintlab.training.runner import Runner
+from sprintlab.training.runs import export
+from sprintlab.training.runs.export import export_checkpoint
+from sprintlab.training.runs.replay import read_recording, replay, run_in_plant
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 SETTINGS = TrainingSettings(

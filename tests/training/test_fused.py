@@ -8,7 +8,7 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.training.runner import Runner
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")

@@ -22,10 +22,10 @@ from tensorboard.backend.event_processing import event_accumulator
 from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.figures import grid_figure, learning_figures, robot_speeds, speed_figure
-from sprintlab.training.progress import Board, clock, time_to_go
-from sprintlab.training.run import TrainOptions, train
-from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.runs.figures import grid_figure, learning_figures, robot_speeds, speed_figure
+from sprintlab.training.runs.progress import Board, clock, time_to_go
+from sprintlab.training.runs.run import TrainOptions, train
+from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 TINY = TrainingSettings(
@@ -92,7 +92,7 @@ def test_a_schedule_without_grid_and_a_checkpoint_without_robots_have_fewer_pict
 def test_tensorboard_has_every_curve_and_a_resumed_run_replaces_lost_points(
     tmp_path: Path, monkeypatch
 ) -> None:
-    monkeypatch.setattr("sprintlab.training.progress.BOARD_SECONDS", 0.0)
+    monkeypatch.setattr("sprintlab.training.runs.progress.BOARD_SECONDS", 0.0)
     row = {"iteration": 1.0, "seconds": 0.1, "environment_steps": 16.0, "speed": 1.0, "loss/value": 2.0}
     killed = Board(tmp_path, 0)
     for iteration in range(1, 6):

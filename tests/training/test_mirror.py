@@ -10,11 +10,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.training.algorithm import EstimatorPpo
-from sprintlab.training.distributed import Workers
-from sprintlab.training.environment import SprintEnvironment
-from sprintlab.training.mirror import Mirror
-from sprintlab.training.networks import COMMAND
+from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.learner.algorithm import EstimatorPpo
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.mirror import Mirror
+from sprintlab.training.learner.networks import COMMAND
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 STEPS = 4

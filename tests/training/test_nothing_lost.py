@@ -25,9 +25,9 @@ import torch
 from sprintlab.cli.main import main
 from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.guard import exclusive
-from sprintlab.training.run import TrainOptions, train
-from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.runs.guard import exclusive
+from sprintlab.training.runs.run import TrainOptions, train
+from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 ITERATIONS = 24
@@ -176,7 +176,7 @@ def test_broken_physics_is_reset_counted_and_reported(tmp_path: Path, monkeypatc
                 self.environment.simulation.qvel[3:5] = float("nan")
             return super().iterate()
 
-    monkeypatch.setattr("sprintlab.training.run.Runner", Struck)
+    monkeypatch.setattr("sprintlab.training.runs.run.Runner", Struck)
     train(options(tmp_path, iterations=3))
     assert [row["broken"] for row in rows(tmp_path)] == [0, 2, 0]
     assert all(value == value for row in rows(tmp_path) for value in row.values())
@@ -203,7 +203,7 @@ def test_a_diverged_update_is_taken_back_and_reported(tmp_path: Path, monkeypatc
                 self.environment.advance = poisoned
             return super().iterate()
 
-    monkeypatch.setattr("sprintlab.training.run.Runner", Struck)
+    monkeypatch.setattr("sprintlab.training.runs.run.Runner", Struck)
     train(options(tmp_path, iterations=2))
     assert "update 2 diverged and was taken back" in " ".join(capfd.readouterr().err.split())
     learner = read_checkpoint(tmp_path / "checkpoint.pt")["learner"]

@@ -10,8 +10,8 @@ pytest.importorskip("mujoco_warp")
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.distributed import Workers
-from sprintlab.training.run import TrainOptions, open_run
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs.run import TrainOptions, open_run
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -56,7 +56,7 @@ def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, mon
     def full(*_arguments):
         raise SprintlabError("No space left on device")
 
-    monkeypatch.setattr("sprintlab.training.runner.atomic_write_bytes", full)
+    monkeypatch.setattr("sprintlab.training.runs.runner.atomic_write_bytes", full)
     few = ["--environments", "2", "--iterations", "1", "--device", "cpu", "--no-tensorboard", "--no-cloud"]
     assert main(["train", "sprint", *few, "--output", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]

@@ -11,8 +11,15 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.training.kinematics import BodyState
-from sprintlab.training.rewards import PENALTIES, RewardInput, aggregate, penalties, penalty_terms, tracking
+from sprintlab.training.environment.kinematics import BodyState
+from sprintlab.training.environment.rewards import (
+    PENALTIES,
+    RewardInput,
+    aggregate,
+    penalties,
+    penalty_terms,
+    tracking,
+)
 from sprintlab.training.settings import RewardSettings
 
 SETTINGS = RewardSettings()

@@ -20,9 +20,9 @@ from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
 from sprintlab.robots.importing import write
-from sprintlab.training.export import export_checkpoint
-from sprintlab.training.run import TrainOptions, keep_milestone, train
-from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.runs.export import export_checkpoint
+from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
+from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 SETTINGS = TrainingSettings(

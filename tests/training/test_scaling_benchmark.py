@@ -16,7 +16,7 @@ import tyro
 
 from sprintlab.cli.train import method_as_option
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.training.run import TrainOptions
+from sprintlab.training.runs.run import TrainOptions
 
 
 @pytest.fixture

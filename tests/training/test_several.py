@@ -18,9 +18,9 @@ pytest.importorskip("mujoco_warp")
 import torch
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.training.distributed import Workers
-from sprintlab.training.run import TrainOptions, open_run, train
-from sprintlab.training.runner import Runner, read_checkpoint
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs.run import TrainOptions, open_run, train
+from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 PROGRAM = """
@@ -29,7 +29,7 @@ from dataclasses import replace
 from pathlib import Path
 import torch
 torch.set_num_threads(1)
-from sprintlab.training import run
+from sprintlab.training.runs import run
 from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 folder, device, runners = Path(sys.argv[1]), sys.argv[2], []
@@ -151,7 +151,7 @@ def test_graphs_are_let_go_before_processes_part(
                 raise SprintlabError("no room")
             return super().iterate()
 
-    monkeypatch.setattr("sprintlab.training.run.Runner", Watched)
+    monkeypatch.setattr("sprintlab.training.runs.run.Runner", Watched)
     tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
     cheap = {"environments": 8, "iterations": 1, "device": "cpu", "tensorboard": False, "cloud": False}
     options = TrainOptions(output=tmp_path, settings=tiny, **cheap)

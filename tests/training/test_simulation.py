@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from sprintlab.robots import load_robot
+from sprintlab.training.environment.simulation import NOT_NEEDED, training_model
 from sprintlab.training.settings import SimulationSettings
-from sprintlab.training.simulation import NOT_NEEDED, training_model
 
 
 @pytest.mark.parametrize("robot", ["bp2", "go1"])

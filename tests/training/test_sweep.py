@@ -21,8 +21,7 @@ import pytest
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.motors import Battery
-from sprintlab.training.settings import TrainingSettings
-from sprintlab.training.sweep import (
+from sprintlab.training.runs.sweep import (
     LocalCluster,
     RunStatus,
     SlurmCluster,
@@ -33,13 +32,14 @@ from sprintlab.training.sweep import (
     visible_gpus,
     work,
 )
-from sprintlab.training.sweep_plan import (
+from sprintlab.training.runs.sweep_plan import (
     RunPlan,
     override,
     parse_assignments,
     parse_variations,
     plan_sweep,
 )
+from sprintlab.training.settings import TrainingSettings
 
 LIMITS = {"iterations": 3, "minutes": 5.0, "environments": 8, "device": "cpu", "save_seconds": 0.0}
 TINY = {"ppo.steps": 2, "ppo.epochs": 1, "ppo.mini_batches": 2, "ppo.hidden": [16]}
@@ -62,7 +62,7 @@ def test_every_combination_has_a_folder_and_settings_of_its_own(tmp_path: Path) 
 
 
 def test_without_variations_the_folders_are_those_of_ablate(tmp_path: Path) -> None:
-    from sprintlab.evaluation.ablation.runs import find_runs
+    from studies.paper.runs import find_runs
 
     for plan in plans(tmp_path, ("sprint", "baseline")):
         plan.begin()
@@ -153,7 +153,7 @@ def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: di
     import tyro
 
     from sprintlab.cli.train import method_as_option
-    from sprintlab.training.run import TrainOptions
+    from sprintlab.training.runs.run import TrainOptions
 
     (plan,) = plan_sweep(tmp_path, ("sprint",), (3,), TINY | overrides, {}, **LIMITS)
     words = shlex.split(plan.command_line())
@@ -311,7 +311,7 @@ class Stubborn:
 
 
 def test_local_workers_are_asked_until_they_end_and_then_killed(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("sprintlab.training.sweep.LEAVE_SECONDS", 4)
+    monkeypatch.setattr("sprintlab.training.runs.sweep.LEAVE_SECONDS", 4)
     jobs = [Stubborn(2), Stubborn(1000)]
     LocalCluster(tmp_path, 1, [], 1.0).leave(jobs)
     assert [job.process.wait(5) for job in jobs] == [143, -signal.SIGKILL]
@@ -364,7 +364,7 @@ def test_a_slurm_job_has_one_gpu_and_a_task_for_each_training(slurm: Path, tmp_p
 def test_each_task_of_a_job_trains_its_own_run(tmp_path: Path, monkeypatch) -> None:
     submitit = pytest.importorskip("submitit")
     trained: list[int] = []
-    monkeypatch.setattr("sprintlab.training.sweep.train_run", lambda plan: trained.append(plan.seed))
+    monkeypatch.setattr("sprintlab.training.runs.sweep.train_run", lambda plan: trained.append(plan.seed))
     for rank in (1, 0):
         environment = types.SimpleNamespace(local_rank=rank)
         monkeypatch.setattr(submitit, "JobEnvironment", lambda environment=environment: environment)

@@ -45,7 +45,7 @@ def clock_numbers(check: ClockCheck) -> dict[str, Any]:
 
 def clock_table(check: ClockCheck) -> Table:
     """One row a clock."""
-    from sprintlab.evaluation.ablation.table import number_text
+    from sprintlab.evaluation.tables import number_text
 
     columns = ("policy clock", "completed", "held [m/s]", "stride [Hz]", "policy steps a stride", "locked")
     title = f"Other policy clocks at {check.top_speed:g} m/s, raw"

@@ -15,8 +15,8 @@ from sprintlab.core.extras import require_package
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sprintlab.limits import SpeedLimit
     from sprintlab.robots import RobotDescription
+    from sprintlab.speed_limit import SpeedLimit
 
 FACTS = {
     # field of StrideFacts: (what it is, format, unit)
@@ -87,7 +87,7 @@ class Limit(Printed):
 
     def plot(self) -> Figure:
         """The fastest stride, the drives' work in it, and what the limit depends on."""
-        from sprintlab.limits import limit_figure, runner_from_robot
+        from sprintlab.speed_limit import limit_figure, runner_from_robot
 
         return in_notebook(limit_figure(self.estimate, runner_from_robot(self.robot)))
 
@@ -117,8 +117,8 @@ def limit(
         SprintlabError: an unknown robot, a bad option, or SciPy is not installed.
     """
     require_package("scipy", extra="analysis", use="sprintlab limit")
-    from sprintlab.limits import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
     from sprintlab.robots import load_robot
+    from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 
     settings, described = SearchSettings(starts=starts, seed=seed), load_robot(robot)
     estimate = speed_limit(

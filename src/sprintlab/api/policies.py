@@ -31,7 +31,7 @@ def policy_path(policy: PolicyChoice) -> Path:
 
     if isinstance(policy, Path):
         return policy
-    has_folder = "\\" in policy or ("/" in policy and not policy.startswith("methods/"))
+    has_folder = "\\" in policy or "/" in policy
     is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
     return Path(policy) if is_path else shipped_policy(policy)
 

@@ -68,7 +68,7 @@ class Training(Printed):
     def plot(self) -> Figure:
         """Speeds, falls and reward over the training time."""
         require_training()
-        from sprintlab.training.figures import learning_curve
+        from sprintlab.training.runs.figures import learning_curve
 
         return in_notebook(learning_curve(self.log()))
 
@@ -105,8 +105,8 @@ def method(
         SprintlabError: an unknown method or setting, or a value that is not allowed.
     """
     from sprintlab.training.methods import method_settings
+    from sprintlab.training.runs.sweep_plan import override
     from sprintlab.training.settings import TrainingSettings
-    from sprintlab.training.sweep_plan import override
 
     base = TrainingSettings(seed=seed)
     if robot is not None:
@@ -179,7 +179,7 @@ def export(checkpoint: Path | str, output: Path | str, recording: Path | None = 
     if not Path(checkpoint).is_file():
         raise SprintlabError(f"checkpoint {checkpoint} does not exist")
     require_training()
-    from sprintlab.training.export import export_checkpoint
+    from sprintlab.training.runs.export import export_checkpoint
 
     return export_checkpoint(Path(checkpoint), Path(output), recording).path
 
@@ -221,6 +221,6 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
-    from sprintlab.training.run import TrainOptions, train
+    from sprintlab.training.runs.run import TrainOptions, train
 
     return train(TrainOptions(settings=settings, **options))

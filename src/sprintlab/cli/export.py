@@ -39,7 +39,7 @@ class Export:
         if not self.checkpoint.is_file():
             raise SprintlabError(f"checkpoint {self.checkpoint} does not exist")
         require_training()
-        from sprintlab.training.export import export_checkpoint
+        from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:
             report("exporting", None)

@@ -39,8 +39,8 @@ class Learning:
         checkpoint = self.run_folder / "checkpoint.pt" if self.run_folder.is_dir() else self.run_folder
         with progress_bar(quiet=self.json) as report:
             report("reading the run", None)
-            from sprintlab.training.figures import learning_figures
-            from sprintlab.training.runner import read_checkpoint
+            from sprintlab.training.runs.figures import learning_figures
+            from sprintlab.training.runs.runner import read_checkpoint
 
             state = read_checkpoint(checkpoint)
             if "growth" not in state:

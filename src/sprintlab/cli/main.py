@@ -14,11 +14,9 @@ from typing import Annotated, Any
 
 import tyro
 
-from sprintlab.cli.ablate import Ablate
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
-from sprintlab.cli.figures import Figures
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
@@ -41,8 +39,6 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
-    | Annotated[Ablate, tyro.conf.subcommand(name="ablate")]
-    | Annotated[Figures, tyro.conf.subcommand(name="figures")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]

@@ -43,8 +43,8 @@ class MotorFromDatasheet:
 
     def run(self) -> int:
         """Convert and print; raises ``SprintlabError`` where the sheet is unreadable, unclear or wrong."""
-        from sprintlab.motors.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
-        from sprintlab.motors.datasheet_file import datasheet_template, load_datasheet
+        from sprintlab.workbench.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
+        from sprintlab.workbench.datasheet_file import datasheet_template, load_datasheet
 
         if self.template:
             print(datasheet_template(), end="")

@@ -12,7 +12,7 @@ from sprintlab.cli.output import plain_table, print_json, stdout_console
 from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
-    from sprintlab.motors.identification import Identification
+    from sprintlab.workbench.identification import Identification
 
 UNTRUSTED = 1
 
@@ -79,7 +79,7 @@ class MotorIdentify:
         from dataclasses import replace
 
         from sprintlab.core.errors import InvalidValueError
-        from sprintlab.motors.identification import identify, load_bench
+        from sprintlab.workbench.identification import identify, load_bench
 
         pole_pairs = self.pole_pairs
         if pole_pairs is None and base is not None:
@@ -115,7 +115,7 @@ class MotorIdentify:
 
 def identification_numbers(result: Identification) -> dict[str, Any]:
     """Estimates, fit quality and warnings, ready for JSON."""
-    from sprintlab.motors.identification import PARAMETER_UNITS
+    from sprintlab.workbench.identification import PARAMETER_UNITS
 
     return {
         "trustworthy": result.trustworthy,

@@ -17,8 +17,8 @@ from sprintlab.core.errors import SprintlabError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sprintlab.training.sweep import Cluster, RunStatus
-    from sprintlab.training.sweep_plan import RunPlan
+    from sprintlab.training.runs.sweep import Cluster, RunStatus
+    from sprintlab.training.runs.sweep_plan import RunPlan
 
 MISSING = "a sweep needs submitit, which is not installed: pip install 'sprintlab[sweep]'"
 
@@ -81,8 +81,8 @@ class Sweep:
         if importlib.util.find_spec("submitit") is None:
             raise SprintlabError(MISSING)
         from sprintlab.api.training import require_training
-        from sprintlab.training.sweep import Sweep as Training
-        from sprintlab.training.sweep import summary
+        from sprintlab.training.runs.sweep import Sweep as Training
+        from sprintlab.training.runs.sweep import summary
 
         require_training()
         training = Training(plans, self._cluster(), self.retries)
@@ -99,7 +99,7 @@ class Sweep:
     def _plans(self) -> list[RunPlan]:
         from sprintlab.core.checks import check_range
         from sprintlab.training.methods import METHODS
-        from sprintlab.training.sweep_plan import parse_assignments, parse_variations, plan_sweep
+        from sprintlab.training.runs.sweep_plan import parse_assignments, parse_variations, plan_sweep
 
         check_range("seeds", self.seeds, 1, 1000)
         return plan_sweep(
@@ -117,7 +117,7 @@ class Sweep:
 
     def _cluster(self) -> Cluster:
         from sprintlab.core.checks import check_choice, check_range
-        from sprintlab.training.sweep import LocalCluster, SlurmCluster, job_minutes, visible_gpus
+        from sprintlab.training.runs.sweep import LocalCluster, SlurmCluster, job_minutes, visible_gpus
 
         check_choice("cluster", self.cluster, ("local", "slurm"))
         folder, minutes = self.out / ".jobs", job_minutes(self.minutes)

@@ -50,7 +50,7 @@ def run_training(arguments: Sequence[str]) -> int:
     for word in (argument.partition("=")[0] for argument in arguments):
         if word in DECIDED:
             raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
-    from sprintlab.training.run import TrainOptions, train
+    from sprintlab.training.runs.run import TrainOptions, train
 
     train(_parse(TrainOptions, method_as_option(arguments)))
     return 0

@@ -34,10 +34,8 @@ from sprintlab.robots import RobotDescription
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
-SHIPPED_POLICIES = Path(__file__).parent / "policies"
+SHIPPED_POLICIES = Path(__file__).parents[1] / "policies"
 """Folder of the policies that come with the package."""
-METHOD_POLICIES = SHIPPED_POLICIES / "methods"
-"""The best policy of each of the paper's methods, trained for the same time: the results page's table."""
 
 ESTIMATE_SIZE = 8
 """Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
@@ -286,9 +284,8 @@ def shipped_policy(name: str = "sprint") -> Path:
 
 
 def shipped_policies() -> dict[str, Path]:
-    """The policies that come with the package by name; those of the methods as ``methods/<method>``."""
-    paths = sorted(SHIPPED_POLICIES.rglob("*.onnx"), key=lambda path: (len(path.parts), path))
-    return {path.relative_to(SHIPPED_POLICIES).with_suffix("").as_posix(): path for path in paths}
+    """The policies that come with the package by name."""
+    return {path.stem: path for path in sorted(SHIPPED_POLICIES.glob("*.onnx"))}
 
 
 def _open_session(path: Path) -> Any:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sprintlab.core.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
-from sprintlab.motors.identification import ChannelFit, Identification
+from sprintlab.workbench.identification import ChannelFit, Identification
 
 Array = NDArray[Any]
 

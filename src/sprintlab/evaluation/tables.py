@@ -1,12 +1,15 @@
-"""Mean and spread over seeds, as text for any table."""
+"""Numbers as text for any table: mean and spread over seeds, errors of the estimates by speed band."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from sprintlab.evaluation.estimates import total_band
+from sprintlab.evaluation.results import EstimateBand
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,3 +39,36 @@ def spread(values: Sequence[float]) -> Spread:
         mean=float(known.mean()) if known.size else math.nan,
         deviation=float(known.std(ddof=1)) if known.size > 1 else math.nan,
     )
+
+
+def number_text(value: float, digits: int) -> str:
+    """A number; a dash where it is not defined."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+ESTIMATE_COLUMNS = (
+    "speed [m/s]",
+    "policy steps",
+    "forward bias [m/s]",
+    "forward error [m/s]",
+    "velocity error [m/s]",
+    "height error [cm]",
+    "contact right [%]",
+)
+"""Headings of ``estimate_cells``; errors are root mean squares."""
+
+
+def estimate_cells(bands: Sequence[EstimateBand]) -> Iterator[tuple[str, ...]]:
+    """One row a speed band, and one for all of them, as text under ``ESTIMATE_COLUMNS``."""
+    total = total_band(bands)
+    rows = [(f"{band.lower:g} to {band.upper:g}", band) for band in bands]
+    for name, band in rows + ([("all", total)] if total is not None else []):
+        yield (
+            name,
+            str(band.samples),
+            f"{band.forward_bias:+.2f}",
+            f"{band.forward_error:.2f}",
+            f"{band.velocity_error:.2f}",
+            f"{100 * band.height_error:.1f}",
+            f"{100 * band.contact_accuracy:.1f}",
+        )

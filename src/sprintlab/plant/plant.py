@@ -269,18 +269,27 @@ class Plant:
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         self.data.ctrl[:] = drive.torque
-        mujoco.mj_step1(self.model, self.data)
+        self._begin_step()
         if self._motor_steps % self.options.record_every == 0:
             recorder.sample(self.data, drive, targets)
         self._motor_steps += 1
         self.fall_reason = self._find_fall()
         self._apply_stops()
-        mujoco.mj_step2(self.model, self.data)
+        self._finish_step()
         for _ in range(self.options.substeps - 1):
+            self._begin_step()
             self._apply_stops()
-            mujoco.mj_step(self.model, self.data)
+            self._finish_step()
             recorder.watch_feet(self.data)
         return drive
+
+    def _begin_step(self) -> None:
+        """Find out all that follows from the present state."""
+        mujoco.mj_step1(self.model, self.data)
+
+    def _finish_step(self) -> None:
+        """Go on to the next state."""
+        mujoco.mj_step2(self.model, self.data)
 
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""

@@ -1,0 +1,365 @@
+"""The speed limit of a robot: what stops it, how it moves, and what trained policies reach."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.checks import check_choice, check_range
+from sprintlab.motors import Gear, copper_loss, desaturate
+from sprintlab.robots import RobotDescription
+from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
+from sprintlab.speed_limit.runner import Runner, runner_from_robot
+from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
+from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate
+
+Progress = Callable[[str, float | None], None]
+
+_WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
+_FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
+_SEARCH_STEPS = 18  # speeds that a search tries, about; for the progress bar
+
+LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
+    "hip torque": ("hip in stance", "hip in swing"),
+    "knee torque": ("knee in stance", "knee in swing"),
+    "hip torque in stance": ("hip in stance",),
+    "hip torque in swing": ("hip in swing",),
+    "knee torque in stance": ("knee in stance",),
+    "knee torque in swing": ("knee in swing",),
+    "joint range and leg length": ("joint range", "leg length"),
+    "friction on the ground": ("friction",),
+}
+"""What is taken away, one at a time, to see what stops the robot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lifted:
+    """The limit when one of its causes is gone.
+
+    Attributes:
+        cause: a key of ``LIMITS_TO_LIFT``.
+        speed: limit without it [m/s].
+        bounded: False where even twice the limit was possible.
+    """
+
+    cause: str
+    speed: float
+    bounded: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """The limit of a robot with one quantity scaled.
+
+    Attributes:
+        quantity: a key of ``scalings``.
+        factor: on the quantity.
+        speed: limit then [m/s].
+    """
+
+    quantity: str
+    factor: float
+    speed: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrideFacts:
+    """What the fastest stride is like.
+
+    Attributes:
+        frequency: [Hz].
+        duty: share of the stride in which a foot is on the ground.
+        step: way of the trunk over a standing foot [m].
+        peak_force: greatest vertical force on one foot, in weights of the robot.
+        impact: share of the vertical impulse that comes at touchdown.
+        hip_speed: greatest speed of the hip's drive over its no-load speed.
+        knee_speed: the same for the knee's.
+        hip_full: share of the stride in which the hip's drive gives all it can.
+        knee_full: the same for the knee's.
+        mechanical_power: mean of all drives, braking subtracted [W].
+        positive_power: mean of all drives, driving only [W].
+        copper_loss: mean heat in all windings [W].
+        envelope_power: greatest mechanical power of all hips and knees together [W].
+        cost_of_transport: electrical energy per weight and way.
+    """
+
+    frequency: float
+    duty: float
+    step: float
+    peak_force: float
+    impact: float
+    hip_speed: float
+    knee_speed: float
+    hip_full: float
+    knee_full: float
+    mechanical_power: float
+    positive_power: float
+    copper_loss: float
+    envelope_power: float
+    cost_of_transport: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedSpeed:
+    """What a policy reached, read from a result file.
+
+    Attributes:
+        policy: its name.
+        speed: held under the evaluation's profile [m/s].
+        source: the file.
+    """
+
+    policy: str
+    speed: float
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLimit:
+    """The whole answer.
+
+    Attributes:
+        robot: its name.
+        speed: upper estimate of the top speed [m/s].
+        cause: what stops the robot: the limit whose absence lets it run fastest; None where none was lifted.
+        facts: of the fastest stride.
+        stride: the fastest stride, a batch of one.
+        lifted: the limit without each cause, in the order of ``LIMITS_TO_LIFT``.
+        sensitivities: the limit with one quantity scaled.
+        trained: what policies reached.
+    """
+
+    robot: str
+    speed: float
+    cause: str | None
+    facts: StrideFacts
+    stride: Stride
+    lifted: tuple[Lifted, ...]
+    sensitivities: tuple[Sensitivity, ...]
+    trained: tuple[TrainedSpeed, ...]
+
+
+def speed_limit(
+    robot: RobotDescription,
+    *,
+    settings: SearchSettings | None = None,
+    factors: Sequence[float] = (0.9, 1.1),
+    causes: Sequence[str] = tuple(LIMITS_TO_LIFT),
+    trained: Sequence[TrainedSpeed] = (),
+    progress: Progress | None = None,
+) -> SpeedLimit:
+    """Upper estimate of a robot's top speed from its motors and its legs, without any training.
+
+    Args:
+        robot: the robot.
+        settings: how hard to search.
+        factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
+        causes: of ``LIMITS_TO_LIFT``, to be taken away one at a time.
+        trained: measured speeds to put beside it.
+        progress: called with what is done and the share done.
+
+    Raises:
+        InvalidValueError: a factor outside [0.3, 3], or an unknown cause.
+        SimulationError: the motors cannot carry the robot at any speed.
+    """
+    for factor in factors:
+        check_range("factors", factor, 0.3, 3.0)
+    for cause in causes:
+        check_choice("causes", cause, tuple(LIMITS_TO_LIFT))
+    settings, runner = settings or SearchSettings(), runner_from_robot(robot)
+    beside = replace(
+        settings, starts=max(2, settings.starts // 2)
+    )  # a similar robot's stride is a good start
+    variants = [(name, factor) for name in scalings(runner) for factor in factors]
+    meter = _Meter(progress, 1 + len(causes) + len(variants))
+    best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
+    lifted = tuple(_lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in causes)
+    sensitivities = tuple(
+        Sensitivity(
+            quantity=name,
+            factor=factor,
+            speed=fastest_stride(
+                scalings(runner)[name](factor), beside, near=best, tick=meter.search(f"{name} x {factor:g}")
+            ).speed,
+        )
+        for name, factor in variants
+    )
+    stride = evaluate(runner, best.parameters[None], best.speed)
+    return SpeedLimit(
+        robot=robot.name,
+        speed=best.speed,
+        cause=max(lifted, key=lambda item: item.speed).cause if lifted else None,
+        facts=stride_facts(runner, stride, best.speed),
+        stride=stride,
+        lifted=lifted,
+        sensitivities=sensitivities,
+        trained=tuple(trained),
+    )
+
+
+class _Meter:
+    """Turns the ticks of searches into shares of the whole."""
+
+    def __init__(self, progress: Progress | None, searches: int) -> None:
+        self._progress, self._searches, self._begun = progress, searches, 0
+
+    def search(self, what: str) -> Callable[[], None]:
+        """The tick of the next search."""
+        first, ticks = self._begun, [0]
+        self._begun += 1
+
+        def tick() -> None:
+            ticks[0] += 1
+            if self._progress is not None:
+                self._progress(what, (first + min(ticks[0] / _SEARCH_STEPS, 1.0)) / self._searches)
+
+        return tick
+
+
+def _lift(
+    runner: Runner, settings: SearchSettings, best: Fastest, cause: str, tick: Callable[[], None]
+) -> Lifted:
+    kept = [group for group in GROUPS if group not in LIMITS_TO_LIFT[cause]]
+    ceiling = _WITHOUT_CEILING * best.speed
+    found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling, tick=tick)
+    return Lifted(cause=cause, speed=found.speed, bounded=found.bounded)
+
+
+def scalings(runner: Runner) -> dict[str, Callable[[float], Runner]]:
+    """Robots that differ from ``runner`` in one quantity, by the quantity's name.
+
+    A gear takes the reflected rotor inertia along; a longer leg keeps its masses; mass goes on the trunk.
+    """
+
+    def geared(factor: float) -> Runner:
+        gear = Gear(ratio=factor * np.asarray(runner.gear.ratio), efficiency=runner.gear.efficiency)
+        return replace(runner, gear=gear, leg=replace(runner.leg, armature=factor**2 * runner.leg.armature))
+
+    def stretched(factor: float) -> Runner:
+        links = {name: _stretched(getattr(runner.leg, name), factor) for name in ("thigh", "shank")}
+        return replace(runner, leg=replace(runner.leg, **links))
+
+    choices: dict[str, Callable[[float], Runner]] = {
+        "bus voltage": lambda factor: replace(runner, bus_voltage=factor * runner.bus_voltage),
+        "gear ratio": geared,
+        "leg length": stretched,
+        "mass": lambda factor: replace(runner, mass=factor * runner.mass),
+    }
+    spring = runner.knee_spring
+    if spring is not None:
+        choices["knee spring"] = lambda factor: replace(
+            runner, knee_spring=replace(spring, stiffness=factor * spring.stiffness)
+        )
+    return choices
+
+
+def _stretched(link: PlanarLink, factor: float) -> PlanarLink:
+    return replace(
+        link,
+        length=factor * link.length,
+        center_x=factor * link.center_x,
+        center_z=factor * link.center_z,
+        inertia=factor**2 * link.inertia,
+    )
+
+
+def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
+    """Numbers of one stride (a batch of one)."""
+    period, duty = float(stride.period[0]), float(stride.duty[0])
+    velocity, torque = stride.velocity[0], stride.torque[0]
+    power = runner.legs * torque * velocity
+    heat = runner.legs * _copper(runner, torque).sum(-1)
+    peak = runner.peak_torque
+    room = np.minimum(stride.upper[0] - torque, torque - stride.lower[0])
+    full = _mean(stride, (room < (1.0 - _FULL) * peak).astype(float))
+    fastest = np.abs(velocity).max(axis=0) / _no_load(runner)
+    weight = runner.mass * GRAVITY
+    mechanical, loss = float(_mean(stride, power.sum(-1))), float(_mean(stride, heat))
+    return StrideFacts(
+        frequency=1.0 / period,
+        duty=duty,
+        step=speed * duty * period,
+        peak_force=float(stride.force[0, :, 1].max()) / weight,
+        impact=float(stride.impact[0]),
+        hip_speed=float(fastest[0]),
+        knee_speed=float(fastest[1]),
+        hip_full=float(full[0]),
+        knee_full=float(full[1]),
+        mechanical_power=mechanical,
+        positive_power=float(_mean(stride, np.maximum(power, 0.0).sum(-1))),
+        copper_loss=loss,
+        envelope_power=runner.legs * float(_envelope_power(runner).sum()),
+        cost_of_transport=(mechanical + loss) / (weight * speed),
+    )
+
+
+def _mean(stride: Stride, values: FloatArray) -> FloatArray:
+    """Mean over the stride's time of values at its points ``(p, ...)``."""
+    time = stride.time[0]
+    halves = [slice(0, STANCE_POINTS), slice(STANCE_POINTS, None)]
+    total = sum(np.trapezoid(values[half], time[half], axis=0) for half in halves)
+    return np.asarray(total / stride.period[0])
+
+
+def _copper(runner: Runner, torque: FloatArray) -> FloatArray:
+    """Heat in the windings of hip and knee for their torques ``(p, 2)`` [W]."""
+    scale = np.asarray(runner.gear.ratio) * np.asarray(runner.gear.efficiency)
+    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, torque / scale)))
+
+
+def _no_load(runner: Runner) -> FloatArray:
+    """Joint speed beyond which the envelope gives no driving torque ``(2,)`` [rad/s]."""
+    speeds = _speeds(runner)
+    upper = runner.joint_limits(speeds)[1]
+    return np.array([speeds[:, joint][upper[:, joint] > 0.0].max() for joint in (0, 1)])
+
+
+def _envelope_power(runner: Runner) -> FloatArray:
+    """Greatest mechanical power of hip and knee ``(2,)`` [W]."""
+    speeds = _speeds(runner)
+    return (runner.joint_limits(speeds)[1] * speeds).max(axis=0)
+
+
+def _speeds(runner: Runner) -> FloatArray:
+    """Joint speeds ``(2000, 2)`` [rad/s] from standstill beyond any no-load speed."""
+    motors, ratio = runner.motors, np.asarray(runner.gear.ratio)
+    back_emf = np.asarray(motors.pole_pairs) * np.asarray(motors.flux_linkage) * ratio
+    return np.linspace(0.0, 1.0, 2000)[:, None] * runner.bus_voltage / back_emf
+
+
+def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
+    """Held speeds of a robot's policies below a folder, fastest first.
+
+    Read from the files that ``sprintlab race`` (``result.json``) and ``sprintlab ablate``
+    (``evaluation.json``) leave; a file that is neither is passed over. Of several results of one policy the
+    fastest counts.
+    """
+    found = []
+    for path in sorted([*folder.rglob("result.json"), *folder.rglob("evaluation.json")]):
+        try:
+            result = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(result, dict) and result.get("robot") == robot:
+            speed = _held_speed(result)
+            if speed is not None:
+                policy = str(result.get("policy", result.get("method")))
+                found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
+    best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
+    return tuple(sorted(best.values(), key=lambda item: -item.speed))
+
+
+def _held_speed(result: dict[str, Any]) -> float | None:
+    """Highest speed held under the raw command without a fall that counts; None where there is none."""
+    if "held_speed_m_s" in result:
+        speeds = [result["held_speed_m_s"]] if result.get("falls") == 0 else []
+    else:
+        rows = result.get("raw", {}).get("speeds", [])
+        speeds = [row.get("held_speed") for row in rows if row.get("passed")]
+    numbers = [speed for speed in speeds if isinstance(speed, float)]
+    return max(numbers) if numbers else None

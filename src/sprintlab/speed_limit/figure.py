@@ -1,0 +1,119 @@
+"""The one picture of a speed limit."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sprintlab.core.theme import LIGHT, axis_legend, set_title, themed_figure
+from sprintlab.speed_limit.analysis import SpeedLimit
+from sprintlab.speed_limit.leg import FloatArray, rotate
+from sprintlab.speed_limit.runner import Runner
+from sprintlab.speed_limit.stride import STANCE_POINTS
+
+_STANCE, _SWING, _LIMIT, _QUIET = LIGHT.second, LIGHT.speed, LIGHT.foreground, LIGHT.muted
+_COLORS = (*LIGHT.legs, LIGHT.muted)
+
+
+def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
+    """Leg through a stride, torque over speed, the causes, and the sensitivities."""
+    asked = (
+        (_draw_lifted, limit.lifted),
+        (_draw_sensitivities, limit.sensitivities),
+        (_draw_trained, limit.trained),
+    )
+    below = [draw for draw, found in asked if found]
+    rows = 2 if below else 1
+    figure, axes = themed_figure(LIGHT, (13.0, 4.2 * rows), rows, 3)
+    stopped = f", stopped by {limit.cause}" if limit.cause else ""
+    figure.suptitle(
+        f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}", fontweight="bold", color=_LIMIT
+    )
+    _draw_leg(axes[0], limit, runner)
+    for joint, name in enumerate(("hip", "knee")):
+        _draw_cloud(axes[1 + joint], limit, runner, joint, name)
+    for place, draw in zip(axes[3:], below, strict=False):
+        draw(place, limit)
+    for place in axes[3 + len(below) :]:
+        place.remove()
+    return figure
+
+
+def _label(axes: Axes, title: str, across: str, up: str) -> None:
+    """Title at the left, with room for a legend below it, and names of the axes."""
+    set_title(axes, title, LIGHT, pad=20)
+    axes.set(xlabel=across, ylabel=up)
+
+
+def _legend(axes: Axes) -> None:
+    """Between title and axes, where no curve can run through it."""
+    axis_legend(
+        axes, LIGHT, fontsize=7, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=5, borderaxespad=0.1,
+        handlelength=0.9, columnspacing=0.6, handletextpad=0.3,
+    )  # fmt: skip
+
+
+def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
+    position, foot = limit.stride.position[0], limit.stride.foot[0]
+    knee = rotate(position[:, 0], 0.0, -runner.leg.thigh.length)
+    for index in range(0, len(position), 4):
+        color = _STANCE if index < STANCE_POINTS else _SWING
+        line = np.vstack((np.zeros(2), knee[index], foot[index]))
+        axes.plot(line[:, 0], line[:, 1], color=color, linewidth=1.2, alpha=0.5)
+    axes.plot(*foot[:STANCE_POINTS].T, color=_STANCE, label="stance")
+    axes.plot(*foot[STANCE_POINTS:].T, color=_SWING, label="swing")
+    axes.axhline(-float(limit.stride.height[0]), color=_QUIET, linewidth=1.0)
+    axes.set_aspect("equal", adjustable="datalim")
+    _label(axes, "The fastest stride", "forward of the hip [m]", "above the hip [m]")
+    _legend(axes)
+
+
+def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name: str) -> None:
+    stride = limit.stride
+    speed, torque = stride.velocity[0, :, joint], stride.torque[0, :, joint]
+    reach = 1.08 * max(float(np.abs(speed).max()), 1.0)
+    speeds = np.linspace(-reach, reach, 401)
+    lower, upper = runner.joint_limits(np.stack((speeds, speeds), axis=-1))
+    axes.fill_between(speeds, lower[:, joint], upper[:, joint], color=_QUIET, alpha=0.25, linewidth=0)
+    for part, color, label in (
+        (slice(0, STANCE_POINTS), _STANCE, "stance"),
+        (slice(STANCE_POINTS, None), _SWING, "swing"),
+    ):
+        axes.plot(speed[part], torque[part], ".-", color=color, markersize=4, linewidth=0.8, label=label)
+    _label(axes, f"{name.capitalize()} over its envelope", "drive speed [rad/s]", "torque [N m]")
+    _legend(axes)
+
+
+def _draw_lifted(axes: Axes, limit: SpeedLimit) -> None:
+    names = [item.cause for item in limit.lifted]
+    values = [item.speed for item in limit.lifted]
+    bars = axes.barh(names, values, color=[_STANCE if name == limit.cause else _QUIET for name in names])
+    labels = [f"{'' if item.bounded else '> '}{item.speed:.1f}" for item in limit.lifted]
+    axes.bar_label(bars, labels, padding=2, fontsize="small")
+    axes.axvline(limit.speed, color=_LIMIT, linewidth=1.0, linestyle="--")
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    _label(axes, "Limit if this were no limit", "m/s", "")
+    axes.grid(visible=False, axis="y")
+
+
+def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
+    quantities = list(dict.fromkeys(item.quantity for item in limit.sensitivities))
+    for quantity, color in zip(quantities, _COLORS, strict=False):
+        rows = [(item.factor, item.speed) for item in limit.sensitivities if item.quantity == quantity]
+        points: FloatArray = np.array(sorted([*rows, (1.0, limit.speed)]))
+        axes.plot(*points.T, "o-", color=color, markersize=4, label=quantity)
+    _label(axes, "How the limit moves", "factor", "m/s")
+    _legend(axes)
+
+
+def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
+    names = ["upper estimate", *(item.policy for item in limit.trained)]
+    values = [limit.speed, *(item.speed for item in limit.trained)]
+    bars = axes.bar(np.arange(len(names)), values, color=[_LIMIT] + [_SWING] * len(limit.trained), width=0.6)
+    axes.set_xticks(np.arange(len(names)), names)
+    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
+    axes.margins(x=0.3, y=0.12)
+    _label(axes, "What policies reach", "", "m/s")
+    axes.grid(visible=False, axis="x")

@@ -1,0 +1,86 @@
+"""A robot as the search for its fastest stride sees it: one leg in the sagittal plane, motors, mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from sprintlab.motors import Gear, PmsmParameters, saturate, torque_limits
+from sprintlab.robots import KneeSpring, RobotDescription
+from sprintlab.speed_limit.leg import FloatArray, PlanarLeg, planar_leg
+
+_HALF_TURN = 2.0  # joint speed over which dry friction turns round [rad/s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runner:
+    """What a stride needs to know of a robot.
+
+    Attributes:
+        leg: kinematics and inertia of a leg in the sagittal plane.
+        motors: of hip and knee, each field ``(2,)``.
+        gear: of hip and knee, each field ``(2,)``.
+        bus_voltage: [V].
+        viscous_friction: of hip and knee ``(2,)`` [N m s/rad].
+        dry_friction: of hip and knee ``(2,)`` [N m].
+        position_limits: that the stride keeps to, end stops left out ``(2, 2)`` [rad].
+        mass: of the robot [kg].
+        legs: number of legs that share the load.
+        foot_friction: sliding friction coefficient.
+        knee_spring: series spring between the knee's drive and the shank; None without one.
+    """
+
+    leg: PlanarLeg
+    motors: PmsmParameters
+    gear: Gear
+    bus_voltage: float
+    viscous_friction: FloatArray
+    dry_friction: FloatArray
+    position_limits: FloatArray
+    mass: float
+    legs: int
+    foot_friction: float
+    knee_spring: KneeSpring | None
+
+    @property
+    def peak_torque(self) -> FloatArray:
+        """Greatest torque of hip and knee at standstill ``(2,)`` [N m]."""
+        return self.joint_limits(np.zeros(2))[1]
+
+    def joint_limits(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest torque at the joints ``(..., 2)`` [N m]: envelope, saturation, gear."""
+        ratio = np.asarray(self.gear.ratio)
+        lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage)
+        scale = ratio * np.asarray(self.gear.efficiency)
+        return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(
+            saturate(self.motors, upper)
+        )
+
+    def friction(self, velocity: FloatArray) -> FloatArray:
+        """Torque that the joints' friction takes ``(..., 2)`` [N m]."""
+        return self.viscous_friction * velocity + self.dry_friction * np.tanh(velocity / _HALF_TURN)
+
+
+def runner_from_robot(robot: RobotDescription) -> Runner:
+    """The sagittal plane of a robot: hip and knee of its first leg stand for all four."""
+    pick = slice(1, 3)
+    motors = {
+        item.name: np.asarray(getattr(robot.motors, item.name))[pick] for item in fields(PmsmParameters)
+    }
+    zone = robot.soft_stop.zone
+    return Runner(
+        leg=planar_leg(robot),
+        motors=PmsmParameters(**motors),
+        gear=Gear(
+            ratio=np.asarray(robot.gear.ratio)[pick], efficiency=np.asarray(robot.gear.efficiency)[pick]
+        ),
+        bus_voltage=float(robot.bus_voltage),
+        viscous_friction=robot.viscous_friction[pick],
+        dry_friction=robot.dry_friction[pick],
+        position_limits=robot.position_limits[pick] + np.array((zone, -zone)),
+        mass=robot.total_mass,
+        legs=len(robot.leg_names),
+        foot_friction=robot.foot_friction,
+        knee_spring=robot.mechanics.knee_spring,
+    )

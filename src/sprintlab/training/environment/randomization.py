@@ -1,0 +1,49 @@
+"""What differs from one environment to the next: drawn once, written into the simulator's memory."""
+
+from __future__ import annotations
+
+import torch
+
+from sprintlab.training.environment.simulation import BatchSimulation
+from sprintlab.training.settings import RandomizationSettings
+
+
+def _uniform(n: int, low: float, high: float, device: str, *columns: int) -> torch.Tensor:
+    return low + (high - low) * torch.rand(n, *columns, device=device)
+
+
+def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> torch.Tensor:
+    """Draw every environment's robot and ground, from PyTorch's global generator.
+
+    Returns:
+        Foot friction of each environment ``(n,)``.
+    """
+    n, device = simulation.environments, simulation.device
+    friction = _uniform(n, *settings.friction, device)
+    model = simulation.mj_model
+    feet = [model.geom(f"{leg}_foot").id for leg in simulation.robot.leg_names]
+    # MuJoCo takes the larger of the two coefficients of a pair: the floor's must stay below.
+    simulation.fields["geom_friction"][:, :, 0] = 0.01
+    simulation.fields["geom_friction"][:, feet, 0] = friction[:, None]
+    _randomize_trunk(simulation, settings)
+    for gain in (simulation.stiffness, simulation.damping):
+        gain.mul_(_uniform(n, 1 - settings.gain, 1 + settings.gain, device, gain.shape[1]))
+    strength = _uniform(n, 1 - settings.strength, 1 + settings.strength, device, simulation.strength.shape[1])
+    simulation.strength.copy_(strength)
+    simulation.voltage.mul_(_uniform(n, *settings.bus_voltage, device))
+    simulation.resistance_factor.copy_(_uniform(n, *settings.resistance, device))
+    simulation.friction_factor.copy_(_uniform(n, *settings.dry_friction, device))
+    simulation.mean_delay.copy_(_uniform(n, *settings.delay, device) / simulation.settings.timestep)
+    return friction
+
+
+def _randomize_trunk(simulation: BatchSimulation, settings: RandomizationSettings) -> None:
+    """Payload at the trunk's centre, and a shifted centre of mass."""
+    n, device = simulation.environments, simulation.device
+    trunk = int(simulation.mj_model.body("trunk").id)
+    payload = _uniform(n, *settings.payload, device)
+    for field in ("body_mass", "body_subtreemass"):
+        simulation.fields[field][:, trunk] += payload
+    simulation.fields["body_subtreemass"][:, 0] += payload
+    shift = _uniform(n, -settings.center_of_mass, settings.center_of_mass, device, 3)
+    simulation.fields["body_ipos"][:, trunk] += shift

@@ -1,0 +1,114 @@
+"""The paper's reward table, term by term: pure functions of one step.
+
+Each penalty is a function ``(RewardInput) -> (n,)``, found by its name in ``RewardSettings``; adding one is a
+function here and a weight there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import torch
+
+from sprintlab.training.environment.kinematics import BodyState
+from sprintlab.training.settings import RewardSettings
+
+PROGRESS_SPEED = 10.0
+"""Speed at which the progress term is one [m/s]."""
+KNEE_CONTACT_HEIGHT = 0.10
+"""A knee axis lower than this counts as a collision [m]."""
+
+
+class RewardInput(NamedTuple):
+    """Everything a term may look at, for ``n`` environments.
+
+    Attributes:
+        body: state after the step.
+        command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
+        action: of this step ``(n, 12)``.
+        previous_action: of the step before ``(n, 12)``.
+        earlier_action: of two steps before ``(n, 12)``.
+        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, 12)``.
+        torque: delivered by the motors [N m] ``(n, 12)``.
+        limit_excess: beyond the beginning of the end stops [rad] ``(n, 12)``.
+        base_height_target: [m].
+    """
+
+    body: BodyState
+    command: torch.Tensor
+    action: torch.Tensor
+    previous_action: torch.Tensor
+    earlier_action: torch.Tensor
+    joint_acceleration: torch.Tensor
+    torque: torch.Tensor
+    limit_excess: torch.Tensor
+    base_height_target: float
+
+
+Penalty = Callable[[RewardInput, RewardSettings], torch.Tensor]
+
+PENALTIES: dict[str, Penalty] = {
+    "vertical_velocity": lambda x, s: x.body.velocity[:, 2].square(),
+    "joint_power": lambda x, s: (x.torque * x.body.joint_velocity).abs().sum(1),
+    "action_rate": lambda x, s: (x.action - x.previous_action).square().sum(1),
+    "smoothness": lambda x, s: (x.action - 2 * x.previous_action + x.earlier_action).square().sum(1),
+    "joint_limit": lambda x, s: x.limit_excess.square().sum(1),
+    "roll_pitch_rate": lambda x, s: x.body.angular_velocity[:, :2].square().sum(1),
+    "orientation": lambda x, s: x.body.gravity[:, :2].square().sum(1),
+    "base_height": lambda x, s: (x.body.height - x.base_height_target).square(),
+    "joint_acceleration": lambda x, s: x.joint_acceleration.square().sum(1),
+    "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
+    "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
+    "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
+    # The paper's bare square would fight the command; the two are the same where no turn is commanded.
+    "yaw_rate": lambda x, s: (x.body.angular_velocity[:, 2] - x.command[:, 2]).square(),
+    # Weighted by foot speed, as in DreamWaQ: the bare square would punish feet for standing.
+    "foot_clearance": lambda x, s: (
+        (x.body.foot_height - s.foot_clearance_target).square() * x.body.foot_speed
+    ).sum(1),
+    "abduction_mirror": lambda x, s: (
+        (x.body.joint_position[:, 0] + x.body.joint_position[:, 3]).square()
+        + (x.body.joint_position[:, 6] + x.body.joint_position[:, 9]).square()
+    ),
+    "grounded": lambda x, s: x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0),
+    "touchdown": lambda x, s: (
+        x.body.foot_descent.square() * (x.body.foot_height < s.touchdown_height).float()
+    ).sum(1),
+    "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
+}
+
+
+def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """What is rewarded, unweighted, each ``(n,)``.
+
+    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the forward speed up to the commanded
+    one over 10 m/s.
+    """
+    error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
+    turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
+    wanted = x.command[:, 0].clamp(min=0.0)
+    onward = torch.minimum(x.body.velocity[:, 0].clamp(min=0.0), wanted) / PROGRESS_SPEED
+    return torch.exp(-error), torch.exp(-turn), onward
+
+
+def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:
+    """The functions behind ``settings.penalties()``, in its order."""
+    return tuple(PENALTIES[name] for name in settings.penalties())
+
+
+def penalties(x: RewardInput, settings: RewardSettings, terms: Sequence[Penalty]) -> torch.Tensor:
+    """All penalties, unweighted, in the order of ``terms``: ``(n, terms)``.
+
+    Infinities and NaN of a broken environment become zero: it ends, and must not poison the batch.
+    """
+    values = torch.stack([term(x, settings) for term in terms], 1)
+    return torch.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def aggregate(positive: torch.Tensor, negative: torch.Tensor, settings: RewardSettings) -> torch.Tensor:
+    """Reward rate ``(n,)`` from the weighted tracking sum and the (negative) weighted penalty sum."""
+    if settings.aggregation == "exponential":
+        return positive * torch.exp(settings.penalty_scale * negative.clamp(min=-20.0))
+    total = positive + negative
+    return total.clamp(min=0.0) if settings.aggregation == "clipped" else total

@@ -1,0 +1,444 @@
+"""The training environment: thousands of robots, nothing in a step that waits for the device.
+
+A step is two graph launches on CUDA: the substeps (``BatchSimulation``) and everything after them
+(``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
+All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code
+runs plainly, without graphs and compilation: the reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from sprintlab.commands import (
+    CommandState,
+    heading_angle,
+    heading_command,
+    initial_state,
+    ranked_speeds,
+)
+from sprintlab.control import (
+    ESTIMATE_SIZE,
+    LowPass,
+    Proprioception,
+    join_proprioception,
+    joint_targets,
+    network_input,
+    observation_frame,
+    split_proprioception,
+    update_history,
+)
+from sprintlab.control.arrays import where_rows
+from sprintlab.control.contract import ACTION_LIMIT
+from sprintlab.robots import load_robot
+from sprintlab.training.environment.draws import Draws
+from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
+from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
+from sprintlab.training.environment.randomization import randomize
+from sprintlab.training.environment.rewards import RewardInput, aggregate, penalties, penalty_terms, tracking
+from sprintlab.training.environment.simulation import BatchSimulation
+from sprintlab.training.graphs import captured, compiled
+from sprintlab.training.learner.metric_buffer import MetricBuffer
+from sprintlab.training.learner.networks import TRUTH_SIZE
+from sprintlab.training.settings import TrainingSettings
+
+POLICY_STEP = 0.02
+SPEED_AVERAGE = 0.1
+"""Weight of the newest speed in the running speed that the command schedule follows."""
+_LARGEST_OBSERVATION = 50.0
+_LOGGED = (
+    "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
+    "tilt", "vertical_speed", "broken",
+)  # fmt: skip
+_PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
+
+
+class SprintEnvironment(VecEnv):
+    """``n`` robots that chase scheduled commands (an rsl_rl ``VecEnv``).
+
+    Observation groups: ``actor`` ``(n, 45 H)`` with noise and filter, ``critic`` ``(n, 53)``: clean frame,
+    body velocity 3, height 1, foot contacts 4. ``estimate`` ``(n, 8)`` is the low-passed estimate that an
+    actor with an estimator keeps here, since it must follow the resets.
+
+    Args:
+        settings: the whole configuration.
+        device: ``"cuda:0"`` or ``"cpu"``.
+        fused: graphs and compiled kernels (GPU only).
+        rank: of the process among those that train together; each has its own random numbers.
+    """
+
+    def __init__(
+        self, settings: TrainingSettings, device: str = "cuda:0", fused: bool = True, rank: int = 0
+    ) -> None:
+        torch.manual_seed(settings.seed + 1_000_003 * rank)
+        self.settings, self.device = settings, device
+        self.cfg = settings.as_dict()
+        self.robot = load_robot(settings.robot)
+        self.num_envs, self.num_actions = settings.simulation.environments, len(self.robot.joint_names)
+        self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
+        self.kinematics = Kinematics(self.robot, self.simulation)
+        self.friction = randomize(self.simulation, settings.randomization)
+        self.draws = Draws(self.num_envs, device)
+        self._filter = LowPass()
+        self._allocate_constants()
+        self._allocate_state()
+        self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
+        self._start_all()
+        self._finish_step: Callable[[], None] = self._after_physics
+        if fused and str(device).startswith("cuda"):
+            self._transition = compiled(self._transition, fused)
+            self._finish_step = captured(self._after_physics, device)
+            self._start_all()
+
+    # --- memory ------------------------------------------------------------------------------------------
+
+    def _allocate_constants(self) -> None:
+        def tensor(values: Any) -> torch.Tensor:
+            return torch.tensor(values, dtype=torch.float32, device=self.device)
+
+        robot, noise = self.robot, self.settings.randomization
+        self._default_pose, self._action_scale = tensor(robot.default_pose), tensor(robot.action_scale)
+        self._stop_lower = tensor(robot.position_limits[:, 0] + robot.soft_stop.zone)
+        self._stop_upper = tensor(robot.position_limits[:, 1] - robot.soft_stop.zone)
+        weights = self.settings.rewards.penalties().values()
+        self._penalties = penalty_terms(self.settings.rewards)
+        self._first_weights = tensor([weight.first for weight in weights])
+        self._second_weights = tensor([weight.second for weight in weights])
+        amplitudes = (noise.angular_velocity_noise, noise.gravity_noise)
+        joints = (noise.joint_position_noise, noise.joint_velocity_noise)
+        self._noise = tensor(
+            [a for a in amplitudes for _ in range(3)] + [a for a in joints for _ in range(12)]
+        )
+        self._standing_qpos = tensor(self.simulation.mj_model.key_qpos[0])
+
+    def _allocate_state(self) -> None:
+        n, joints = self.num_envs, self.num_actions
+
+        def zeros(*shape: int) -> torch.Tensor:
+            return torch.zeros(*shape, device=self.device)
+
+        layout = self.settings.observation
+        self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
+        self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
+        self.running_yaw_rate, self.course = zeros(n), zeros(n)
+        self.filtered, self.estimate = zeros(n, 30), zeros(n, ESTIMATE_SIZE)
+        self.history = zeros(n, layout.history_length, layout.frame_size)
+        self.commands: CommandState = initial_state(n, zeros(1))
+        self.grid = self.settings.schedule.targets.grid
+        self.grid_weights = zeros(1, 1) if self.grid is None else self.grid.initial_weights(zeros(1))
+        self.episode_length_buf = torch.zeros(n, dtype=torch.long, device=self.device)
+        shortest, longest = self.settings.episodes.duration
+        lengths = shortest + (longest - shortest) * torch.rand(n, device=self.device)
+        self.episode_limit = (lengths / POLICY_STEP).long()
+        self.max_episode_length = int(longest / POLICY_STEP)
+        self.lower, self.upper, self.stage, self.steady = (
+            torch.zeros((), device=self.device) for _ in range(4)
+        )
+        self.weights = self._first_weights.clone()
+        self.reward, self.time_out = zeros(n), zeros(n)
+        self.done = torch.zeros(n, dtype=torch.long, device=self.device)
+        self.actor_observation, self.critic_observation = zeros(n, layout.input_size), zeros(n, TRUTH_SIZE)
+        self._log_sums = zeros(len(_LOGGED) + len(self.weights))
+        self._logged_steps = 0
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Everything that a step reads and changes, by name: the tensors themselves."""
+        own = (
+            "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
+            "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
+            "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
+            "time_out", "done",
+            "actor_observation", "critic_observation",
+        )  # fmt: skip
+        named = {name: getattr(self, name) for name in own}
+        named |= {f"commands.{name}": value for name, value in self.commands._asdict().items()}
+        return named | {f"simulation.{name}": value for name, value in self.simulation.state().items()}
+
+    def load_state(self, state: dict[str, torch.Tensor]) -> None:
+        """Copy a saved ``state`` into the tensors that the graphs know.
+
+        Raises:
+            KeyError: a tensor is missing.
+        """
+        for name, tensor in self.state().items():
+            tensor.copy_(state[name])
+
+    # --- curriculum --------------------------------------------------------------------------------------
+
+    def set_curriculum(self, upper: float, lower: float, stage: float, steady: bool = False) -> None:
+        """Range of commanded speeds [m/s], share of stage II in the reward weights, whether it is steady."""
+        self.upper.fill_(upper)
+        self.lower.fill_(lower)
+        self.stage.fill_(stage)
+        self.steady.fill_(float(steady))
+        self.weights.copy_(self._first_weights * (1 - stage) + self._second_weights * stage)
+
+    # --- rsl_rl ------------------------------------------------------------------------------------------
+
+    def get_observations(self) -> TensorDict:
+        """The present observations (the environment's own buffers)."""
+        groups = {"actor": self.actor_observation, "critic": self.critic_observation}
+        return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
+
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """One policy step of 20 ms; rewards are per second times 0.02 s."""
+        self.write_action(actions)
+        self.advance()
+        return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
+
+    def write_action(self, actions: torch.Tensor) -> None:
+        """Turn actions ``(n, 12)`` into the joint targets of the next ``advance``."""
+        self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
+        target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
+        self.simulation.previous_target.copy_(self.simulation.target)
+        self.simulation.target.copy_(target)
+
+    def advance(self, watch: Callable[[int], None] | None = None) -> None:
+        """Physics, then rewards, ends, resets, commands and observations; ``watch`` as in the simulation."""
+        self.simulation.step(watch)
+        self._finish_step()
+        self._logged_steps += 1
+
+    # --- the step after physics --------------------------------------------------------------------------
+
+    def _after_physics(self) -> None:
+        self.draws.refill()
+        self._transition()
+
+    @torch.no_grad()
+    def _transition(self) -> None:
+        """From the state after physics to the next observation, given this step's random numbers."""
+        self.episode_length_buf.add_(1)
+        body = self.kinematics.read()
+        self.running_speed.add_(SPEED_AVERAGE * (body.velocity[:, 0] - self.running_speed))
+        self.running_yaw_rate.add_(SPEED_AVERAGE * (body.angular_velocity[:, 2] - self.running_yaw_rate))
+        ends = find_ends(
+            body,
+            self.simulation.qvel,
+            self.episode_length_buf,
+            self.episode_limit,
+            self.settings.episodes,
+        )
+        self._reward(body, ends)
+        self.time_out.copy_(ends.timed_out)
+        self.done.copy_(ends.any)
+        self.earlier_action.copy_(self.previous_action)
+        self.previous_action.copy_(self.action)
+        self.last_joint_velocity.copy_(body.joint_velocity)
+        self._learn_grid(ends)
+        self._push()
+        self._jitter_delay()
+        fresh = self._restart(ends.any)
+        self._advance_commands(fresh)
+        self._observe(fresh)
+
+    def _reward(self, body: BodyState, ends: Ends) -> None:
+        above = (body.joint_position - self._stop_upper).clamp(min=0.0)
+        below = (self._stop_lower - body.joint_position).clamp(min=0.0)
+        inputs = RewardInput(
+            body=body,
+            command=self.commands.command,
+            action=self.action,
+            previous_action=self.previous_action,
+            earlier_action=self.earlier_action,
+            joint_acceleration=(body.joint_velocity - self.last_joint_velocity) / POLICY_STEP,
+            torque=self.simulation.drive_torque,
+            limit_excess=above + below,
+            base_height_target=self.robot.base_height_target,
+        )
+        rewards = self.settings.rewards
+        follow, turn, onward = tracking(inputs)
+        weighted = penalties(inputs, rewards, self._penalties) * self.weights
+        positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
+        positive = positive + rewards.progress * onward
+        rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
+        self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
+        self._log(inputs, (follow, turn, rate), ends, weighted)
+
+    def _log(
+        self,
+        inputs: RewardInput,
+        rewards: tuple[torch.Tensor, torch.Tensor, torch.Tensor],
+        ends: Ends,
+        weighted: torch.Tensor,
+    ) -> None:
+        """Add this step's means to the sums, in the order of ``_LOGGED``; read once an iteration."""
+        body = inputs.body
+        forward = body.velocity[:, 0]
+        values = (
+            *rewards,
+            forward,
+            (inputs.command[:, 0] - forward).abs(),
+            ends.failed.float(),
+            (inputs.torque * body.joint_velocity).clamp(min=0.0).sum(1),
+            body.contact.mean(1),
+            self.simulation.on_limit.mean(1),
+            body.gravity[:, :2].norm(dim=1),
+            body.velocity[:, 2].abs(),
+            ends.broken.float(),
+        )
+        means = torch.cat((torch.stack(values, 1), weighted), 1)
+        self._log_sums.add_(torch.nan_to_num(means).mean(0))
+
+    def _learn_grid(self, ends: Ends) -> None:
+        """Open the grid around the targets that were held to the end of their time."""
+        if self.grid is None:
+            return
+        commands = self.commands
+        due = (commands.time_to_target <= POLICY_STEP) & ~ends.any
+        held = self.grid.held(
+            commands.target_speed - self.running_speed, commands.command[:, 2] - self.running_yaw_rate
+        )
+        bins = self.grid.bins(commands.target_speed, commands.command[:, 2])
+        self.grid_weights.copy_(self.grid.learn(self.grid_weights, bins, due & held))
+
+    def _push(self) -> None:
+        """Now and then a kick: a random change of the horizontal base velocity."""
+        settings, draw = self.settings.randomization, self.draws["push"]
+        kicked = (draw[:, :1] < POLICY_STEP / settings.push_interval).float()
+        self.simulation.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
+
+    def _jitter_delay(self) -> None:
+        """How late the next targets reach the joints, in physics steps."""
+        settings, simulation = self.settings, self.simulation
+        width = settings.randomization.delay_jitter / settings.simulation.timestep
+        late = simulation.mean_delay + width * (2 * self.draws["delay"][:, 0] - 1)
+        simulation.delay.copy_(late.round().clamp(min=0.0, max=settings.simulation.substeps))
+
+    # --- resets ------------------------------------------------------------------------------------------
+
+    def _start_all(self) -> None:
+        """Fresh starts everywhere; no copies, since nobody runs yet."""
+        self.draws.refill()
+        self.episode_length_buf.zero_()
+        everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        fresh = self._restart(everyone)
+        self._advance_commands(fresh)
+        self._observe(fresh)
+        self._log_sums.zero_()
+        if self.grid is not None:
+            self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
+
+    def _restart(self, mask: torch.Tensor) -> torch.Tensor:
+        """Restart the robots in ``mask``; returns those that start fresh, not as another's copy."""
+        starts = choose_starts(
+            mask, self.running_speed, self.episode_length_buf, self.draws, self.settings.episodes
+        )
+        self._place(mask, starts.donors, starts.copied)
+        self.simulation.supply.restart(starts.restarted, starts.copied, starts.donors)
+        # A copy takes over what belongs to the running robot; a fresh start begins from zero.
+        zero_at_start = (self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate)
+        for buffer in zero_at_start:
+            started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
+            buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
+        for buffer in (self.filtered, self.history, self.course, *self.commands):
+            self._put(buffer, starts.copied, buffer[starts.donors])
+        self.episode_length_buf.mul_((~mask).long())
+        return starts.restarted
+
+    def _place(self, mask: torch.Tensor, donors: torch.Tensor, copied: torch.Tensor) -> None:
+        """Write position, velocity, joint targets and what follows from them for the robots in ``mask``."""
+        simulation = self.simulation
+        qpos, qvel = standing_starts(
+            self._standing_qpos,
+            self.kinematics.joint_qpos,
+            simulation.qvel.shape[1],
+            self.upper,
+            self.draws,
+            self.settings.episodes,
+        )
+        donor_qpos = simulation.qpos[donors]
+        donor_qpos[:, :2] = 0.0
+        qpos = where_rows(copied, donor_qpos, qpos)
+        qvel = where_rows(copied, simulation.qvel[donors], qvel)
+        forward = heading_velocity(qpos[:, 3:7], qvel[:, :3])[:, 0]
+        forward = torch.where(copied, self.running_speed[donors], forward)
+        target = where_rows(
+            copied, simulation.target[donors], self._default_pose.expand_as(simulation.target)
+        )
+        self._put(self.last_joint_velocity, mask, qvel[:, self.kinematics.joint_qvel])
+        self._put(self.running_speed, mask, forward)
+        self._put(simulation.target, mask, target)
+        self._put(simulation.qacc_warmstart, mask, torch.zeros_like(qvel))
+        self._put(simulation.qpos, mask, qpos)
+        self._put(simulation.qvel, mask, qvel)
+
+    @staticmethod
+    def _put(buffer: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None:
+        """Write the masked rows of ``values`` into ``buffer``."""
+        buffer.copy_(where_rows(mask, values, buffer))
+
+    # --- commands and observations -----------------------------------------------------------------------
+
+    def _advance_commands(self, fresh: torch.Tensor) -> None:
+        before = self.commands.time_to_target
+        advanced = self.settings.schedule.advance(
+            self.commands,
+            speed=self.running_speed,
+            dt=POLICY_STEP,
+            lower=self.lower,
+            upper=self.upper,
+            friction=self.friction,
+            fresh=fresh,
+            random=self.draws["command"],
+            weights=self.grid_weights,
+            steady=self.steady,
+        )
+        if self.settings.heading_hold:
+            advanced = self._hold_heading(advanced, fresh | (advanced.time_to_target > before))
+        for buffer, value in zip(self.commands, advanced, strict=True):
+            buffer.copy_(value)
+
+    def _hold_heading(self, commands: CommandState, renewed: torch.Tensor) -> CommandState:
+        """Where no turn is wanted: the yaw rate back to the heading at which the target was drawn."""
+        heading = heading_angle(self.simulation.qpos[:, 3:7])
+        self.course.copy_(torch.where(renewed, heading, self.course))
+        speed, turn = commands.command[:, 0], commands.command[:, 2]
+        back = heading_command(heading - self.course, torch.zeros_like(speed), speed, friction=self.friction)
+        straight = commands.target_yaw_rate == 0.0
+        yaw_rate = torch.where(straight, torch.nan_to_num(back), turn)
+        return commands._replace(command=torch.stack((speed, commands.command[:, 1], yaw_rate), 1))
+
+    def _observe(self, fresh: torch.Tensor) -> None:
+        """Noise, filter, frame, history for the actor; the clean truth for the critic."""
+        body = self.kinematics.read()
+        parts = Proprioception(
+            body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
+        )
+        clean = torch.nan_to_num(join_proprioception(parts))
+        noisy = clean + self._noise * (2 * self.draws["noise"] - 1)
+        self.filtered.copy_(self._filter.step(self.filtered, noisy, fresh))
+        frame = self._frame(self.filtered)
+        self.history.copy_(update_history(self.history, frame, fresh))
+        self.actor_observation.copy_(network_input(self.history))
+        truth = (body.velocity, body.height[:, None], body.contact)
+        critic = torch.nan_to_num(torch.cat((self._frame(clean), *truth), 1))
+        self.critic_observation.copy_(critic.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION))
+
+    def _frame(self, proprioception: torch.Tensor) -> torch.Tensor:
+        frame = observation_frame(
+            self.settings.observation,
+            **split_proprioception(proprioception)._asdict(),
+            command=self.commands.command,
+            previous_action=self.previous_action,
+        )
+        return frame.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION)
+
+    # --- statistics --------------------------------------------------------------------------------------
+
+    def take_log(self) -> MetricBuffer:
+        """Means since the last call, speed percentiles and the weighted penalties."""
+        speeds = torch.stack(
+            ranked_speeds(torch.nan_to_num(self.running_speed), tuple(_PERCENTILES.values()))
+        )
+        means = self._log_sums / max(1, self._logged_steps)
+        values = torch.cat((means, speeds, self.grid_weights.mean()[None]))
+        self._log_sums.zero_()
+        self._logged_steps = 0
+        penalty_names = [f"penalty/{name}" for name in self.settings.rewards.penalties()]
+        return MetricBuffer((*_LOGGED, *penalty_names, *_PERCENTILES, "grid_open"), values)

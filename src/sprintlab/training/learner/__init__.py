@@ -1,0 +1,1 @@
+"""PPO with the VAE estimator: networks, losses, rollout storage and the update."""

@@ -1,0 +1,341 @@
+"""PPO with the estimator: acting, recording and learning, each one graph on a GPU.
+
+Nothing here waits for the device: the learning rate, the column of the rollout and the check for a diverged
+update are tensors. ``take_log`` hands over numbers that the runner reads back, once an iteration.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import torch
+
+from sprintlab.control import ESTIMATE_SIZE, low_pass_coefficient
+from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
+from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.core.errors import SprintlabError
+from sprintlab.robots import RobotDescription
+from sprintlab.training.environment.sprint import POLICY_STEP, SprintEnvironment
+from sprintlab.training.graphs import captured, compiled
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.losses import (
+    EstimatorBatch,
+    PolicyBatch,
+    adapted_learning_rate,
+    decide_and_value,
+    estimator_losses,
+    generalized_advantages,
+    log_probability,
+    loudness_of,
+    policy_losses,
+    robot_noise,
+)
+from sprintlab.training.learner.metric_buffer import MetricBuffer
+from sprintlab.training.learner.mirror import Mirror
+from sprintlab.training.learner.networks import LARGEST_STD, TRUTH_SIZE, Actor, Critic
+from sprintlab.training.learner.parameters import ParameterBlock
+from sprintlab.training.learner.storage import Rollout
+from sprintlab.training.settings import TrainingSettings
+
+LOSS_NAMES = (
+    "surrogate",
+    "value",
+    "entropy",
+    "divergence",
+    "velocity",
+    "contact",
+    "reconstruction",
+    "latent",
+)
+
+
+def build_actor(settings: TrainingSettings, robot: RobotDescription) -> Actor:
+    """The actor of these settings for a robot, its filter at the policy's rate."""
+    coefficient = low_pass_coefficient(ESTIMATE_CUTOFF_HZ, 1.0 / POLICY_STEP)
+    return Actor(settings, len(robot.joint_names), robot.base_height_target, coefficient)
+
+
+class EstimatorPpo:
+    """Actor, critic and estimator with their rollout and optimizers, bound to an environment's buffers.
+
+    Args:
+        environment: whose observations are read and whose actions are written.
+        fused: whether kernels are compiled (GPU only); the reference path is the same code, plain.
+        workers: further processes with which gradients and statistics are shared.
+    """
+
+    def __init__(self, environment: SprintEnvironment, fused: bool, workers: Workers) -> None:
+        self.environment, self.settings = environment, environment.settings
+        self.device, self._workers = str(environment.device), workers
+        fused = fused and self.device.startswith("cuda")
+        self._build(environment, fused)
+        self._advantages = compiled(generalized_advantages, fused)
+        self._policy_losses = compiled(policy_losses, fused)
+        self._estimator_losses = compiled(estimator_losses, fused)
+        self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
+        self._note, self._limit_noise = compiled(self._note_losses, fused), compiled(self._limit_std, fused)
+        self._reflect = compiled(self._reflect_rollout, fused)
+        self._normalize = compiled(self._update_normalizers, fused and not workers.several)
+        self.act, self.record, self.update = self._act, self._store, self._update
+        self._capture()
+
+    def _build(self, environment: SprintEnvironment, fused: bool) -> None:
+        settings, ppo = self.settings, self.settings.ppo
+        self.actor = build_actor(settings, environment.robot).to(self.device)
+        self.critic = Critic(ppo).to(self.device)
+        self._workers.broadcast([*self.actor.parameters(), *self.critic.parameters()])
+        self.rollout = Rollout(
+            environment.num_envs,
+            ppo.steps,
+            settings.observation.input_size,
+            settings.estimator.latent,
+            environment.num_actions,
+            self.device,
+            mirrored=ppo.mirror_epochs,
+        )
+        self._loudness = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
+        self._mirror = Mirror(settings.observation.history_length, self.device)
+        policy = [*self.actor.policy.parameters(), self.actor.std]
+        self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
+        self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
+        rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
+        self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
+        self.old_std = self.actor.std.detach().clone()
+        self.least_std = torch.tensor(ppo.least_std, device=self.device)
+        self.set_noise(ppo.least_std, settings.stages.is_steady(0))
+        self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
+        self.rolled_back = torch.zeros((), device=self.device)
+        self._before = [tensor.detach().clone() for tensor in self._revertible()]
+
+    def set_noise(self, least: float, quiet: bool) -> None:
+        """The floor of the action noise, and whether some robots have less of it, from now on."""
+        self.least_std.fill_(least)
+        self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
+
+    # --- graphs ------------------------------------------------------------------------------------------
+
+    def _capture(self) -> None:
+        """Bind ``act``, ``record`` and ``update`` to graphs, and undo what the warm-up did."""
+        if not self.device.startswith("cuda"):
+            return
+        touched = [*self._revertible(), self.learning_rate]
+        kept = [tensor.clone() for tensor in touched]
+        self.act = captured(self._act, self.device)
+        self.record = captured(self._store, self.device)
+        self.update = captured(self._update, self.device)
+        with torch.no_grad():
+            for tensor, value in zip(touched, kept, strict=True):
+                tensor.copy_(value)
+        for tensor in (self._loss_sums, self.rolled_back, self.rollout.step, self.environment.estimate):
+            tensor.zero_()
+
+    def release_graphs(self) -> None:
+        """Let go of the graphs; nothing can be learned afterwards.
+
+        NCCL waits for the graphs that hold its operations before it gives up a connection: a process that
+        left the others with an update's graph at hand would never end.
+        """
+        del self.act, self.record, self.update
+
+    def _networks(self) -> dict[str, torch.Tensor]:
+        """Parameters and buffers of both networks, by name."""
+        named = {f"actor.{name}": value for name, value in self.actor.state_dict().items()}
+        return {**named, **{f"critic.{name}": value for name, value in self.critic.state_dict().items()}}
+
+    def _moments(self) -> list[torch.Tensor]:
+        """Both optimizers' state, in a fixed order."""
+        return [*self.block.state(), *self.estimator_block.state()]
+
+    def _revertible(self) -> list[torch.Tensor]:
+        """What a diverged update would spoil; the blocks hold every parameter."""
+        buffers = [*self.actor.buffers(), *self.critic.buffers()]
+        return [self.block.values, self.estimator_block.values, *buffers, *self._moments()]
+
+    # --- acting ------------------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def _act(self) -> None:
+        """Perceive, decide, add noise; hand the action to the environment and all of it to the rollout."""
+        self._decide(torch.randn_like(self.environment.action))
+
+    @torch.no_grad()
+    def _act_with(self, noise: torch.Tensor) -> None:
+        environment, rollout = self.environment, self.rollout
+        history, truth = environment.actor_observation, environment.critic_observation
+        perceived, estimate = self.actor.perceive(history, environment.estimate)
+        environment.estimate.copy_(estimate)
+        mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
+        std = robot_noise(self.actor.std, rollout.loudness[:, 0])
+        action = mean + std * noise
+        values = {
+            "history": history,
+            "perceived": perceived,
+            "truth": truth,
+            "action": action,
+            "mean": mean,
+            "log_probability": log_probability(action, mean, std),
+            "value": value,
+        }
+        for name, each in values.items():
+            rollout.write(name, each)
+        environment.write_action(action)
+
+    @torch.no_grad()
+    def _record(self) -> None:
+        """Store what the step brought, and move on to the next column."""
+        environment, rollout = self.environment, self.rollout
+        rollout.write("reward", environment.reward)
+        rollout.write("end", environment.done.float())
+        rollout.write("time_out", environment.time_out)
+        rollout.write("next_frame", environment.actor_observation[:, -FRAME_SIZE:])
+        rollout.step.add_(1).remainder_(rollout.steps)
+
+    # --- learning ----------------------------------------------------------------------------------------
+
+    def _update(self) -> None:
+        """All epochs over the rollout that has just been filled."""
+        with torch.no_grad():
+            for saved, tensor in zip(self._before, self._revertible(), strict=True):
+                saved.copy_(tensor)
+        self._prepare()
+        blocks = self._blocks()
+        for epoch in range(self.settings.ppo.epochs):
+            mirrored = self.settings.ppo.mirror_epochs and epoch % 2 == 1
+            for first, last in blocks:
+                self._improve_policy(self.rollout.policy_batch(first, last, mirrored), mirrored)
+                if epoch < self.settings.estimator.epochs:
+                    self._improve_estimator(first, last)
+        self._normalize()
+        self._roll_back_if_diverged()
+
+    def _blocks(self) -> list[tuple[int, int]]:
+        """Mini-batches as blocks of robots."""
+        robots, parts = self.rollout.robots, self.settings.ppo.mini_batches
+        edges = [robots * part // parts for part in range(parts + 1)]
+        return list(itertools.pairwise(edges))
+
+    @torch.no_grad()
+    def _prepare(self) -> None:
+        """Advantages and returns of the rollout."""
+        r = self.rollout
+        self.old_std.copy_(self.actor.std)
+        last = self.critic(self.environment.critic_observation)
+        advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
+        r.returns.copy_(advantage + r.value)
+        r.advantage.copy_(self._workers.normalized(advantage))
+        if self.settings.ppo.mirror_epochs:
+            self._reflect()
+
+    @torch.no_grad()
+    def _reflect_rollout(self) -> None:
+        """The rollout's mirror image. What the estimator says of a mirrored history is asked anew."""
+        rollout, mirror = self.rollout, self._mirror
+        history = mirror.history(rollout.history.flatten(0, 1))
+        latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
+        # The frame and the filtered estimate in front of the latent are laid out like the truth.
+        known = mirror.truth(rollout.perceived[..., :TRUTH_SIZE])
+        images = {
+            "perceived": torch.cat((known, latent.unflatten(0, known.shape[:2])), -1),
+            "truth": mirror.truth(rollout.truth),
+            "action": mirror.action(rollout.action),
+            "mean": mirror.action(rollout.mean),
+        }
+        for name, image in images.items():
+            rollout.mirrored[name].copy_(image)
+
+    def _improve_policy(self, batch: PolicyBatch, mirrored: bool = False) -> None:
+        """One step; only on what was really seen do the learning rate and the log look."""
+        old_std = self._mirror.spread(self.old_std) if mirrored else self.old_std
+        loss, parts = self._policy_losses(self.actor, self.critic, batch, old_std, self.settings.ppo)
+        if not mirrored:
+            self._workers.average(parts)
+            self._note(parts)
+        self.block.descend(loss, self._workers)
+        self._limit_noise()
+
+    @torch.no_grad()
+    def _note_losses(self, parts: torch.Tensor) -> None:
+        """Adapt the learning rate to the divergence, and add the losses to the sums."""
+        ppo = self.settings.ppo
+        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], ppo.desired_kl))
+        noted_epochs = -(-ppo.epochs // 2) if ppo.mirror_epochs else ppo.epochs
+        self._loss_sums[:4] += parts / (noted_epochs * ppo.mini_batches)
+
+    @torch.no_grad()
+    def _limit_std(self) -> None:
+        self.actor.std.copy_(torch.maximum(self.actor.std, self.least_std).clamp(max=LARGEST_STD))
+
+    def _improve_estimator(self, first: int, last: int) -> None:
+        samples = (last - first) * self.rollout.steps
+        noise = torch.randn(samples, self.settings.estimator.latent, device=self.device)
+        batch: EstimatorBatch = self.rollout.estimator_batch(first, last, noise)
+        loss, parts = self._estimator_losses(self.actor, batch, self.settings.estimator)
+        self.estimator_block.descend(loss, self._workers)
+        with torch.no_grad():
+            self._loss_sums[4:] += parts / (self.settings.estimator.epochs * self.settings.ppo.mini_batches)
+
+    @torch.no_grad()
+    def _update_normalizers(self) -> None:
+        """After the update, so that its likelihood ratios compare the policies on equal inputs."""
+        known = FRAME_SIZE + ESTIMATE_SIZE
+        pairs = (
+            (self.actor.normalizer, self.rollout.perceived[..., :known]),
+            (self.critic.normalizer, self.rollout.truth),
+        )
+        for normalizer, values in pairs:
+            mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
+            if self.settings.ppo.mirror_epochs:  # both have the layout of the truth
+                mean, variance = self._mirror.truth.symmetric_moments(mean, variance)
+            normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
+
+    @torch.no_grad()
+    def _roll_back_if_diverged(self) -> None:
+        """A NaN anywhere: networks and optimizers as before the update, and a fresh, slower start."""
+        tensors = self._revertible()
+        finite = torch.nn.utils.get_total_norm(tensors).isfinite()
+        for saved, tensor in zip(self._before, tensors, strict=True):
+            tensor.copy_(torch.where(finite, tensor, saved))
+        self.learning_rate.copy_(torch.where(finite, self.learning_rate, 0.5 * self.learning_rate))
+        self.learning_rate.nan_to_num_(nan=1e-4)
+        self.rolled_back.add_(1.0 - finite.float())
+
+    # --- numbers, checkpoints ----------------------------------------------------------------------------
+
+    def take_log(self) -> MetricBuffer:
+        """Losses since the last call, learning rate, noise, updates rolled back."""
+        extra = torch.stack((self.learning_rate, self.actor.std.detach().mean(), self.rolled_back))
+        values = torch.cat((self._loss_sums, extra))
+        self._loss_sums.zero_()
+        names = [f"loss/{name}" for name in LOSS_NAMES]
+        return MetricBuffer([*names, "learning_rate", "action_std", "rolled_back"], values)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, normalizers, estimator, optimizers, learning rate."""
+        return {
+            "actor": self.actor.state_dict(),
+            "critic": self.critic.state_dict(),
+            "moments": self._moments(),
+            "learning_rate": self.learning_rate,
+            "rolled_back": self.rolled_back,
+        }
+
+    @torch.no_grad()
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take up a run: values are copied into the tensors that the graphs know.
+
+        Raises:
+            SprintlabError: the optimizers' state is not that of these networks.
+        """
+        moments = self._moments()
+        if [value.shape for value in state["moments"]] != [value.shape for value in moments]:
+            raise SprintlabError(
+                "the optimizer of this checkpoint does not fit (other widths of the networks, or an earlier "
+                "version of sprintlab): it can be exported, but not trained further"
+            )
+        self.actor.load_state_dict(state["actor"])
+        self.critic.load_state_dict(state["critic"])
+        for tensor, value in zip(moments, state["moments"], strict=True):
+            tensor.copy_(value)
+        self.learning_rate.copy_(state["learning_rate"])
+        self.rolled_back.copy_(state["rolled_back"])

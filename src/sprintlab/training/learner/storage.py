@@ -1,0 +1,71 @@
+"""The rollout: written in place, one row a robot: a block of robots is a mini-batch without a copy."""
+
+from __future__ import annotations
+
+import torch
+
+from sprintlab.control import ESTIMATE_SIZE
+from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
+from sprintlab.training.learner.networks import TRUTH_SIZE
+
+MIRRORED = ("perceived", "truth", "action", "mean")
+"""Fields that change in a mirror; the others are the same for a transition and its image."""
+
+
+class Rollout:
+    """``T`` transitions of ``n`` robots on one device; ``(n, T, ...)`` throughout.
+
+    The column that is written is ``step``, a number on the device: writing can be captured in a graph.
+
+    Attributes:
+        loudness: share of the action noise that each robot has ``(n, T)``; not written by steps.
+        mirrored: the mirror images of the fields that have one, by name; empty where they are not wanted.
+    """
+
+    def __init__(
+        self,
+        robots: int,
+        steps: int,
+        history: int,
+        latent: int,
+        joints: int,
+        device: str,
+        mirrored: bool = False,
+    ) -> None:
+        def zeros(*shape: int) -> torch.Tensor:
+            return torch.zeros(robots, steps, *shape, device=device)
+
+        self.robots, self.steps = robots, steps
+        self.history = zeros(history)
+        self.perceived = zeros(FRAME_SIZE + ESTIMATE_SIZE + latent)
+        self.truth = zeros(TRUTH_SIZE)
+        self.action, self.mean = zeros(joints), zeros(joints)
+        self.next_frame = zeros(FRAME_SIZE)
+        self.log_probability, self.value = zeros(), zeros()
+        self.reward, self.end, self.time_out = zeros(), zeros(), zeros()
+        self.advantage, self.returns = zeros(), zeros()
+        self.loudness = torch.ones(robots, steps, device=device)
+        self.step = torch.zeros(1, dtype=torch.long, device=device)
+        self.mirrored = {name: torch.zeros_like(getattr(self, name)) for name in MIRRORED if mirrored}
+
+    def write(self, name: str, values: torch.Tensor) -> None:
+        """Put ``values`` ``(n, ...)`` into the present column of a field."""
+        getattr(self, name).index_copy_(1, self.step, values.unsqueeze(1))
+
+    def policy_batch(self, first: int, last: int, mirrored: bool = False) -> PolicyBatch:
+        """Transitions of the robots ``first`` to ``last``, or their mirror images: views."""
+        fields = {name: getattr(self, name) for name in PolicyBatch._fields} | (
+            self.mirrored if mirrored else {}
+        )
+        return PolicyBatch(**{name: field[first:last].flatten(0, 1) for name, field in fields.items()})
+
+    def estimator_batch(self, first: int, last: int, noise: torch.Tensor) -> EstimatorBatch:
+        """What the estimator learns from the robots ``first`` to ``last``: views, but for the mask."""
+        return EstimatorBatch(
+            history=self.history[first:last].flatten(0, 1),
+            truth=self.truth[first:last].flatten(0, 1)[:, FRAME_SIZE:],
+            next_frame=self.next_frame[first:last].flatten(0, 1),
+            valid=1.0 - self.end[first:last].flatten(0, 1),
+            noise=noise,
+        )

@@ -1,0 +1,166 @@
+"""From a checkpoint to one policy file: ONNX with the contract in its metadata, checked before it counts."""
+
+from __future__ import annotations
+
+import copy
+import io
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import onnx
+import torch
+
+from sprintlab.control import (
+    CONTRACT_KEY,
+    ESTIMATE_SIZE,
+    LowPass,
+    Policy,
+    TrainingRecord,
+    encode_contract,
+    load_policy,
+    make_contract,
+)
+from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
+from sprintlab.core.errors import PolicyFileError
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.training.learner.algorithm import build_actor
+from sprintlab.training.learner.networks import Actor, trim
+from sprintlab.training.runs.replay import RecordedRun, Replay, read_recording, replay, run_in_plant
+from sprintlab.training.runs.runner import read_checkpoint
+from sprintlab.training.settings import TrainingSettings
+
+EXPORT_TOLERANCE = 1e-4
+"""Greatest difference between the two runtimes that an export may show, on actions of order one."""
+
+
+def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
+    """The actor with its weights, on the CPU, in evaluation mode."""
+    settings: TrainingSettings = state["settings"]
+    actor = build_actor(settings, load_robot(settings.robot))
+    actor.load_state_dict(state["learner"]["actor"])
+    return actor.eval()
+
+
+class ExportedPolicy(NamedTuple):
+    """A policy file, and how it was checked.
+
+    Attributes:
+        path: of the file.
+        replayed: recorded policy steps that went through both runtimes.
+        difference: greatest difference between their actions or estimates, recorded and random inputs.
+    """
+
+    path: Path
+    replayed: int
+    difference: float
+
+
+def export_checkpoint(checkpoint: Path, output: Path, recording: Path | None = None) -> ExportedPolicy:
+    """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
+
+    It is read back, and a recorded run goes through both runtimes: ONNX Runtime with the observation, filters
+    and history that drive robots, and PyTorch on what the network was given at each step.
+
+    Args:
+        checkpoint: of a training run.
+        output: the file to write.
+        recording: npz that a race has written; None lets the policy run in the plant for four seconds.
+
+    Raises:
+        SprintlabError: the checkpoint cannot be read, or the disk refuses.
+        InvalidValueError: the recording is none.
+        PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
+    """
+    state = read_checkpoint(checkpoint)
+    recorded = None if recording is None else read_recording(recording)
+    actor = actor_from_checkpoint(state)
+    settings: TrainingSettings = state["settings"]
+    data = _with_contract(_onnx_bytes(actor, settings.observation.input_size), state)
+    replayed, difference = _verify(data, actor, load_robot(settings.robot), recorded)
+    atomic_write_bytes(output, data)
+    return ExportedPolicy(output, replayed, difference)
+
+
+def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
+    network, buffer = copy.deepcopy(network), io.BytesIO()
+    trim(network)
+    names = ["observation", "previous_estimate", "action", "estimate"]
+    torch.onnx.export(
+        network,
+        (torch.zeros(1, input_size), torch.zeros(1, ESTIMATE_SIZE)),
+        buffer,  # pyright: ignore[reportArgumentType]  # torch's annotation omits what dynamo=False accepts
+        input_names=names[:2],
+        output_names=names[2:],
+        dynamic_axes={name: {0: "batch"} for name in names},
+        opset_version=17,
+        dynamo=False,
+    )
+    return buffer.getvalue()
+
+
+def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
+    settings: TrainingSettings = state["settings"]
+    progress = state["progress"]
+    record = TrainingRecord(
+        method=settings.method,
+        actuator_model=settings.actuator_model,
+        command_line=state["command_line"],
+        config_hash=settings.digest(),
+        seed=settings.seed,
+        iterations=progress.iteration,
+        environment_steps=progress.environment_steps,
+        device=state["device"],
+        date=state["date"],
+    )
+    contract = make_contract(
+        load_robot(settings.robot),
+        layout=settings.observation,
+        training=record,
+        software=state["versions"],
+        proprioception_filter=LowPass(),
+        estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
+    )
+    model = onnx.load_from_string(data)
+    onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})
+    return model.SerializeToString()
+
+
+def _verify(
+    data: bytes, network: Actor, robot: RobotDescription, recorded: RecordedRun | None
+) -> tuple[int, float]:
+    """Read the file back through the runtime that will run it, and compare on recorded and random inputs."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "policy.onnx"
+        path.write_bytes(data)
+        policy = load_policy(path, robot)
+    run = run_in_plant(policy, robot) if recorded is None else recorded
+    seen, random = replay(policy, robot, run), _random_inputs(policy)
+    differences = [_compare(network, inputs) for inputs in (seen, random)]
+    return len(seen.action), max(differences)
+
+
+def _random_inputs(policy: Policy) -> Replay:
+    generator = np.random.default_rng(0)
+    observations = generator.normal(size=(256, policy.layout.input_size)).astype(np.float32)
+    estimates = generator.normal(size=(256, ESTIMATE_SIZE)).astype(np.float32)
+    return Replay(observations, estimates, *policy.decide(observations, estimates))
+
+
+def _compare(network: Actor, written: Replay) -> float:
+    """Greatest difference between what the file's network said and what PyTorch says to the same inputs."""
+    with torch.no_grad():
+        meant = network(torch.from_numpy(written.observation), torch.from_numpy(written.previous_estimate))
+    differences = [0.0]
+    for name, value, wanted in zip(
+        ("action", "estimate"), (written.action, written.estimate), meant, strict=True
+    ):
+        difference = float("inf") if value is None else float(np.abs(value - wanted.numpy()).max())
+        if not difference <= EXPORT_TOLERANCE:
+            raise PolicyFileError(
+                f"the exported policy's {name} differs by {difference:.2e}, allowed {EXPORT_TOLERANCE:.0e}"
+            )
+        differences.append(difference)
+    return max(differences)

@@ -1,0 +1,124 @@
+"""Pictures of a run's learning, from its checkpoint alone: curves, the curriculum's grid, robots' speeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+
+from sprintlab.commands import CommandGrid
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, set_title, style_axis, themed_figure
+from sprintlab.training.runs.runner import read_checkpoint
+from sprintlab.training.settings import TrainingSettings
+
+_SIZE = (7.0, 4.2)
+_BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
+
+
+def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
+    """Write ``learning.png``, and as far as the checkpoint allows ``curriculum.png`` and ``speeds.png``.
+
+    The grid needs a schedule that uses one; the speeds need a checkpoint with the robots' states.
+
+    Raises:
+        SprintlabError: no checkpoint, nothing logged in it, or the disk refuses.
+    """
+    state = read_checkpoint(checkpoint)
+    if not state["progress"].log:
+        raise SprintlabError(f"{checkpoint} has no iteration in its log: nothing to draw")
+    figures = {"learning": learning_curve(state["progress"].log)}
+    settings: TrainingSettings = state["settings"]
+    grid = settings.schedule.targets.grid
+    if grid is not None:
+        figures["curriculum"] = grid_figure(grid, state["grid_weights"].cpu().numpy(), state["growth"])
+    speeds = robot_speeds(state)
+    if speeds is not None:
+        figures["speeds"] = speed_figure(*speeds)
+    written: list[Path] = []
+    for name, figure in figures.items():
+        written.append(folder / f"{name}.png")
+        atomic_write_bytes(written[-1], png_bytes(figure))
+    return written
+
+
+def learning_curve(log: list[dict[str, float]]) -> Figure:
+    """Held speeds and the top of the commanded range above, falls and reward below, against training time."""
+    minutes = np.array([row["seconds"] for row in log]) / 60.0
+    size = (_SIZE[0], 1.4 * _SIZE[1])
+    figure, (speed, falls) = themed_figure(LIGHT, size, 2, 1, sharex=True, height_ratios=(2, 1))
+    curves = (
+        ("range_upper", "top of the commands", _GREY, "--"),
+        ("speed_p999", "fastest 0.1 %", _ORANGE, "-"),
+        ("speed_p95", "fastest 5 %", _BLUE, "-"),
+        ("speed_median", "median", _BLUE, ":"),
+    )
+    for name, label, colour, style in curves:
+        speed.plot(minutes, [row[name] for row in log], style, color=colour, label=label, linewidth=1.4)
+    speed.set_ylabel("running speed [m/s]")
+    axis_legend(speed, LIGHT)
+    falls.plot(minutes, [1e3 * row["falls"] for row in log], color=_ORANGE, linewidth=1.0)
+    falls.set_ylabel("falls in 1000 steps", color=_ORANGE)
+    reward = falls.twinx()
+    style_axis(reward, LIGHT)
+    reward.grid(False)
+    reward.spines["right"].set_visible(True)
+    reward.plot(minutes, [row["reward"] for row in log], color=_BLUE, linewidth=1.0)
+    reward.set_ylabel("reward a second", color=_BLUE)
+    falls.set_xlabel("training time [min]")
+    return figure
+
+
+def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) -> Figure:
+    """Weight of every bin over yaw rate and speed, with the top of the range that is commanded.
+
+    Args:
+        grid: its geometry.
+        weights: ``(rows, columns)``.
+        growth: state of the range.
+    """
+    figure, (axes,) = themed_figure(LIGHT, (0.75 * _SIZE[0], 1.3 * _SIZE[1]), 1, 1)
+    axes.grid(False)
+    extent = (-grid.yaw_limit, grid.yaw_limit, *grid.speed)
+    image = axes.imshow(
+        weights, origin="lower", aspect="auto", extent=extent, vmin=0.0, vmax=1.0, cmap="viridis"
+    )
+    figure.colorbar(image, ax=axes, label="weight of the bin")
+    axes.axhline(float(growth["upper"]), color="white", linestyle="--", linewidth=1.4)
+    axes.set_xlabel("yaw rate [rad/s]")
+    axes.set_ylabel("speed [m/s]")
+    open_bins = f"{100 * float((weights > 0).mean()):.0f} % of the bins are open"
+    set_title(axes, f"{open_bins}; dashed: top of the range", LIGHT)
+    return figure
+
+
+def robot_speeds(state: dict[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Running speeds and commanded speeds [m/s] of all robots of all processes; ``None`` without robots."""
+    saved = [each["environment"] for each in (state, *state.get("others", ())) if each["environment"]]
+    if not saved:
+        return None
+    running = torch.cat([robots["running_speed"].cpu() for robots in saved])
+    commanded = torch.cat([robots["commands.command"][:, 0].cpu() for robots in saved])
+    return running.numpy(), commanded.numpy()
+
+
+def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
+    """Histogram of what robots run and what they are commanded to, in bins of 0.5 m/s.
+
+    Args:
+        running: smoothed forward speeds ``(n,)`` [m/s].
+        commanded: commands at the same instant ``(n,)`` [m/s].
+    """
+    figure, (axes,) = themed_figure(LIGHT, _SIZE, 1, 1)
+    both = np.concatenate((running, commanded))
+    edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5).tolist()
+    axes.hist(running, edges, color=_BLUE, alpha=0.6, label="run")
+    axes.hist(commanded, edges, histtype="step", color=_ORANGE, linewidth=1.6, label="commanded")
+    axes.set_xlabel("forward speed [m/s]")
+    axes.set_ylabel("robots")
+    axis_legend(axes, LIGHT)
+    return figure

@@ -1,0 +1,287 @@
+"""``sprintlab train``: options, progress line, time limit, resume."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.extras import require_package
+from sprintlab.core.files import atomic_write_json
+from sprintlab.training.learner.distributed import Workers, join_workers
+from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
+from sprintlab.training.runs.guard import StopRequest, exclusive
+from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, recording
+from sprintlab.training.runs.runner import Runner, command_line, read_checkpoint
+from sprintlab.training.settings import TrainingSettings
+
+SETTINGS_NAME = "settings.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """How to train.
+
+    Attributes:
+        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
+        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
+            ``tensorboard/``.
+        minutes: stop after this much time in this sitting.
+        iterations: stop at this iteration of the run; some 450 after ``settings.stages.steady_iteration``.
+        environments: robots side by side.
+        seed: of every random generator.
+        device: ``cuda:0``, ``cpu`` or ``auto``.
+        resume: go on from the checkpoint in ``output``.
+        start_from: another run's checkpoint whose networks and curriculum this run begins with.
+        save_seconds: time between checkpoints.
+        milestones: keep the policy as it is at every multiple of this training time [s], as
+            ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
+        keep_schedule: take the command schedule from ``settings`` instead of the method's default.
+        keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
+        keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
+            if it had not stopped. Without, robots start from standing when it is taken up.
+        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
+        tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
+        wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
+        figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
+        cloud: at the end, two more seconds of the robots for ``cloud.npz``: where their motors work.
+        settings: everything else; ``method`` and ``environments`` are put into it.
+
+    Raises:
+        InvalidValueError: an unknown method or a number out of range.
+    """
+
+    method: str = "sprint"
+    output: Path = Path("runs/train")
+    minutes: float = 20.0
+    iterations: int = 3200
+    environments: int = 8192
+    seed: int = 0
+    device: str = "auto"
+    resume: bool = False
+    start_from: Path | None = None
+    save_seconds: float = 60.0
+    milestones: float | None = None
+    keep_schedule: bool = False
+    keep_motor_model: bool = False
+    keep_robots: bool = True
+    fused: bool = True
+    tensorboard: bool = True
+    wandb: str | None = None
+    figures: bool = False
+    cloud: bool = True
+    settings: TrainingSettings = TrainingSettings()
+
+    def __post_init__(self) -> None:
+        check_choice("method", self.method, tuple(METHODS))
+        check_positive("minutes", self.minutes, "min")
+        check_range("iterations", self.iterations, 1, 10**9)
+        check_range("seed", self.seed, 0, 2**32 - 1)
+        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
+        if self.milestones is not None:
+            check_range("milestones", self.milestones, 1.0, 1e6, "s")
+        check_range("environments", self.environments, 2, 10**6)
+        if self.wandb is not None and not self.tensorboard:
+            raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
+
+    def full_settings(self) -> TrainingSettings:
+        """The settings with method, environments and seed in place."""
+        simulation = replace(self.settings.simulation, environments=self.environments)
+        base = replace(self.settings, simulation=simulation, seed=self.seed)
+        settings = method_settings(self.method, base)
+        if self.keep_motor_model:
+            settings = replace(settings, actuator_model=base.actuator_model)
+        return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
+
+
+def pick_device(wanted: str) -> str:
+    """``auto`` is the first GPU, else the CPU.
+
+    Raises:
+        SprintlabError: a name that is none, or a GPU that is not there.
+    """
+    gpus = [f"cuda:{number}" for number in range(torch.cuda.device_count())]
+    if wanted == "auto":
+        return gpus[0] if gpus else "cpu"
+    if wanted.startswith("cuda") and not gpus:
+        raise SprintlabError(f"device {wanted} asked for, but PyTorch sees no GPU")
+    check_choice("device", wanted, ("auto", "cpu", *(["cuda", *gpus] if gpus else [])))
+    return wanted
+
+
+def train(options: TrainOptions, restartable: bool = False, typed: str | None = None) -> Path:
+    """Train until the time or the iterations are used up; returns the checkpoint's path.
+
+    Args:
+        options: what to train, where to and for how long.
+        restartable: for schedulers, which start a lost training again with the same words: go on from the
+            checkpoint where there is one, count ``minutes`` over all sittings, and where another process
+            still trains in ``output``, wait until it is gone.
+        typed: the command line, for the policy's contract; that of this process when left out.
+
+    Raises:
+        SprintlabError: there is a checkpoint and ``resume`` is off, or the other way round; the folder is in
+            use; the disk refuses. The last checkpoint stays as it is.
+        KeyboardInterrupt: Ctrl-C; the iteration was finished and saved.
+        SystemExit: 143 on SIGTERM, finished and saved likewise.
+    """
+    if options.wandb is not None:
+        require_package("wandb", extra="wandb", use="--wandb")
+    workers = join_workers()
+    checkpoint = options.output / "checkpoint.pt"
+    if options.resume and not checkpoint.is_file():
+        raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
+    with exclusive(options.output, restartable) if workers.leads else nullcontext():
+        if workers.leads:
+            _remove_halves(options.output)
+        if restartable:
+            options = replace(options, resume=checkpoint.exists())
+        with preparing(quiet=not workers.leads):
+            runner = open_run(options, workers, typed)
+        try:
+            if workers.leads:
+                with _stopping_cleanly(runner, options):
+                    _write_settings(options.output / SETTINGS_NAME, runner.settings)
+            spent = runner.progress.seconds if restartable else 0.0
+            _sit(options, runner, 60.0 * options.minutes - spent)
+        finally:
+            runner.learner.release_graphs()
+    return checkpoint
+
+
+def _write_settings(path: Path, settings: TrainingSettings) -> None:
+    """Every setting of the run, for people and other programs; the checkpoint has its own."""
+    atomic_write_json(path, {"config_hash": settings.digest(), **settings.as_dict()})
+
+
+def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) -> Runner:
+    """The run, new or as its checkpoint has it, ready to iterate; errors as ``train`` has them."""
+    checkpoint = options.output / "checkpoint.pt"
+    saved = read_checkpoint(checkpoint) if options.resume else None
+    if saved is None and checkpoint.exists():
+        raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
+    settings = saved["settings"] if saved else options.full_settings()
+    words = str(saved["command_line"]) if saved else typed or command_line()
+    device = pick_device(options.device)
+    if workers.several and device.startswith("cuda"):
+        device = f"cuda:{workers.local_rank}"
+    runner = Runner(settings, device, words, options.fused, workers)
+    if saved:
+        runner.load(saved)
+    elif options.start_from is not None:
+        runner.load(read_checkpoint(options.start_from))
+    return runner
+
+
+def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
+    """One sitting: iterations, checkpoints, and an orderly end on a signal."""
+    progress, leads = runner.progress, runner.workers.leads
+    wanted = options.tensorboard and leads
+    if wanted and options.wandb is not None:
+        follow_on_wandb(options.wandb, options.output, runner.settings.as_dict())
+    board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
+    reporter = Reporter(
+        iterations=options.iterations,
+        seconds=seconds,
+        started_at=progress.iteration,
+        board=board,
+        rolled_back=float(runner.learner.rolled_back),
+        quiet=not leads,
+    )
+    if leads and progress.iteration:
+        with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
+            runner.save_log(options.output / "log.jsonl")
+    if too_short := _never_steady(options, runner):
+        reporter.say(too_short)
+    with StopRequest().listening() as stop, reporter:
+        _loop(runner, options, seconds, stop, reporter)
+        if stop:
+            reporter.say(f"stopped at iteration {progress.iteration}, saved; go on with --resume")
+        else:
+            reporter.say(f"done: iteration {progress.iteration}, {options.output / 'checkpoint.pt'}")
+        stop.leave()
+    if options.figures and leads:
+        from sprintlab.training.runs.figures import learning_figures
+
+        learning_figures(options.output / "checkpoint.pt", options.output)
+    if options.cloud and leads:  # last of all: the robots run on, and the run could not
+        with recording():
+            write_cloud(runner, options.output / CLOUD_NAME)
+
+
+def _never_steady(options: TrainOptions, runner: Runner) -> str:
+    """A warning where the run ends before its last stage begins, else nothing."""
+    first = runner.settings.stages.steady_iteration
+    if first is None or options.iterations > first:
+        return ""
+    return (
+        f"the run ends at iteration {options.iterations}, before its steady stage (settings.stages."
+        f"steady_iteration, {first}): the policy may fall where it brakes or stands without action noise"
+    )
+
+
+def _loop(
+    runner: Runner, options: TrainOptions, seconds: float, stop: StopRequest, reporter: Reporter
+) -> None:
+    """Iterate; every process stops and saves at the same iteration as the others."""
+    started = saved = time.monotonic()
+    ended = seconds <= 0.0 or runner.progress.iteration >= options.iterations
+    while not ended:
+        before = runner.progress.seconds
+        row = runner.iterate()
+        reporter.show(row)
+        keep_milestone(runner, options, before)
+        now = time.monotonic()
+        over = now - started >= seconds or row["iteration"] >= options.iterations
+        due = now - saved >= options.save_seconds
+        ended, due = runner.workers.any_of([over or bool(stop), due])
+        if ended or due:
+            _save(runner, options)
+            saved = time.monotonic()
+
+
+def keep_milestone(runner: Runner, options: TrainOptions, before: float) -> None:
+    """Keep the policy where the last iteration, begun at ``before`` [s], crossed one of its times."""
+    every = options.milestones
+    if every is None or runner.progress.seconds // every == before // every:
+        return
+    seconds = every * (runner.progress.seconds // every)
+    with _stopping_cleanly(runner, options):
+        runner.save_policy(options.output / "milestones" / f"{seconds:04.0f}.pt")
+
+
+def _save(runner: Runner, options: TrainOptions) -> None:
+    """Checkpoint and log."""
+    with _stopping_cleanly(runner, options):
+        runner.save(options.output / "checkpoint.pt", options.keep_robots)
+        if runner.workers.leads:
+            runner.save_log(options.output / "log.jsonl")
+
+
+@contextmanager
+def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
+    """Say what a disk that refuses means for the run."""
+    try:
+        yield
+    except SprintlabError as error:
+        if (options.output / "checkpoint.pt").exists():
+            remedy = "the last good checkpoint is untouched: make room and go on with --resume"
+        else:
+            remedy = "there is no checkpoint yet: make room and start again"
+        raise SprintlabError(
+            f"training stopped at iteration {runner.progress.iteration}: {error}; {remedy}"
+        ) from error
+
+
+def _remove_halves(folder: Path) -> None:
+    """Delete what writes that were killed have left; nobody else writes here."""
+    for name in ("checkpoint.pt", "log.jsonl", SETTINGS_NAME, CLOUD_NAME):
+        for half in folder.glob(f".{name}.*"):
+            half.unlink(missing_ok=True)

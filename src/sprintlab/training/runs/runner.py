@@ -1,0 +1,277 @@
+"""The training loop: rollouts, updates, curriculum, log and checkpoints."""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+import sys
+import time
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from sprintlab.commands import RangeGrowth, StageBlend
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.learner.algorithm import EstimatorPpo
+from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.learner.metric_buffer import joined
+from sprintlab.training.settings import TrainingSettings
+
+CHECKPOINT_FORMAT = 3
+_PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
+
+
+def device_description(device: str) -> str:
+    """The accelerator in words."""
+    return torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of what a policy depends on."""
+    return {package: metadata.version(package) for package in _PACKAGES}
+
+
+@dataclass
+class Progress:
+    """What has been done, over all sittings of a run."""
+
+    iteration: int = 0
+    environment_steps: int = 0
+    seconds: float = 0.0
+    log: list[dict[str, float]] = field(default_factory=list)
+
+
+class Runner:
+    """One run: made from settings, or taken up again from its checkpoint.
+
+    Args:
+        settings: the whole configuration.
+        device: ``"cuda:0"`` or ``"cpu"``.
+        command_line: as typed; goes into the policy's contract.
+        fused: graphs and compiled kernels (GPU only); without them the same code runs plainly.
+        workers: the processes that train together.
+    """
+
+    def __init__(
+        self,
+        settings: TrainingSettings,
+        device: str,
+        command_line: str,
+        fused: bool = True,
+        workers: Workers | None = None,
+    ) -> None:
+        self.workers = workers or Workers()
+        random.seed(settings.seed)
+        np.random.seed(settings.seed)
+        torch.set_float32_matmul_precision("high")  # TF32 in the networks
+        self.settings, self.device, self.command_line = settings, device, command_line
+        self.environment = SprintEnvironment(settings, device, fused, self.workers.rank)
+        self.learner = EstimatorPpo(self.environment, fused, self.workers)
+        stages = settings.stages
+        self.growth = RangeGrowth(
+            increment=stages.growth, margin=stages.growth_margin, share=stages.growth_share
+        )
+        self.blend = StageBlend(
+            first_top=stages.first_top,
+            second_top=stages.second_top,
+            earliest_iteration=stages.earliest_iteration,
+            ramp_iterations=stages.ramp_iterations,
+        )
+        self.progress = Progress()
+
+    def iterate(self) -> dict[str, float]:
+        """One rollout and one update; returns the statistics of the iteration."""
+        started = time.perf_counter()
+        for _ in range(self.settings.ppo.steps):
+            self.learner.act()
+            self.environment.advance()
+            self.learner.record()
+        self.learner.update()
+        self.workers.average(self.environment.grid_weights)
+        statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
+        self.growth.update(statistics["speed_p999"], self.blend.top)
+        self.blend.update(self.growth.upper)
+        row = self._record(statistics, time.perf_counter() - started)
+        self._set_curriculum()
+        return row
+
+    def _set_curriculum(self) -> None:
+        """Range, stage and noise of the next iteration."""
+        iteration = self.progress.iteration
+        steady = self.settings.stages.is_steady(iteration)
+        self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
+        self.learner.set_noise(self.settings.ppo.noise_floor(iteration), steady)
+
+    def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
+        steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count
+        self.progress.iteration += 1
+        self.progress.environment_steps += steps
+        self.progress.seconds += seconds
+        row = {
+            "iteration": self.progress.iteration,
+            "seconds": round(self.progress.seconds, 3),
+            "environment_steps": self.progress.environment_steps,
+            "steps_per_second": round(steps / seconds),
+            "range_upper": self.growth.upper,
+            "stage": self.blend.weight,
+            **statistics,
+            "broken": round(statistics["broken"] * steps),  # a count: one in a million steps should be seen
+        }
+        self.progress.log.append(row)
+        return row
+
+    # --- checkpoints -------------------------------------------------------------------------------------
+
+    def state(self, with_robots: bool = True) -> dict[str, Any]:
+        """Everything that a run needs to go on, and that an export needs to write a contract.
+
+        Where several processes train together, all of them must call this; only the leader's answer holds
+        everything.
+
+        Args:
+            with_robots: also the state of every robot and its command; without it, robots start from
+                standing when the run is taken up.
+        """
+        first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
+        return {
+            **self._description(),
+            "learner": self.learner.state_dict(),
+            **(first or {}),
+            "others": others,
+            "grid_weights": self.environment.grid_weights,
+            "growth": self.growth.state_dict(),
+            "blend": self.blend.state_dict(),
+            "progress": self.progress,
+        }
+
+    def _description(self) -> dict[str, Any]:
+        """What the file is of, and when and where it was written."""
+        return {
+            "format": CHECKPOINT_FORMAT,
+            "settings": self.settings,
+            "command_line": self.command_line,
+            "device": device_description(self.device),
+            "versions": package_versions(),
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        }
+
+    def _own_state(self, with_robots: bool) -> dict[str, Any]:
+        """What each process has of its own: its robots and its random generators."""
+        generators = {
+            "torch": torch.get_rng_state(),
+            "numpy": np.random.get_state(),
+            "python": random.getstate(),
+        }
+        if self.device.startswith("cuda"):
+            generators["cuda"] = torch.cuda.get_rng_state(self.device)
+        robots = self.environment.state() if with_robots else None
+        if robots is not None and self.workers.several:
+            robots = {name: value.cpu() for name, value in robots.items()}
+        return {"environment": robots, "generators": generators}
+
+    def save(self, path: Path, with_robots: bool = True) -> None:
+        """Write the checkpoint in one step, by the leader; all processes must call this.
+
+        Raises:
+            SprintlabError: the disk refuses; the checkpoint that was there stays.
+        """
+        state = self.state(with_robots)
+        if not self.workers.leads:
+            return
+        _write_state(state, path)
+
+    def save_policy(self, path: Path) -> None:
+        """Write what ``sprintlab export`` reads and nothing else, by the leader: a milestone of a run.
+
+        Raises:
+            SprintlabError: the disk refuses.
+        """
+        if not self.workers.leads:
+            return
+        state = {
+            **self._description(),
+            # Copies: the parameters are views on a block, and a view is saved with all that it looks at.
+            "learner": {
+                "actor": {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
+            },
+            "progress": replace(self.progress, log=[]),
+        }
+        _write_state(state, path)
+
+    def save_log(self, path: Path) -> None:
+        """Write one JSON line an iteration."""
+        atomic_write_text(path, "".join(json.dumps(row) + "\n" for row in self.progress.log))
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Take up a run where its checkpoint left it.
+
+        With the robots' states in it, and on the same device and versions, the run goes on as if it had not
+        stopped. Robots that are not in it (saved without, another number of robots, more processes than
+        before) start anew from standing.
+
+        Raises:
+            SprintlabError: the state is a milestone: a policy without what training needs.
+        """
+        if "growth" not in state:
+            raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
+        self.learner.load_state_dict(state["learner"])
+        self.growth.load_state_dict(state["growth"])
+        self.blend.load_state_dict(state["blend"])
+        self.progress = state["progress"]
+        if state["grid_weights"].shape == self.environment.grid_weights.shape:
+            self.environment.grid_weights.copy_(state["grid_weights"])
+        saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]
+        rank = self.workers.rank
+        if rank < len(saved):
+            self._load_own(saved[rank])
+        else:  # a newcomer: random numbers that no process has had
+            torch.manual_seed(self.settings.seed + 1_000_003 * rank + self.progress.iteration)
+        self._set_curriculum()
+
+    def _load_own(self, state: dict[str, Any]) -> None:
+        robots = state["environment"]
+        if robots is not None and len(robots["action"]) == self.environment.num_envs:
+            self.environment.load_state(robots)
+        generators = state["generators"]
+        torch.set_rng_state(generators["torch"].cpu())
+        np.random.set_state(generators["numpy"])
+        random.setstate(generators["python"])
+        if self.device.startswith("cuda") and "cuda" in generators:
+            torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
+
+
+def _write_state(state: dict[str, Any], path: Path) -> None:
+    """In one step: nobody finds half a file."""
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    atomic_write_bytes(path, buffer.getvalue())
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Load a checkpoint of ours.
+
+    Raises:
+        SprintlabError: missing, truncated, or written by something else.
+    """
+    if not path.is_file():
+        raise SprintlabError(f"{path} is no checkpoint: there is no such file")
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=False)
+    except Exception as error:
+        raise SprintlabError(f"{path} is no checkpoint or is truncated: {error}") from error
+    if not isinstance(state, dict) or state.get("format") != CHECKPOINT_FORMAT:
+        raise SprintlabError(f"{path} is no sprintlab checkpoint of format {CHECKPOINT_FORMAT}")
+    return state
+
+
+def command_line() -> str:
+    """The command as typed, without the folder of the program."""
+    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])

@@ -1,0 +1,1 @@
+"""From a data sheet or a test bench to a motor file."""

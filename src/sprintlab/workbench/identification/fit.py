@@ -1,0 +1,389 @@
+"""The fit: robust first, then exact on what is no outlier, with intervals that say what the data know.
+
+1. Least squares with the soft-L1 loss over all channels in the unit of their own noise, which is estimated
+   from the median absolute residual; repeated until the noise settles.
+2. Rows with a residual beyond five noise units are set aside and reported.
+3. Plain least squares on the rest; its Jacobian ``J`` and residuals give 95 % intervals (``statistics``), the
+   singular values of ``J`` say which combination of parameters the data cannot tell apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import require_package
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
+from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.checks import (
+    check_levels,
+    check_units,
+    repeated_rows,
+    torque_flux,
+    voltage_flux,
+)
+from sprintlab.workbench.identification.model import (
+    BOUNDS,
+    LEAST_WARMING,
+    PARAMETER_UNITS,
+    Channel,
+    channels,
+    warming,
+)
+from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
+from sprintlab.workbench.identification.statistics import (
+    Decomposition,
+    freedom,
+    half_widths,
+    lacking_term,
+    local_median,
+)
+from sprintlab.workbench.identification.verdict import comparison, outlier_note, patterns, problems
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+OUTLIER_DISTANCE = 5.0
+"""Residual in units of the noise, of rows that read about the same, beyond which a row is set aside."""
+
+_ROUNDS = 4
+_FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
+_FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
+_SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
+_LARGEST_SHARE = {"flux_linkage": 0.1, "voltage_utilization": 0.1}  # torque and speed go with them
+_LARGEST_OTHER_SHARE = 0.5  # half width over value beyond which a parameter is not determined
+_LARGEST_SATURATION_WIDTH = 0.1
+_SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
+_PART = 0.3  # least component of a parameter in a blind direction to be named
+
+
+def identify(
+    bench: Bench,
+    *,
+    pole_pairs: int,
+    peak_current: float | None = None,
+    base: PmsmParameters | None = None,
+    hold: Sequence[str] = (),
+) -> Identification:
+    """Fit what the columns of a bench allow.
+
+    Args:
+        bench: at least current and torque; without speed only flux and saturation are fitted.
+        pole_pairs: N.
+        peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
+        base: a motor that supplies held values and is compared with.
+        hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
+
+    Raises:
+        SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
+            SciPy, which the extra ``analysis`` brings, is not installed.
+        InvalidValueError: a setting is not allowed.
+    """
+    require_package("scipy", extra="analysis", use="identifying a motor")
+    check_range("pole_pairs", pole_pairs, 1, 200)
+    for name in hold:
+        check_choice("hold", name, tuple(PARAMETER_UNITS))
+    if peak_current is not None:
+        check_positive("peak_current", peak_current, "A")
+    check_levels(bench)
+    warnings = repeated_rows(bench)
+    if bench.speed is not None:
+        warnings += check_units(bench, pole_pairs)
+    largest = float(np.max(np.abs(bench.current)))
+    if peak_current is None:
+        peak_current = largest
+        warnings.append(
+            f"no peak current given: saturation and peak torque refer to {largest:.4g} A, the bench's"
+        )
+    elif peak_current > 1.2 * largest:
+        warnings.append(
+            f"the bench ends at {largest:.4g} A: up to {peak_current:.4g} A the saturation is extrapolated"
+        )
+    if bench.temperature is None and bench.q_voltage is not None and "stator_resistance" not in hold:
+        warnings.append("no temperature column: the resistance is that of the winding as warm as it was")
+    return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold)).run(warnings, base)
+
+
+def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, float]:
+    held: dict[str, float] = {}
+    for name in hold:
+        if name == "voltage_utilization":
+            held[name] = VOLTAGE_UTILIZATION
+        elif name.endswith("friction") or name == "flux_drift":
+            held[name] = 0.0
+        elif base is None:
+            raise SprintlabError(f"{name} cannot be held: give the base motor that it comes from")
+        else:
+            held[name] = float(getattr(base, name))
+    return held
+
+
+class _Fit:
+    """One fit over the channels of a bench; parameters travel in units of their first guess."""
+
+    def __init__(self, bench: Bench, pole_pairs: int, peak_current: float, held: dict[str, float]) -> None:
+        self._bench = bench
+        self._pole_pairs = pole_pairs
+        self._peak_current = peak_current
+        self._held = held
+        self._channels = channels(bench, pole_pairs, peak_current)
+        seen = {name for channel in self._channels for name in channel.depends_on}
+        self._free = [name for name in PARAMETER_UNITS if name in seen and name not in held]
+        guess = self._guess()
+        self._start = np.array([guess[name] for name in self._free])
+        self._idle = {name: 0.0 for name in PARAMETER_UNITS if name not in self._free} | held
+
+    def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
+        """Fit, and say how good it is."""
+        solution, kept = self._fitted()
+        decomposition = Decomposition(solution.jac)
+        widths = half_widths(decomposition, solution.fun, self._used_rows(kept)) * self._start
+        fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
+        estimates = self._estimates(solution.x, widths, self._blind(decomposition))
+        fatal = problems(estimates, fits, kept)
+        notes = [*comparison(estimates, base), *self._at_bounds(solution.x), *outlier_note(kept)]
+        lacking = self._lacking(decomposition, solution.fun, kept)
+        return Identification(
+            bench=self._bench,
+            pole_pairs=self._pole_pairs,
+            peak_current=self._peak_current,
+            estimates=estimates,
+            channels=fits,
+            outliers=self._bench.lines[~kept],
+            singular_values=decomposition.singular,
+            warnings=(*fatal, *warnings, *notes, *patterns(self._bench, fits, kept, lacking)),
+            trustworthy=not fatal,
+        )
+
+    def _fitted(self) -> tuple[Any, BoolArray]:
+        """The solution over the rows that are no outliers, and which rows those are."""
+        noise = np.array([_FIRST_NOISE * _range(channel, self._bench) for channel in self._channels])
+        everything = np.ones(self._bench.size, dtype=bool)
+        point = np.ones(len(self._free))
+        for _ in range(_ROUNDS):
+            point = self._solve(point, noise, everything, "soft_l1").x
+            noise = self._noise(point)
+        kept = ~self._outlying(point, noise)
+        solution = self._solve(point, noise, kept, "linear")
+        noise = self._residual_spread(solution, noise, kept)
+        return self._solve(solution.x, noise, kept, "linear"), kept
+
+    def _guess(self) -> dict[str, float]:
+        """A first guess of everything; also the unit in which the fit moves."""
+        bench, pairs = self._bench, self._pole_pairs
+        flux = torque_flux(bench, pairs)
+        current = float(np.max(np.abs(bench.current)))
+        torque = float(np.max(np.abs(bench.torque)))
+        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
+        voltage = self._largest_voltage(flux, speed)
+        electrical = voltage_flux(bench, pairs)
+        resistance = electrical[1] if electrical is not None else 0.0
+        return {
+            "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
+            "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
+            "flux_linkage": flux,
+            "flux_drift": 1e-3,
+            "saturation": 0.1,
+            "coulomb_friction": 0.02 * torque,
+            "viscous_friction": 0.02 * torque / speed,
+            "voltage_utilization": VOLTAGE_UTILIZATION,
+        }
+
+    def _largest_voltage(self, flux: float, speed: float) -> float:
+        if self._bench.q_voltage is not None:
+            return max(float(np.max(np.abs(self._bench.q_voltage))), 1e-6)
+        return self._pole_pairs * speed * flux
+
+    def _values(self, point: FloatArray) -> dict[str, float]:
+        return self._idle | dict(zip(self._free, (point * self._start).tolist(), strict=True))
+
+    def _residuals(self, point: FloatArray, noise: FloatArray, kept: BoolArray) -> FloatArray:
+        values = self._values(point)
+        return np.concatenate(
+            [
+                ((channel.predict(values) - channel.measured) / scale)[kept[channel.rows]]
+                for channel, scale in zip(self._channels, noise.tolist(), strict=True)
+            ]
+        )
+
+    def _solve(self, point: FloatArray, noise: FloatArray, kept: BoolArray, loss: str) -> Any:
+        from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
+
+        untyped: Any = optimize
+        low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
+        inside = np.clip(point, low + 1e-9, high - 1e-9)
+        solution = untyped.least_squares(
+            self._residuals,
+            inside,
+            bounds=(low, high),
+            loss=loss,
+            args=(noise, kept),
+            jac="3-point",
+            x_scale="jac",
+        )
+        if not np.isfinite(solution.x).all():
+            raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
+        return solution
+
+    def _noise(self, point: FloatArray) -> FloatArray:
+        """Median absolute residual of each channel as a standard deviation."""
+        values = self._values(point)
+        spread = [
+            1.4826 * float(np.median(np.abs(channel.predict(values) - channel.measured)))
+            for channel in self._channels
+        ]
+        return self._floored(spread)
+
+    def _residual_spread(self, solution: Any, noise: FloatArray, kept: BoolArray) -> FloatArray:
+        """Standard deviation of each channel without outliers and without the freedom that the fit took."""
+        used = self._used_rows(kept)
+        spread: list[float] = []
+        start = 0
+        for index, left in enumerate(freedom(Decomposition(solution.jac), used)):
+            error = solution.fun[start : start + used[index]] * noise[index]
+            start += used[index]
+            known = left >= 1.0  # else the fit took every row: no row is left to show the noise
+            unknown = _FIRST_NOISE * _range(self._channels[index], self._bench)
+            spread.append(float(np.sqrt(np.sum(error**2) / left)) if known else unknown)
+        return self._floored(spread)
+
+    def _used_rows(self, kept: BoolArray) -> list[int]:
+        """Residuals that each channel adds."""
+        return [int(kept[channel.rows].sum()) for channel in self._channels]
+
+    def _floored(self, spread: list[float]) -> FloatArray:
+        floor = [_SMALLEST_NOISE * _range(channel, self._bench) for channel in self._channels]
+        return np.maximum(np.array(spread), np.array(floor))
+
+    def _outlying(self, point: FloatArray, noise: FloatArray) -> BoolArray:
+        """Rows with a residual too far off in any channel ``(n,)``."""
+        values = self._values(point)
+        outlying = np.zeros(self._bench.size, dtype=bool)
+        for channel, scale in zip(self._channels, noise.tolist(), strict=True):
+            if len(channel.rows) < _FEWEST_FOR_OUTLIERS:
+                continue
+            predicted = channel.predict(values)
+            error = np.abs(predicted - channel.measured)
+            spread = np.maximum(scale, 1.4826 * local_median(np.abs(predicted), error))
+            outlying[channel.rows[error > OUTLIER_DISTANCE * spread]] = True
+        return outlying
+
+    def _blind(self, decomposition: Decomposition) -> list[str]:
+        """Combinations of parameters that no residual sees, in words."""
+        return [
+            " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
+            for direction in decomposition.blind_directions
+        ]
+
+    def _lacking(self, decomposition: Decomposition, residuals: FloatArray, kept: BoolArray) -> list[str]:
+        """What each channel's residuals follow; empty where they only scatter."""
+        begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
+        return [
+            lacking_term(self._bench, channel.rows[kept[channel.rows]], decomposition, residuals, begin)
+            for channel, begin in zip(self._channels, begins, strict=False)
+        ]
+
+    def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
+        values = self._values(point)
+        found: dict[str, Estimate] = {}
+        for name in PARAMETER_UNITS:
+            if name in self._free:
+                width = float(widths[self._free.index(name)])
+                found[name] = self._estimate(name, values[name], width, blind)
+            elif name in self._held:
+                found[name] = Estimate(
+                    name=name, value=values[name], half_width=None, determined=True, reason="held"
+                )
+            else:
+                found[name] = Estimate(
+                    name=name, value=None, half_width=None, determined=False, reason=self._absence(name)
+                )
+        return found
+
+    def _estimate(self, name: str, value: float, width: float, blind: list[str]) -> Estimate:
+        share = _LARGEST_SHARE.get(name, _LARGEST_OTHER_SHARE)
+        known = width <= share * abs(value) or width <= self._harmless_width(name)
+        direction = next((text for text in blind if name in text.split(" and ")), "")
+        reason = ""
+        if direction:
+            known = False
+            reason = (
+                f"the data do not tell apart {direction}"
+                if " and " in direction
+                else "leaves no trace in the data"
+            )
+        elif not known:
+            more = "rows on the limit" if name == "voltage_utilization" else "speeds and currents"
+            reason = f"the interval is too wide: more {more} are needed"
+        return Estimate(name=name, value=value, half_width=width, determined=known, reason=reason)
+
+    def _harmless_width(self, name: str) -> float:
+        """Half width that moves no channel by more than 5 % of its range."""
+        bench = self._bench
+        current = float(np.max(np.abs(bench.current)))
+        torque = _SMALL_EFFECT * float(np.max(np.abs(bench.torque)))
+        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
+        voltage = _SMALL_EFFECT * self._largest_voltage(self._start[self._free.index("flux_linkage")], speed)
+        return {
+            "stator_resistance": voltage / current,
+            "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
+            "flux_drift": _SMALL_EFFECT / max(warming(bench), 1.0),
+            "saturation": _LARGEST_SATURATION_WIDTH,
+            "coulomb_friction": torque,
+            "viscous_friction": torque / speed,
+        }.get(name, 0.0)
+
+    def _absence(self, name: str) -> str:
+        if name in ("stator_resistance", "q_axis_inductance"):
+            return "needs vq and vd, or rows marked limited with a bus_voltage"
+        if name == "voltage_utilization":
+            return "needs a bus_voltage and rows marked limited"
+        if name == "flux_drift":
+            return f"needs temperatures that differ by {LEAST_WARMING:g} K"
+        return "needs speeds"
+
+    def _at_bounds(self, point: FloatArray) -> list[str]:
+        values = self._values(point)
+        return [
+            f"{name} ended at {values[name]:.3g}, the edge of what is possible: the model does not fit there"
+            for name in self._free
+            if name != "voltage_utilization"
+            and _at_edge(name, values[name], self._start[self._free.index(name)])
+        ]
+
+    def _channel_fit(self, channel: Channel, point: FloatArray, kept: BoolArray) -> ChannelFit:
+        values = self._values(point)
+        predicted = channel.predict(values)
+        used = kept[channel.rows]
+        error, measured = (channel.measured - predicted)[used], channel.measured[used]
+        variance = float(np.var(measured)) if len(measured) else 0.0
+        explained = 1.0 - float(np.mean(error**2)) / variance if variance > 0 else 1.0
+        return ChannelFit(
+            name=channel.name,
+            unit=channel.unit,
+            rows=channel.rows,
+            measured=channel.measured,
+            predicted=predicted,
+            noise=float(np.sqrt(np.mean(error**2))) if len(error) else 0.0,
+            explained=explained,
+        )
+
+
+def _range(channel: Channel, bench: Bench) -> float:
+    """Size of what a channel measures; of the bus voltage where the channel measures zero."""
+    largest = float(np.max(np.abs(channel.measured)))
+    if largest == 0.0 and bench.bus_voltage is not None:
+        largest = float(np.max(np.abs(bench.bus_voltage)))
+    return max(largest, 1e-9)
+
+
+def _at_edge(name: str, value: float, scale: float) -> bool:
+    low, high = BOUNDS[name]
+    lower_is_news = name in ("stator_resistance", "flux_linkage")
+    return value > high - 1e-6 * (high - low) or (lower_is_news and value < low + 1e-6 * scale)

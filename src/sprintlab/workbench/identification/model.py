@@ -1,0 +1,200 @@
+"""What a bench should show for given parameters: one residual channel a measured quantity.
+
+With ``w = N omega``, one inductance for both axes and the peak current ``I``::
+
+    tau = 1.5 N psi i_q (1 - alpha |i_q| / I) - coulomb sign(omega) - viscous omega
+    v_q = R i_q + w (L i_d + psi)
+    v_d = R i_d - w L i_q
+    |v| = gamma V_bus / sqrt(3)          where the inverter gives all its voltage
+
+Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % a kelvin,
+and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted where the temperatures differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.motors.thermal import COPPER_COEFFICIENT
+from sprintlab.workbench.identification.bench import Bench
+
+FloatArray = NDArray[np.float64]
+Parameters = Mapping[str, float]
+
+REFERENCE_TEMPERATURE = 20.0
+"""Temperature to which the resistance is referred [degC]."""
+
+PARAMETER_UNITS = {
+    "stator_resistance": "ohm",
+    "q_axis_inductance": "H",
+    "flux_linkage": "Wb",
+    "flux_drift": "1/K",
+    "saturation": "",
+    "coulomb_friction": "N m",
+    "viscous_friction": "N m s/rad",
+    "voltage_utilization": "",
+}
+"""What a bench can tell, with units; names as in ``PmsmParameters`` where it has them."""
+
+BOUNDS = {
+    "stator_resistance": (0.0, 100.0),
+    "q_axis_inductance": (0.0, 0.1),
+    "flux_linkage": (1e-6, 2.0),
+    "flux_drift": (-0.01, 0.01),
+    "saturation": (0.0, 0.499),
+    "coulomb_friction": (0.0, 1e3),
+    "viscous_friction": (0.0, 1e2),
+    "voltage_utilization": (0.05, 1.3),
+}
+"""Where the fit may look."""
+
+LEAST_WARMING = 10.0
+"""Range of temperatures below which the flux shows no drift [K]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One measured quantity.
+
+    Attributes:
+        name: ``torque``, ``vq``, ``vd`` or ``voltage limit``.
+        unit: of its residuals.
+        measured: (m,) values that the residuals are subtracted from.
+        predict: model values (m,) for parameters.
+        rows: (m,) rows of the bench.
+        depends_on: parameters that the prediction looks at.
+    """
+
+    name: str
+    unit: str
+    measured: FloatArray
+    predict: Callable[[Parameters], FloatArray]
+    rows: NDArray[np.int64]
+    depends_on: tuple[str, ...]
+
+
+def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench: Bench) -> FloatArray:
+    """Torque on the shaft [N m] ``(n,)``, saturation and friction in; no friction without speeds."""
+    current = bench.current
+    speed = np.zeros(bench.size) if bench.speed is None else bench.speed
+    ideal = 1.5 * pole_pairs * linked_flux(values, bench) * current
+    saturated = ideal * (1.0 - values["saturation"] * np.abs(current) / peak_current)
+    friction = values["coulomb_friction"] * np.sign(speed) + values["viscous_friction"] * speed
+    return saturated - friction
+
+
+def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[FloatArray, FloatArray]:
+    """``(v_q, v_d)`` [V] ``(n,)`` each."""
+    assert bench.speed is not None
+    electrical = pole_pairs * bench.speed
+    resistance = values["stator_resistance"] * resistance_factor(bench)
+    inductance = values["q_axis_inductance"]
+    v_q = resistance * bench.current + electrical * (
+        inductance * bench.d_current + linked_flux(values, bench)
+    )
+    v_d = resistance * bench.d_current - electrical * inductance * bench.current
+    return v_q, v_d
+
+
+def resistance_factor(bench: Bench) -> FloatArray:
+    """Resistance over its value at 20 degC ``(n,)``; 1 where no temperature was measured."""
+    if bench.temperature is None:
+        return np.ones(bench.size)
+    return 1.0 + COPPER_COEFFICIENT * (bench.temperature - REFERENCE_TEMPERATURE)
+
+
+def linked_flux(values: Parameters, bench: Bench) -> FloatArray:
+    """Flux linkage at the temperature of each row [Wb] ``(n,)``."""
+    if bench.temperature is None:
+        return np.full(bench.size, values["flux_linkage"])
+    rise = bench.temperature - REFERENCE_TEMPERATURE
+    return values["flux_linkage"] * (1.0 + values["flux_drift"] * rise)
+
+
+def warming(bench: Bench) -> float:
+    """Range of the temperatures [K]; 0 where none was measured."""
+    return 0.0 if bench.temperature is None else float(np.ptp(bench.temperature))
+
+
+def channels(bench: Bench, pole_pairs: int, peak_current: float) -> tuple[Channel, ...]:
+    """Every channel that the bench's columns allow, the torque first."""
+    return (
+        _torque_channel(bench, pole_pairs, peak_current),
+        *_voltage_channels(bench, pole_pairs),
+        *_limit_channel(bench, pole_pairs),
+    )
+
+
+def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float) -> Channel:
+    friction = () if bench.speed is None else ("coulomb_friction", "viscous_friction")
+    return Channel(
+        name="torque",
+        unit="N m",
+        measured=bench.torque,
+        predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench),
+        rows=np.arange(bench.size),
+        depends_on=("saturation", *_flux_names(bench), *friction),
+    )
+
+
+def _flux_names(bench: Bench) -> tuple[str, ...]:
+    drifts = warming(bench) >= LEAST_WARMING
+    return ("flux_linkage", "flux_drift") if drifts else ("flux_linkage",)
+
+
+def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
+    if bench.q_voltage is None or bench.d_voltage is None:
+        return ()
+    return tuple(
+        Channel(
+            name=name,
+            unit="V",
+            measured=measured,
+            predict=lambda values, axis=axis: phase_voltages(values, pole_pairs, bench)[axis],
+            rows=np.arange(bench.size),
+            depends_on=("stator_resistance", "q_axis_inductance", *_flux_names(bench)),
+        )
+        for axis, (name, measured) in enumerate((("vq", bench.q_voltage), ("vd", bench.d_voltage)))
+    )
+
+
+def _limit_channel(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
+    """The bus's share that the voltage reaches; from measured voltages if there are any."""
+    rows = np.flatnonzero(bench.limited)
+    if bench.bus_voltage is None or bench.speed is None or len(rows) == 0:
+        return ()
+    limit = bench.bus_voltage[rows] / math.sqrt(3.0)
+    if bench.q_voltage is not None and bench.d_voltage is not None:
+        return (_measured_limit(np.hypot(bench.q_voltage, bench.d_voltage)[rows], limit, rows),)
+
+    def excess(values: Parameters) -> FloatArray:
+        v_q, v_d = phase_voltages(values, pole_pairs, bench)
+        return np.hypot(v_q, v_d)[rows] - values["voltage_utilization"] * limit
+
+    electrical = ("stator_resistance", "q_axis_inductance", *_flux_names(bench), "voltage_utilization")
+    return (
+        Channel(
+            name="voltage limit",
+            unit="V",
+            measured=np.zeros(len(rows)),
+            predict=excess,
+            rows=rows,
+            depends_on=electrical,
+        ),
+    )
+
+
+def _measured_limit(magnitude: FloatArray, limit: FloatArray, rows: NDArray[np.int64]) -> Channel:
+    return Channel(
+        name="voltage limit",
+        unit="V",
+        measured=magnitude,
+        predict=lambda values: values["voltage_utilization"] * limit,
+        rows=rows,
+        depends_on=("voltage_utilization",),
+    )

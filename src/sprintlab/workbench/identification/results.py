@@ -1,0 +1,121 @@
+"""What an identification hands back: estimates with intervals, the fit of each channel, warnings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.workbench.identification.bench import Bench
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """One parameter.
+
+    Attributes:
+        name: a key of ``PARAMETER_UNITS``.
+        value: SI; ``None`` where the data say nothing.
+        half_width: of the 95 % interval; ``None`` where nothing was fitted.
+        determined: the interval is narrow enough to use the value.
+        reason: why it is not determined, or that it was held.
+    """
+
+    name: str
+    value: float | None
+    half_width: float | None
+    determined: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelFit:
+    """How one measured quantity was met.
+
+    Attributes:
+        name: of the channel.
+        unit: of the values.
+        rows: (m,) rows of the bench.
+        measured: (m,) as measured.
+        predicted: (m,) by the fitted model.
+        noise: standard deviation of the residuals without outliers.
+        explained: share of the measured variance that the model explains, without outliers.
+    """
+
+    name: str
+    unit: str
+    rows: NDArray[np.int64]
+    measured: FloatArray
+    predicted: FloatArray
+    noise: float
+    explained: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identification:
+    """What a bench tells about a motor.
+
+    Attributes:
+        bench: the data.
+        pole_pairs: N.
+        peak_current: amplitude to which the saturation refers [A].
+        estimates: one a parameter, by name.
+        channels: fit of each measured quantity.
+        outliers: (k,) lines of the file that were set aside.
+        singular_values: of the scaled Jacobian, largest first.
+        warnings: what a reader must know before using the values.
+        trustworthy: ``False`` where a warning means that the fit is no description of the data.
+    """
+
+    bench: Bench
+    pole_pairs: int
+    peak_current: float
+    estimates: dict[str, Estimate]
+    channels: tuple[ChannelFit, ...]
+    outliers: NDArray[np.int64]
+    singular_values: FloatArray
+    warnings: tuple[str, ...]
+    trustworthy: bool
+
+    @property
+    def torque_constant(self) -> float:
+        """Torque per ampere before saturation, ``1.5 N psi`` [N m/A]."""
+        flux = self.estimates["flux_linkage"].value
+        return 1.5 * self.pole_pairs * (flux or 0.0)
+
+    def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
+        """The identified motor; what the bench does not determine comes from ``base``.
+
+        Raises:
+            SprintlabError: the fit is not trustworthy, or a parameter is neither determined nor in ``base``.
+        """
+        if not self.trustworthy:
+            raise SprintlabError(
+                "the fit does not describe the bench, no motor is made of it: see the warnings"
+            )
+        names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
+        values = {name: self._value(name, base) for name in names}
+        inertia = rotor_inertia if rotor_inertia is not None else getattr(base, "rotor_inertia", None)
+        if inertia is None:
+            raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
+        return PmsmParameters(
+            pole_pairs=self.pole_pairs,
+            peak_torque=1.5 * self.pole_pairs * values["flux_linkage"] * self.peak_current,
+            rotor_inertia=inertia,
+            **values,
+        )
+
+    def _value(self, name: str, base: PmsmParameters | None) -> float:
+        estimate = self.estimates[name]
+        if estimate.determined and estimate.value is not None:
+            return estimate.value
+        if base is None:
+            raise SprintlabError(
+                f"the bench does not determine {name} ({estimate.reason}): give a base motor"
+            )
+        return float(getattr(base, name))

@@ -1,0 +1,151 @@
+"""What a linearized fit knows: intervals that hold under uneven noise, and terms that the model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.workbench.identification.bench import Bench
+
+FloatArray = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+LACKING = 4.0
+"""Standard deviations of a term's share in the residuals beyond which the model lacks it."""
+
+_BLIND = 1e-5  # a singular value below this share of the largest sees nothing
+_LEAST_LEFT = 0.05  # share of a residual that the fit leaves, at least
+_TAKEN = 0.5  # leverage above which a residual no longer shows its own noise
+_NEIGHBOURS = 9  # rows whose median error counts as a spread
+_IMITATED = 1e-3  # share of a term that is left of it once the parameters have taken theirs
+
+
+class Decomposition:
+    """Singular values of a Jacobian with unit columns, and what follows from them.
+
+    Attributes:
+        singular: (p,) largest first.
+        basis: (m, r) orthonormal: what the parameters can do to the residuals.
+        leverage: (m,) share of each residual that the fit takes for itself.
+        gain: (p, m) change of each parameter with each residual.
+        blind_directions: unit vectors ``(p,)`` of parameters that no residual sees.
+    """
+
+    def __init__(self, jacobian: Any) -> None:
+        matrix = np.asarray(jacobian, dtype=float)
+        norms = np.linalg.norm(matrix, axis=0)
+        lengths = np.where(norms > 0.0, norms, 1.0)
+        left, self.singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
+        floored = np.maximum(self.singular, 1e-12 * float(self.singular[0]))
+        seen = self.singular >= _BLIND * self.singular[0]
+        self.basis: FloatArray = left[:, seen]
+        self.leverage: FloatArray = np.sum(self.basis**2, axis=1)
+        self.gain: FloatArray = (right.T / floored) @ left.T / lengths[:, None]
+        self.blind_directions: list[FloatArray] = list(right[~seen])
+
+
+def freedom(decomposition: Decomposition, rows: Sequence[int]) -> list[float]:
+    """Residuals less parameters of each channel: a row's leverage is what the fit took of it.
+
+    Args:
+        decomposition: of the weighted Jacobian.
+        rows: residuals that each channel adds, in order.
+    """
+    taken = decomposition.leverage
+    return [float(end - begin - taken[begin:end].sum()) for begin, end in _ranges(rows)]
+
+
+def half_widths(decomposition: Decomposition, residuals: FloatArray, rows: Sequence[int]) -> FloatArray:
+    """Half widths of the 95 % intervals, in units of the fit ``(p,)``.
+
+    Each residual stands for its own variance (HC3: MacKinnon and White, Journal of Econometrics 29, 1985), so
+    that sensors whose noise grows with the signal do not narrow the intervals; where the fit took a residual
+    for itself, the channel's noise stands in. The quantile of Student's t takes the effective degrees of
+    freedom of each parameter (Welch and Satterthwaite), as the noise is known only as well as rows allow.
+
+    Args:
+        decomposition: of the weighted Jacobian ``(m, p)``.
+        residuals: in units of their channel's noise ``(m,)``.
+        rows: residuals that each channel adds, in order.
+    """
+    from scipy import special  # pyright: ignore[reportMissingTypeStubs]
+
+    error = np.abs(residuals) / np.maximum(1.0 - decomposition.leverage, _LEAST_LEFT)
+    error = np.where(decomposition.leverage > _TAKEN, np.maximum(error, 1.0), error)
+    moved = (decomposition.gain * error) ** 2
+    shares = np.array([np.sum(moved[:, begin:end], axis=1) for begin, end in _ranges(rows)])
+    left = np.maximum(np.array(freedom(decomposition, rows)), 1.0)[:, None]
+    variance = shares.sum(axis=0)
+    spread = np.sum(shares**2 / left, axis=0)
+    effective = np.where(spread > 0.0, variance**2 / np.where(spread > 0.0, spread, 1.0), 1.0)
+    quantile: Any = special.stdtrit(effective, 0.5 + CONFIDENCE / 2.0)
+    return quantile * np.sqrt(variance)
+
+
+def local_median(size: FloatArray, error: FloatArray) -> FloatArray:
+    """Median error among the quarter of the rows that are nearest in size, nine at least ``(k,)``.
+
+    Sensors are noisier where they read much; one spread for all rows would call their readings outliers.
+    """
+    count = len(size)
+    width = min(count, max(_NEIGHBOURS, count // 4))
+    order = np.argsort(size, kind="stable")
+    starts = np.clip(np.arange(count) - width // 2, 0, count - width)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(error[order], width), axis=-1)
+    local = np.empty(count)
+    local[order] = medians[starts]
+    return local
+
+
+def lacking_term(
+    bench: Bench, row: NDArray[np.int64], decomposition: Decomposition, residuals: FloatArray, begin: int
+) -> str:
+    """What the residuals of one channel still follow once the parameters have done what they can.
+
+    A score test of smooth terms in speed and current, each residual with its own variance.
+
+    Args:
+        bench: the data.
+        row: (k,) rows of the bench that the channel uses.
+        decomposition: of the weighted Jacobian ``(m, p)``.
+        residuals: in units of their channel's noise ``(m,)``.
+        begin: where the channel's residuals begin.
+
+    Returns:
+        ``"speed"``, ``"current"``, ``"speed and current together"``, or nothing.
+    """
+    strongest, found = LACKING, ""
+    for name, term in _terms(bench, row):
+        column = np.zeros(len(residuals))
+        column[begin : begin + len(row)] = term
+        left = column - decomposition.basis @ (decomposition.basis.T @ column)
+        spread = float(np.linalg.norm(left * residuals))
+        if spread == 0.0 or np.linalg.norm(left) < _IMITATED * np.linalg.norm(column):
+            continue
+        strength = abs(float(left @ residuals)) / spread
+        if strength > strongest:
+            strongest, found = strength, name
+    return found
+
+
+def _terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
+    current = bench.current[row] / max(float(np.max(np.abs(bench.current))), 1e-300)
+    terms = [("current", term) for term in _shapes(current)]
+    if bench.speed is None:
+        return terms
+    speed = bench.speed[row] / max(float(np.max(np.abs(bench.speed))), 1e-300)
+    terms += [("speed", term) for term in _shapes(speed)]
+    products = (speed * np.abs(current), speed * current * np.abs(current), np.abs(speed) * current)
+    return terms + [("speed and current together", term) for term in products]
+
+
+def _shapes(values: FloatArray) -> tuple[FloatArray, ...]:
+    return values * np.abs(values), values**2, values**3
+
+
+def _ranges(rows: Sequence[int]) -> list[tuple[int, int]]:
+    return list(pairwise(np.cumsum([0, *rows]).tolist()))

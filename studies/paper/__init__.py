@@ -1,0 +1,1 @@
+"""The paper's study: six methods side by side, their table and figures."""

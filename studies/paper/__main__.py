@@ -1,0 +1,41 @@
+"""``python -m studies.paper``: the paper's comparison of six methods, evaluated and drawn."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any
+
+import tyro
+
+from sprintlab.core.errors import SprintlabError
+from studies.paper.compare import Compare
+from studies.paper.draw import Figures
+from studies.paper.publish import Publish
+
+REFUSED = 2
+
+Command = (
+    Annotated[Compare, tyro.conf.subcommand(name="table")]
+    | Annotated[Figures, tyro.conf.subcommand(name="figures")]
+    | Annotated[Publish, tyro.conf.subcommand(name="publish")]
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; a refusal is one sentence on stderr and status 2."""
+    command: Any = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="python -m studies.paper",
+        description=__doc__,
+        args=None if arguments is None else list(arguments),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    try:
+        return command.run()
+    except SprintlabError as error:
+        print(f"studies.paper: {error}", file=sys.stderr)
+        return REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

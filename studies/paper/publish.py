@@ -1,0 +1,128 @@
+"""Put finished and evaluated runs where they are committed; a policy only of each method's median seed.
+
+    python -m studies.paper table runs/study
+    python -m studies.paper publish runs/study
+
+The median seed of a method is the one whose raw max velocity is the median (the slower of two in the middle).
+With it goes the cloud.npz of its training, for the figures, where there is one.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from studies.paper.gallery import CURVE_NAME
+from studies.paper.record import EvaluationRecord, read_evaluation
+from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, find_runs
+
+LOG_NAME = "log.jsonl"
+KEPT = ("settings.json", "run.json", EVALUATION_NAME)
+CURVE_ROWS = 100
+"""About so many rows of a learning curve are kept: whole, a run's has 350 kB."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Publish:
+    """Where from and where to.
+
+    Attributes:
+        runs: folder of finished runs, each with a policy and its evaluation.
+        results: folder of the small files, and of the median seeds' policies.
+    """
+
+    runs: tyro.conf.Positional[Path]
+    results: Path = Path("studies/paper/results")
+
+    def run(self) -> int:
+        """Copy and print the policies that were kept; errors as in ``publish``."""
+        for path in publish(self):
+            print(path)
+        return 0
+
+
+def publish(options: Publish) -> list[Path]:
+    """Copy; returns the policies that were written.
+
+    Raises:
+        SprintlabError: a run has no evaluation or no policy, and nothing is copied; or the disk refuses.
+    """
+    ranked: dict[str, list[tuple[float, Run]]] = {}
+    runs = find_runs(options.runs)
+    missing = [str(run.folder) for run in runs if not (run.policy.is_file() and run.evaluation.is_file())]
+    if missing:
+        raise SprintlabError(
+            f"no policy or evaluation in {', '.join(missing)}: run 'python -m studies.paper table' first"
+        )
+    for run in runs:
+        record = read_evaluation(run.evaluation)
+        _copy_small_files(run, options.results / run.method / run.folder.name)
+        ranked.setdefault(run.method, []).append((_speed(record), run))
+    sources = {path.resolve() for one in runs for path in (one.cloud, one.policy)}
+    medians = [_median(group) for group in ranked.values()]
+    return [_publish_median(run, options.results / run.method, sources) for run in medians]
+
+
+def _median(group: list[tuple[float, Run]]) -> Run:
+    """The run in the middle by speed; the slower of two."""
+    return sorted(group, key=lambda item: item[0])[(len(group) - 1) // 2][1]
+
+
+def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:
+    """Keep policy and cloud of a method's median run, and no other: they are the large files."""
+    for name in (CLOUD_NAME, POLICY_NAME):
+        for old in folder.glob(f"*/{name}"):
+            if old.resolve() not in sources:
+                old.unlink()
+    place = folder / run.folder.name
+    if run.cloud.is_file():
+        _copy(run.cloud, place / CLOUD_NAME)
+    return _copy(run.policy, place / POLICY_NAME)
+
+
+def _speed(record: EvaluationRecord) -> float:
+    """Max velocity, raw [m/s]; a policy that runs nowhere comes last."""
+    speed = record.raw.max_velocity
+    return speed if speed == speed else -1.0
+
+
+def _copy_small_files(run: Run, folder: Path) -> None:
+    for name in KEPT:
+        if (run.folder / name).is_file():
+            _copy(run.folder / name, folder / name)
+    if (run.folder / CURVE_NAME).is_file():
+        atomic_write_text(
+            folder / CURVE_NAME, _thinned((run.folder / CURVE_NAME).read_text(encoding="utf-8"))
+        )
+    elif (run.folder / LOG_NAME).is_file():
+        atomic_write_text(folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME)))
+
+
+def _thinned(curve: str) -> str:
+    """About ``CURVE_ROWS`` rows and the last; a curve that was thinned before stays as it is."""
+    header, *rows = curve.splitlines(keepends=True)
+    step = max(1, len(rows) // CURVE_ROWS)
+    return "".join([header, *rows[: len(rows) - 1 : step], *rows[-1:]])
+
+
+def _curve(log: Path) -> str:
+    """The learning curve that a sweep would have written."""
+    from sprintlab.training.runs.sweep import curve_text
+
+    try:
+        return curve_text([json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()])
+    except (OSError, ValueError) as error:
+        raise SprintlabError(f"{log} is no training log: {error}") from error
+
+
+def _copy(source: Path, target: Path) -> Path:
+    try:
+        atomic_write_bytes(target, source.read_bytes())
+    except OSError as error:
+        raise SprintlabError(f"cannot copy {source}: {error.strerror or error}") from error
+    return target

@@ -1,0 +1,353 @@
+"""The methods side by side: the paper's Table II and ours, mean and spread over seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from sprintlab.evaluation.clock import CLOCKS
+from sprintlab.evaluation.estimates import merge_bands
+from sprintlab.evaluation.results import EstimateBand
+from sprintlab.evaluation.tables import Spread, number_text, spread
+from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
+from studies.paper.record import (
+    COLLAPSE_SPEED,
+    EvaluationRecord,
+    Numbers,
+    SearchRecord,
+    SprintRecord,
+    number,
+    plain,
+)
+
+Records = Mapping[str, Sequence[EvaluationRecord]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodRow:
+    """One method over its seeds; collapsed seeds count in ``collapsed`` and nowhere else.
+
+    Attributes:
+        method: its name.
+        seeds: number of policies.
+        collapsed: how many of them collapsed.
+        max_velocity: raw command [m/s].
+        max_velocity_self_paced: [m/s].
+        peak_speed: 0.5 s mean, raw [m/s].
+        angular_cost: J at the method's own max velocity, raw [rad^2/s].
+        normalized_cost: J over the mean J of the reference method.
+        common_cost: J at the speed that every method's policies passed [rad^2/s].
+        sprint_time: raw [s], over the seeds that reached the line.
+        sprint_time_self_paced: [s], likewise.
+        cost_of_transport: at the max velocity, raw.
+        falls: in the trials at the best speed, raw, mean over the seeds.
+        audit_passed: how many seeds passed the exploit audit at their best speed.
+        honest: how many did, or failed in nothing but a policy clock that is harmless.
+        duty_factor: mean share of time that a foot is on the ground, at the max velocity, raw.
+    """
+
+    method: str
+    seeds: int
+    collapsed: int
+    max_velocity: Spread
+    max_velocity_self_paced: Spread
+    peak_speed: Spread
+    angular_cost: Spread
+    normalized_cost: Spread
+    common_cost: Spread
+    sprint_time: Spread
+    sprint_time_self_paced: Spread
+    cost_of_transport: Spread
+    falls: Spread
+    audit_passed: int
+    honest: int
+    duty_factor: Spread
+
+
+def collapsed(record: EvaluationRecord) -> bool:
+    """Whether a policy cannot run, judged by the raw command."""
+    return record.raw.collapsed
+
+
+def common_speed(records: Sequence[EvaluationRecord]) -> float | None:
+    """The highest v* that every policy passed and was tried at, collapsed ones left out [m/s].
+
+    ``None`` when there is none.
+    """
+    passed = [
+        {speed.top_speed for speed in record.raw.speeds if speed.top_speed <= best.top_speed}
+        for record in records
+        if not collapsed(record) and (best := record.raw.best) is not None
+    ]
+    return max(set.intersection(*passed), default=None) if passed else None
+
+
+def method_rows(records: Records, reference: str = REFERENCE_METHOD) -> list[MethodRow]:
+    """One row a method, in the order given.
+
+    Args:
+        records: method name to the evaluations of its seeds.
+        reference: the method whose mean J is 1; ``normalized_cost`` is undefined where it is missing.
+    """
+    running = [record for group in records.values() for record in group]
+    common = common_speed(running)
+    unit = spread([record.raw.angular_cost for record in _running(records.get(reference, ()))]).mean
+    return [_row(method, group, unit, common) for method, group in records.items()]
+
+
+def _running(group: Sequence[EvaluationRecord]) -> list[EvaluationRecord]:
+    return [record for record in group if not collapsed(record)]
+
+
+def _row(method: str, group: Sequence[EvaluationRecord], unit: float, common: float | None) -> MethodRow:
+    running = _running(group)
+    best = [speed for record in running if (speed := record.raw.best) is not None]
+    return MethodRow(
+        method=method,
+        seeds=len(group),
+        collapsed=len(group) - len(running),
+        max_velocity=spread([record.raw.max_velocity for record in running]),
+        max_velocity_self_paced=spread([record.self_paced.max_velocity for record in running]),
+        peak_speed=spread([record.raw.peak_speed for record in running]),
+        angular_cost=spread([record.raw.angular_cost for record in running]),
+        normalized_cost=spread([record.raw.angular_cost / unit if unit else math.nan for record in running]),
+        common_cost=spread([_cost_at(record, common) for record in running]),
+        sprint_time=spread([_time(record.sprint) for record in running]),
+        sprint_time_self_paced=spread([_time(record.sprint_self_paced) for record in running]),
+        cost_of_transport=spread([number(speed.cost_of_transport) for speed in best]),
+        falls=spread([speed.falls for speed in best]),
+        audit_passed=sum(record.raw.audit_passed for record in running),
+        honest=sum(record.honest for record in running),
+        duty_factor=spread([_mean_duty(speed.duty_factor) for speed in best]),
+    )
+
+
+def _mean_duty(feet: Numbers) -> float:
+    """Over the feet; ``nan`` where it is not defined."""
+    return sum(number(foot) for foot in feet) / len(feet) if feet else math.nan
+
+
+def _cost_at(record: EvaluationRecord, top_speed: float | None) -> float:
+    speed = None if top_speed is None else record.raw.at(top_speed)
+    return math.nan if speed is None else number(speed.angular_cost)
+
+
+def _time(sprint: SprintRecord | None) -> float:
+    return math.nan if sprint is None else number(sprint.time)
+
+
+TABLE_COLUMNS = (
+    "method",
+    "motor in training",
+    "commands",
+    "paper: speed",
+    "ours: raw",
+    "ours: self-paced",
+    "paper: J_norm",
+    "ours: J_norm",
+    "100 m: raw",
+    "100 m: self-paced",
+    "seeds",
+    "audit",
+)
+"""Headings of ``table_cells``; max velocities in m/s, times in s."""
+
+
+def table_cells(row: MethodRow) -> tuple[str, ...]:
+    """A row of the paper's Table II beside ours, as text under ``TABLE_COLUMNS``."""
+    paper = PAPER_TABLE.get(row.method)
+    return (
+        row.method,
+        "-" if paper is None else paper.actuator,
+        "-" if paper is None else paper.commands,
+        "-" if paper is None else _paper_text(paper.max_velocity, 1),
+        velocity_text(row, row.max_velocity),
+        velocity_text(row, row.max_velocity_self_paced),
+        "-" if paper is None else _paper_text(paper.normalized_cost, 3),
+        row.normalized_cost.text(3),
+        row.sprint_time.text(2),
+        row.sprint_time_self_paced.text(2),
+        str(row.seeds),
+        _audit_text(row),
+    )
+
+
+def _audit_text(row: MethodRow) -> str:
+    """How many seeds passed, and how many more would but for a policy clock that is harmless."""
+    if not row.seeds:
+        return "-"
+    more = row.honest - row.audit_passed
+    return f"{row.audit_passed} of {row.seeds}" + (f", {more} but for the clock" if more else "")
+
+
+def _paper_text(value: float | None, digits: int) -> str:
+    return "collapse" if value is None else f"{value:.{digits}f}"
+
+
+def velocity_text(row: MethodRow, velocity: Spread) -> str:
+    """The speed, or that the method collapsed, or how many of its seeds did."""
+    if not row.seeds:
+        return "-"
+    if row.collapsed == row.seeds:
+        return "collapse"
+    note = f" ({row.collapsed} of {row.seeds} collapsed)" if row.collapsed else ""
+    return velocity.text(2) + note
+
+
+def order_text(rows: Sequence[MethodRow]) -> str:
+    """The methods by max velocity, in the paper and here; empty with fewer than two of ours."""
+    ours = {row.method: row.max_velocity.mean for row in rows if math.isfinite(row.max_velocity.mean)}
+    paper = {method: speed for method, row in PAPER_TABLE.items() if (speed := row.max_velocity) is not None}
+    if len(ours) < 2:
+        return ""
+    return f"By max velocity: in the paper {_by_speed(paper)}; ours {_by_speed(ours)}."
+
+
+def _by_speed(speeds: Mapping[str, float]) -> str:
+    """Names, fastest first; an equals sign between those that are equally fast."""
+    names = sorted(speeds, key=lambda name: -speeds[name])
+    text = names[0]
+    for before, name in pairwise(names):
+        text += f" {'=' if speeds[name] == speeds[before] else '>'} {name}"
+    return text
+
+
+DETAIL_COLUMNS = (
+    "method",
+    "peak 0.5 s",
+    "J",
+    "J at the common speed",
+    "cost of transport",
+    "duty factor",
+    "falls of 10",
+)
+"""Headings of ``detail_cells``; all with the raw command."""
+
+
+def detail_cells(row: MethodRow) -> tuple[str, ...]:
+    """What stands behind a row, as text under ``DETAIL_COLUMNS``."""
+    return (
+        row.method,
+        row.peak_speed.text(2),
+        row.angular_cost.text(2),
+        row.common_cost.text(2),
+        row.cost_of_transport.text(2),
+        row.duty_factor.text(2),
+        row.falls.text(1),
+    )
+
+
+SEED_COLUMNS = (
+    "method",
+    "seed",
+    "v* raw",
+    "max velocity raw",
+    "fastest raw",
+    "v* self-paced",
+    "max velocity self-paced",
+    "fastest self-paced",
+    "J",
+    "100 m raw",
+    "100 m self-paced",
+    "steps [million]",
+    "audit",
+)
+"""Headings of ``seed_cells``."""
+
+
+def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
+    """One policy, as text under ``SEED_COLUMNS``."""
+    failed = [] if record.raw.best is None else record.raw.best.audit.items
+    marks = ", ".join(item.name for item in failed if not item.passed)
+    marks += " (harmless)" if marks and record.honest else ""
+    return (
+        record.method,
+        str(record.seed),
+        *_search_cells(record.raw),
+        *_search_cells(record.self_paced),
+        number_text(record.raw.angular_cost, 2),
+        _sprint_text(record.sprint),
+        _sprint_text(record.sprint_self_paced),
+        f"{float(record.training.get('environment_steps', 'nan')) / 1e6:.0f}",
+        "-" if record.raw.best is None else marks or "passed",
+    )
+
+
+def _sprint_text(sprint: SprintRecord | None) -> str:
+    """The time, and whether the run ended in a fall all the same: behind the line, where there is a time."""
+    fell = sprint is not None and sprint.fell
+    return number_text(_time(sprint), 2) + (", fell" if fell else "")
+
+
+def _search_cells(search: SearchRecord) -> tuple[str, str, str]:
+    best, fastest = search.best, search.fastest
+    if best is None or fastest is None:
+        return "-", "-", "-"
+    most = f"{number_text(number(fastest.held_speed), 2)} at {fastest.top_speed:g}"
+    return f"{best.top_speed:g}", number_text(search.max_velocity, 2), most
+
+
+CLOCK_COLUMNS = (
+    "method",
+    "seed",
+    "v*",
+    "policy steps a stride",
+    "stride follows the clock [%]",
+    "held at 50 Hz",
+    "at 48 Hz",
+    "at 52 Hz",
+    "at 50 Hz ± 10 %",
+    "completed",
+)
+"""Headings of ``clock_cells``; speeds in m/s."""
+
+
+def clock_cells(record: EvaluationRecord) -> tuple[str, ...]:
+    """One policy with every clock, as text under ``CLOCK_COLUMNS``; the clocks are those of ``CLOCKS``."""
+    clock = record.clock
+    if clock is None or len(clock.entries) != len(CLOCKS):
+        return (record.method, str(record.seed), *("-" for _ in CLOCK_COLUMNS[2:]))
+    own = clock.entries[0]
+    frequency = number(own.stride_frequency)
+    return (
+        record.method,
+        str(record.seed),
+        f"{clock.top_speed:g}",
+        number_text(own.rate / frequency if frequency else math.nan, 2),
+        number_text(100 * number(clock.followed), 0),
+        *(number_text(number(entry.held_speed), 2) for entry in clock.entries),
+        ", ".join(str(entry.completed) for entry in clock.entries) + f" of {own.trials}",
+    )
+
+
+def method_estimates(group: Sequence[EvaluationRecord]) -> tuple[EstimateBand, ...]:
+    """Errors of a method's estimates in the raw trials at each seed's best speed, all seeds together."""
+    best = [speed for record in group if (speed := record.raw.best) is not None]
+    return merge_bands(band for speed in best for band in speed.estimate)
+
+
+def table_numbers(records: Records) -> dict[str, Any]:
+    """The table as JSON-ready values: a mean and a deviation for every number."""
+    everything = [record for group in records.values() for record in group]
+    return {
+        "common_speed_m_s": common_speed(everything),
+        "collapse_below_m_s": COLLAPSE_SPEED,
+        "methods": {row.method: _row_numbers(row) for row in method_rows(records)},
+    }
+
+
+def _row_numbers(row: MethodRow) -> dict[str, Any]:
+    paper = PAPER_TABLE.get(row.method)
+    values: dict[str, Any] = {
+        "paper_max_velocity_m_s": None if paper is None else paper.max_velocity,
+        "paper_J_norm": None if paper is None else paper.normalized_cost,
+    }
+    for name, value in vars(row).items():
+        if isinstance(value, Spread):
+            values[name] = {"mean": plain(value.mean), "deviation": plain(value.deviation)}
+        elif name != "method":
+            values[name] = value
+    return values

@@ -1,0 +1,315 @@
+"""A data sheet in any convention gives the motor it was written from; what is unclear or wrong is named."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.motors import PmsmParameters, load_motor
+from sprintlab.workbench.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
+from sprintlab.workbench.datasheet_file import (
+    CURRENTS,
+    VOLTAGES,
+    load_datasheet,
+    parse_quantity,
+    read_datasheet,
+)
+
+RPM = 60.0 / (2.0 * math.pi)
+MOTOR = PmsmParameters(
+    pole_pairs=7,
+    stator_resistance=0.2,
+    q_axis_inductance=1.2e-4,
+    flux_linkage=5e-3,
+    peak_torque=1.5 * 7 * 5e-3 * 30.0,
+    rotor_inertia=3e-5,
+)
+
+
+def winding_voltage(amplitude, convention, connection):
+    """A star's phase EMF of this amplitude, as an instrument of this convention reads it on the motor."""
+    lines = math.sqrt(3.0) * amplitude
+    if convention == "dc" or convention.startswith("line-to-line"):
+        value = lines
+    else:
+        value = lines if connection == "delta" else amplitude
+    return value / math.sqrt(2.0) if convention.endswith("rms") else value
+
+
+def winding_current(amplitude, convention, connection):
+    """A line current of this amplitude, as an instrument of this convention reads it on the motor."""
+    if convention == "dc":
+        return amplitude * math.sqrt(3.0) / 2.0
+    value = amplitude
+    if convention.startswith("phase") and connection == "delta":
+        value = amplitude / math.sqrt(3.0)
+    return value / math.sqrt(2.0) if convention.endswith("rms") else value
+
+
+def sheet_of(motor, voltage="dc", current="line rms", connection="star", between="lines", **changes):
+    """The entries that a maker would print for a motor."""
+    emf_constant = motor.pole_pairs * motor.flux_linkage
+    peak = motor.peak_torque / motor.torque_constant
+    share = {"lines": 2.0, "phase": 3.0 if connection == "delta" else 1.0}[between]
+    per_ampere = motor.torque_constant / winding_current(1.0, current, connection)
+    table = {
+        "poles": 2 * motor.pole_pairs,
+        "connection": connection,
+        "resistance": {"value": f"{share * motor.stator_resistance!r} ohm", "between": between},
+        "inductance": {"value": f"{1e6 * share * motor.q_axis_inductance!r} uH", "between": between},
+        "kv": {
+            "value": f"{RPM / winding_voltage(emf_constant, voltage, connection)!r} rpm/V",
+            "voltage": voltage,
+        },
+        "torque_constant": {"value": f"{1e3 * per_ampere!r} mN m/A", "current": current},
+        "peak_current": {"value": f"{winding_current(peak, current, connection)!r} A", "current": current},
+        "rotor_inertia": f"{1e7 * motor.rotor_inertia!r} g cm^2",
+    }
+    table.update(changes)
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def convert(table, tolerance=0.05):
+    return convert_datasheet(read_datasheet(table), tolerance)
+
+
+def same(found, motor):
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "peak_torque", "rotor_inertia"):
+        assert getattr(found, name) == pytest.approx(getattr(motor, name), rel=1e-9), name
+    assert found.pole_pairs == motor.pole_pairs
+
+
+@given(
+    motor=st.from_type(PmsmParameters),
+    voltage=st.sampled_from([*VOLTAGES, "dc"]),
+    current=st.sampled_from(CURRENTS),
+    connection=st.sampled_from(["star", "delta"]),
+    between=st.sampled_from(["lines", "phase"]),
+)
+def test_every_convention_leads_back_to_the_motor(motor, voltage, current, connection, between):
+    same(convert(sheet_of(motor, voltage, current, connection, between)).motor, motor)
+
+
+def test_published_servo_motor():
+    """Kv and Kt of a maxon sheet are one number in two units; 33.5 mN m/A is 285 rpm/V."""
+    table = sheet_of(
+        MOTOR,
+        kv={"value": "285 rpm/V", "voltage": "dc"},
+        torque_constant={"value": "33.5 mN m/A", "current": "dc"},
+    )
+    flux = convert(table, tolerance=1e-3).motor.flux_linkage
+    assert math.sqrt(3.0) * 7 * flux == pytest.approx(0.0335, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "entry", "value"),
+    [
+        ("95 mΩ", "resistance", 0.095),
+        ("95 mOhm", "resistance", 0.095),
+        ("120 µH", "inductance", 1.2e-4),
+        ("1.2e-4 H", "inductance", 1.2e-4),
+        ("92.5 g·cm²", "rotor_inertia", 9.25e-6),
+        ("4.2 V/krpm", "back_emf_constant", 4.2e-3 * RPM),
+        ("6000 rpm", "no_load_speed", 6000 / RPM),
+        ("80 mN·m", "peak_torque", 0.08),
+        ("2.5 oz-in", "peak_torque", 0.017654),
+        ("1 lb-ft", "peak_torque", 1.3558),
+        ("17 g mm^2", "rotor_inertia", 1.7e-8),
+        ("0.01 oz-in-s²", "rotor_inertia", 7.0616e-5),
+        ("15 oz-in/A", "torque_constant", 0.10592),
+    ],
+)
+def test_units_in_the_spellings_of_data_sheets(text, entry, value):
+    assert parse_quantity(entry, text) == pytest.approx(value, rel=1e-4)
+
+
+@pytest.mark.parametrize("text", ["95", "ohm", "95 V", 0.095, None, "1,2 ohm", ""])
+def test_a_number_without_its_unit_is_refused(text):
+    with pytest.raises(InvalidValueError, match="a number and its unit: ohm, mohm"):
+        parse_quantity("resistance", text)
+
+
+def test_missing_conventions_are_all_named_with_what_they_would_mean():
+    table = sheet_of(MOTOR, torque_constant="52.5 mN m/A")
+    table["resistance"] = "0.4 ohm"
+    with pytest.raises(SprintlabError) as caught:
+        convert(table)
+    message = str(caught.value)
+    assert "resistance = '0.4 ohm' does not say which: between = 'lines', 'phase'" in message
+    assert "'line amplitude' (psi = 5 mWb, as kv)" in message
+    assert "'line rms' (psi = 3.536 mWb)" in message
+
+
+def test_constants_may_be_taken_behind_the_gear():
+    """A geared motor's sheet gives its speed and torque constants at the output."""
+    table = sheet_of(MOTOR, gear_ratio=36.0)
+    kv, constant = (table[name]["value"].split() for name in ("kv", "torque_constant"))
+    table["kv"] = {"value": f"{float(kv[0]) / 36.0!r} rpm/V", "voltage": "dc", "at": "output"}
+    torque = f"{36.0 * float(constant[0])!r} mN m/A"
+    table["torque_constant"] = {"value": torque, "current": "line rms", "at": "output"}
+    emf = f"{36.0 * MOTOR.pole_pairs * MOTOR.flux_linkage!r} V s/rad"
+    table["back_emf_constant"] = {"value": emf, "voltage": "phase amplitude", "at": "output"}
+    same(convert(table).motor, MOTOR)
+
+
+def test_a_contradiction_may_take_two_other_conventions_to_resolve():
+    """A servo whose K_e and K_t are equal in SI, the convention of DC motors, read as rms values."""
+    table = sheet_of(MOTOR, kv=None)
+    table["back_emf_constant"] = {"value": "51 V/krpm", "voltage": "line-to-line rms"}
+    table["torque_constant"] = {"value": "0.49 N m/A", "current": "line rms"}
+    with pytest.raises(InvalidValueError) as caught:
+        convert(table)
+    hint = "they agree if back_emf_constant is 'line-to-line amplitude' and torque_constant is 'dc'"
+    assert hint in str(caught.value)
+
+
+def test_decimal_commas_are_named():
+    with pytest.raises(InvalidValueError, match="decimals stand behind a point"):
+        parse_quantity("resistance", "0,19 ohm")
+
+
+def test_a_phase_value_needs_the_connection():
+    table = sheet_of(MOTOR, between="phase", connection="star")
+    del table["connection"]
+    with pytest.raises(SprintlabError, match="connection must say star or delta"):
+        convert(table)
+
+
+def test_kv_against_kt_names_the_reading_that_would_agree():
+    table = sheet_of(MOTOR, current="line rms")
+    table["torque_constant"]["current"] = "line amplitude"
+    with pytest.raises(InvalidValueError, match="torque_constant is 'line rms'") as caught:
+        convert(table)
+    assert "kv = " in str(caught.value) and "+41" in str(caught.value)
+
+
+def test_a_contradiction_is_settled_only_by_the_sheet():
+    table = sheet_of(MOTOR, flux_linkage="4 mWb")
+    with pytest.raises(InvalidValueError, match="flux_from"):
+        convert(table)
+    settled = convert({**table, "flux_from": "flux_linkage"})
+    assert settled.motor.flux_linkage == pytest.approx(4e-3)
+    assert sum("trusts flux_linkage" in note for note in settled.notes) == 2
+
+
+def test_the_tolerance_decides():
+    table = sheet_of(MOTOR, flux_linkage="4.9 mWb")
+    assert convert(table, tolerance=0.03).motor.flux_linkage == pytest.approx(4.9e-3)
+    with pytest.raises(InvalidValueError, match="gives psi"):
+        convert(table, tolerance=0.01)
+
+
+def test_peak_torque_and_current_give_the_saturation():
+    table = sheet_of(MOTOR, peak_torque=f"{0.8 * MOTOR.peak_torque} N m")
+    converted = convert(table)
+    assert converted.motor.saturation == pytest.approx(0.2)
+    assert converted.motor.peak_torque == pytest.approx(MOTOR.peak_torque)
+
+
+def test_an_impossible_saturation_names_the_current():
+    """A peak current that is really rms makes the torque too high for its amplitude."""
+    table = sheet_of(MOTOR, current="line rms", peak_torque=f"{0.9 * MOTOR.peak_torque} N m")
+    table["peak_current"]["current"] = "line amplitude"
+    with pytest.raises(InvalidValueError, match=r"'line rms' \(saturation 0.10\)"):
+        convert(table)
+
+
+def test_peak_torque_alone_is_taken_at_the_output():
+    table = sheet_of(
+        MOTOR,
+        peak_current=None,
+        peak_torque={"value": "6.4 N m", "at": "output"},
+        gear_ratio=8.0,
+        saturation=0.2,
+    )
+    assert convert(table).motor.peak_torque == pytest.approx(1.0)
+    del table["gear_ratio"]
+    with pytest.raises(InvalidValueError, match="gear_ratio"):
+        convert(table)
+
+
+def test_rated_point_and_no_load_speed_are_compared():
+    expected = 24.0 / (math.sqrt(3.0) * 7 * 5e-3)
+    good = sheet_of(
+        MOTOR,
+        rated_current={"value": "5 A", "current": "line amplitude"},
+        rated_torque=f"{5 * MOTOR.torque_constant} N m",
+        no_load_speed=f"{expected * 0.95} rad/s",
+        no_load_voltage="24 V",
+    )
+    assert not [note for note in convert(good).notes if "rated" in note or "no_load" in note]
+    bad = {**good, "rated_torque": "0.1 N m", "no_load_speed": f"{expected * 2} rad/s"}
+    notes = " ".join(convert(bad).notes)
+    assert "rated_torque is 0.1 N m" in notes and "no_load_speed is 2.00 times" in notes
+
+
+@pytest.mark.parametrize("entry", ["resistance", "inductance", "rotor_inertia", "peak_current", "poles"])
+def test_what_is_missing_is_named(entry):
+    with pytest.raises(InvalidValueError, match=entry) as caught:
+        convert(sheet_of(MOTOR, **{entry: None}))
+    assert "missing" in str(caught.value)
+
+
+def test_no_entry_for_the_flux():
+    with pytest.raises(InvalidValueError, match="flux_linkage, back_emf_constant, kv, torque_constant"):
+        convert(sheet_of(MOTOR, kv=None, torque_constant=None))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"poles": 7}, "even"),
+        ({"pole_pairs": 8}, "contradicts pole_pairs"),
+        ({"connection": "wye"}, "star or delta"),
+        ({"resistence": "1 ohm"}, "unknown entry"),
+        ({"kv": {"value": "100 rpm/V", "voltage": "peak"}}, "line-to-line amplitude"),
+        ({"kv": {"value": "100 rpm/V", "voltag": "dc"}}, "unknown"),
+        ({"saturation": 0.7}, "saturation"),
+        ({"saturation": "high"}, "plain number"),
+        ({"kv": {"value": "-100 rpm/V", "voltage": "dc"}}, "greater than 0"),
+        ({"flux_from": "kt"}, "flux_from"),
+        ({"torque_constant": {"value": "1 N m/A", "current": "dc", "at": "wheel"}}, "motor or output"),
+    ],
+)
+def test_entries_that_are_not_allowed(changes, words):
+    with pytest.raises(InvalidValueError, match=words):
+        convert(sheet_of(MOTOR, **changes))
+
+
+def test_inductance_of_zero_is_a_decision_and_a_missing_one_is_not():
+    table = sheet_of(MOTOR, inductance=None, q_axis_inductance="0 H")
+    assert convert(table).motor.q_axis_inductance == 0.0
+
+
+def test_the_written_file_holds_the_calculation_and_loads(tmp_path):
+    sheet = read_datasheet({**sheet_of(MOTOR), "name": "Test motor", "source": "a catalogue"})
+    converted = convert_datasheet(sheet)
+    save_converted_motor(converted, sheet, tmp_path / "motor.toml")
+    text = (tmp_path / "motor.toml").read_text()
+    assert all(f"# {step}" in text for step in converted.steps)
+    assert "a catalogue" in text
+    same(load_motor(tmp_path / "motor.toml"), MOTOR)
+
+
+def test_numbers_for_json_follow_the_steps():
+    numbers = conversion_numbers(convert(sheet_of(MOTOR)))
+    by_name = {step["quantity"]: step["value"] for step in numbers["steps"]}
+    assert by_name["psi, taken from kv"] == numbers["motor"]["flux_linkage"]
+    assert numbers["torque_constant"] == pytest.approx(MOTOR.torque_constant)
+
+
+def test_files_that_are_no_data_sheets(tmp_path):
+    with pytest.raises(SprintlabError, match="cannot read"):
+        load_datasheet(tmp_path / "none.toml")
+    path = tmp_path / "sheet.toml"
+    path.write_text("resistance = ")
+    with pytest.raises(SprintlabError, match="not a TOML file"):
+        load_datasheet(path)
+    path.write_text("[motor]\npole_pairs = 3\n")
+    with pytest.raises(InvalidValueError, match="exactly one table"):
+        load_datasheet(path)
+    path.write_text('[datasheet]\npoles = 14\nresistance = "3"\n')
+    with pytest.raises(InvalidValueError, match=r"sheet.toml: resistance"):
+        load_datasheet(path)

@@ -1,0 +1,602 @@
+"""Synthetic benches of known motors: parameters come back within their intervals, mistakes are named."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.motors import PmsmParameters, phase_voltage_limit, torque_limits
+from sprintlab.workbench.identification import PARAMETER_UNITS, identify, load_bench
+
+BUS = 60.0
+FRICTION = {"coulomb_friction": 0.05, "viscous_friction": 3e-4}
+UNITS = {
+    "speed": "rad/s",
+    "iq": "A",
+    "torque": "N m",
+    "vq": "V",
+    "vd": "V",
+    "bus_voltage": "V",
+    "temperature": "degC",
+    "limited": "",
+}
+
+
+def truth(motor):
+    return {
+        "stator_resistance": motor.stator_resistance,
+        "q_axis_inductance": motor.q_axis_inductance,
+        "flux_linkage": motor.flux_linkage,
+        "saturation": motor.saturation,
+        "voltage_utilization": 0.95,
+        **FRICTION,
+    }
+
+
+def bench_columns(motor, seed=0, noise=1.0):
+    """A full bench of ``motor``: a grid inside the voltage limit, then points on it."""
+    random = np.random.default_rng(seed)
+    peak = motor.peak_torque / motor.torque_constant
+    no_load = phase_voltage_limit(BUS) / (motor.pole_pairs * motor.flux_linkage)
+    speed, current = (
+        grid.ravel()
+        for grid in np.meshgrid(np.linspace(0.05, 0.8, 7) * no_load, np.linspace(-1.0, 1.0, 9) * peak)
+    )
+    lower, upper = (limit / motor.torque_constant for limit in torque_limits(motor, speed, BUS))
+    inside = (current > lower) & (current < upper)
+    edge = np.linspace(0.3, 0.95, 14) * no_load
+    at_edge = torque_limits(motor, edge, BUS)[1] / motor.torque_constant
+    limited = at_edge < 0.999 * peak
+    speed = np.concatenate((speed[inside], edge[limited]))
+    current = np.concatenate((current[inside], at_edge[limited]))
+    electrical = motor.pole_pairs * speed
+    ideal = motor.torque_constant * current
+    friction = FRICTION["coulomb_friction"] * np.sign(speed) + FRICTION["viscous_friction"] * speed
+    exact = {
+        "torque": ideal * (1.0 - motor.saturation * np.abs(current) / peak) - friction,
+        "vq": motor.stator_resistance * current + electrical * motor.flux_linkage,
+        "vd": -electrical * motor.q_axis_inductance * current,
+    }
+    columns = {"speed": speed, "iq": current}
+    for name, values in exact.items():
+        scale = 3e-3 * np.max(np.abs(values)) * noise
+        columns[name] = values + random.normal(0.0, 1.0, len(speed)) * scale
+    columns["bus_voltage"] = np.full(len(speed), BUS)
+    columns["limited"] = np.concatenate((np.zeros(int(inside.sum())), np.ones(int(limited.sum()))))
+    return columns
+
+
+def write_bench(path, columns, units=UNITS):
+    """Write columns under the headers that ``units`` claim."""
+    names = list(columns)
+    header = ",".join(f"{name} [{units[name]}]" if units[name] else name for name in names)
+    rows = (",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True))
+    path.write_text("\n".join((header, *rows)) + "\n")
+    return path
+
+
+@pytest.fixture
+def motor():
+    return PmsmParameters(
+        pole_pairs=21,
+        stator_resistance=0.158,
+        q_axis_inductance=84e-6,
+        flux_linkage=6.08e-3,
+        peak_torque=12.0,
+        saturation=0.15,
+        rotor_inertia=5e-4,
+    )
+
+
+@pytest.fixture
+def fit(tmp_path):
+    """Identify from columns, by way of a file as a user would."""
+
+    def run(columns, motor, units=UNITS, **options):
+        bench = load_bench(write_bench(tmp_path / "bench.csv", columns, units))
+        peak = motor.peak_torque / motor.torque_constant
+        return identify(bench, pole_pairs=motor.pole_pairs, **{"peak_current": peak, **options})
+
+    return run
+
+
+def drawn_motor(seed):
+    """A motor of a legged robot's size, saturated or not."""
+    random = np.random.default_rng(seed)
+    pole_pairs = int(random.integers(4, 25))
+    flux = 0.1 / pole_pairs * random.uniform(0.7, 1.6)
+    peak_current = random.uniform(15.0, 60.0)
+    voltage = phase_voltage_limit(BUS)
+    return PmsmParameters(
+        pole_pairs=pole_pairs,
+        stator_resistance=random.uniform(0.1, 0.4) * voltage / peak_current,
+        q_axis_inductance=random.uniform(0.2, 0.8) * flux / peak_current,
+        flux_linkage=flux,
+        peak_torque=1.5 * pole_pairs * flux * peak_current,
+        saturation=random.uniform(0.0, 0.3),
+        rotor_inertia=1e-4,
+    )
+
+
+def test_intervals_hold_the_truth_as_often_as_they_promise(tmp_path):
+    """40 motors, 7 parameters each: 95 % intervals contain 95 %, give or take three standard deviations."""
+    inside = {name: 0 for name in PARAMETER_UNITS if name != "flux_drift"}
+    for seed in range(40):
+        motor = drawn_motor(seed)
+        bench = load_bench(write_bench(tmp_path / "bench.csv", bench_columns(motor, seed)))
+        found = identify(
+            bench, pole_pairs=motor.pole_pairs, peak_current=motor.peak_torque / motor.torque_constant
+        )
+        assert found.trustworthy
+        assert not any("follow" in warning for warning in found.warnings)
+        for name, value in truth(motor).items():
+            estimate = found.estimates[name]
+            inside[name] += abs(estimate.value - value) <= estimate.half_width
+    assert all(count >= 34 for count in inside.values()), inside
+    assert sum(inside.values()) >= 254, inside  # 266 expected of 280
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6))
+def test_random_motors_come_back_near_the_truth(seed, tmp_path_factory):
+    motor = drawn_motor(seed)
+    columns = bench_columns(motor, seed)
+    path = write_bench(tmp_path_factory.getbasetemp() / "bench.csv", columns)
+    peak = motor.peak_torque / motor.torque_constant
+    found = identify(load_bench(path), pole_pairs=motor.pole_pairs, peak_current=peak)
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "voltage_utilization"):
+        estimate = found.estimates[name]
+        few = name == "voltage_utilization" and sum(columns["limited"]) < 4
+        assert estimate.determined or few
+        assert estimate.value == pytest.approx(truth(motor)[name], rel=0.03), name
+    assert found.estimates["saturation"].value == pytest.approx(motor.saturation, abs=0.03)
+
+
+def test_noiseless_data_give_the_motor_itself(fit, motor):
+    found = fit(bench_columns(motor, noise=0.0), motor).motor(rotor_inertia=5e-4)
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation", "peak_torque"):
+        assert getattr(found, name) == pytest.approx(getattr(motor, name), rel=1e-5)
+
+
+def test_outliers_are_set_aside_by_line(fit, motor):
+    columns = bench_columns(motor)
+    spoiled = [5, 17, 30]
+    columns["torque"][spoiled[0]] += 4.0
+    columns["vq"][spoiled[1]] = 0.0
+    columns["torque"][spoiled[2]] *= -1.0
+    found = fit(columns, motor)
+    assert found.outliers.tolist() == [row + 2 for row in spoiled]  # line 1 is the header
+    assert any("3 of" in warning for warning in found.warnings)
+    estimate = found.estimates["stator_resistance"]
+    assert abs(estimate.value - motor.stator_resistance) < 2 * estimate.half_width
+
+
+def test_a_law_that_the_model_does_not_know_leaves_a_pattern(fit, motor):
+    """Drag with the square of the speed: well explained, but the residuals follow the speed."""
+    columns = bench_columns(motor)
+    assert not any("follow" in warning for warning in fit(columns, motor).warnings)
+    speed = columns["speed"]
+    columns["torque"] = columns["torque"] - 0.6 * (speed / speed.max()) ** 4
+    found = fit(columns, motor)
+    assert any("residuals of torque follow the speed" in warning for warning in found.warnings)
+
+
+def test_a_small_missing_term_is_told_although_each_row_hides_it_in_noise(fit, motor):
+    """Drag with the square of the speed, a fifth of the noise at most once friction has taken its part."""
+    columns = bench_columns(motor)
+    share = columns["speed"] / columns["speed"].max()
+    columns["torque"] = columns["torque"] - 0.03 * motor.peak_torque * share**2
+    found = fit(columns, motor)
+    assert any("residuals of torque follow the speed" in warning for warning in found.warnings)
+
+
+def uneven_bench(motor, seed):
+    """Sensors whose noise grows with the signal: 1 % of what they read and 0.1 % of their range."""
+    random = np.random.default_rng(seed)
+    columns = bench_columns(motor, noise=0.0)
+    for name in ("torque", "vq", "vd"):
+        size = np.abs(columns[name])
+        columns[name] = columns[name] + random.normal(0.0, 1.0, len(size)) * (0.01 * size + 1e-3 * size.max())
+    return columns
+
+
+def test_intervals_hold_where_the_noise_grows_with_the_signal(fit):
+    """40 motors: intervals from one noise for all rows would hold the inductance in 60 % of them."""
+    inside = {name: 0 for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")}
+    for seed in range(40):
+        motor = drawn_motor(seed)
+        found = fit(uneven_bench(motor, seed), motor)
+        for name in inside:
+            estimate = found.estimates[name]
+            inside[name] += abs(estimate.value - truth(motor)[name]) <= estimate.half_width
+    assert all(count >= 32 for count in inside.values()), inside
+    assert sum(inside.values()) >= 144, inside  # 152 promised of 160
+
+
+def warm_bench(motor, coefficient, seed=0):
+    """A bench whose winding and magnets warm with the current."""
+    columns = bench_columns(motor, seed)
+    rise = 60.0 * (columns["iq"] / np.max(np.abs(columns["iq"]))) ** 2
+    rise = rise * np.random.default_rng(seed).uniform(0.4, 1.0, len(rise))
+    drift = coefficient * rise
+    columns["vq"] += 0.00393 * rise * motor.stator_resistance * columns["iq"]
+    columns["vq"] += drift * motor.pole_pairs * columns["speed"] * motor.flux_linkage
+    saturated = 1.0 - motor.saturation * np.abs(columns["iq"]) * motor.torque_constant / motor.peak_torque
+    columns["torque"] += drift * motor.torque_constant * columns["iq"] * saturated
+    return {**columns, "temperature": 20.0 + rise}
+
+
+@pytest.mark.parametrize("coefficient", [0.0, -0.0011])
+def test_flux_and_resistance_are_referred_to_twenty_degrees(fit, motor, coefficient):
+    found = fit(warm_bench(motor, coefficient), motor).estimates
+    expected = {**truth(motor), "flux_drift": coefficient}
+    for name in ("stator_resistance", "flux_linkage", "saturation", "flux_drift"):
+        assert found[name].determined
+        assert abs(found[name].value - expected[name]) < 1.6 * found[name].half_width, name
+
+
+def test_drift_of_the_flux_can_be_held_at_none(fit, motor):
+    found = fit(warm_bench(motor, 0.0), motor, hold=("flux_drift",))
+    assert found.estimates["flux_drift"].value == 0.0
+
+
+def test_without_temperatures_the_resistance_is_that_of_a_warm_winding(fit, motor):
+    columns = warm_bench(motor, 0.0)
+    assert not any("no temperature" in warning for warning in fit(columns, motor).warnings)
+    del columns["temperature"]
+    found = fit(columns, motor)
+    assert any("as warm as it was" in warning for warning in found.warnings)
+    assert found.estimates["stator_resistance"].value > 1.05 * motor.stator_resistance
+
+
+def test_one_row_on_the_limit_is_no_certainty(fit, motor):
+    columns = bench_columns(motor)
+    columns["limited"] = np.where(np.arange(len(columns["limited"])) == len(columns["limited"]) - 1, 1.0, 0.0)
+    estimate = fit(columns, motor).estimates["voltage_utilization"]
+    assert not estimate.determined
+    assert estimate.half_width > 0.02
+
+
+def test_braking_beyond_the_no_load_speed_is_no_wrong_unit(fit):
+    """The resistive drop balances part of the back-EMF, which alone exceeds the bus."""
+    motor = PmsmParameters(
+        pole_pairs=7,
+        stator_resistance=0.5,
+        q_axis_inductance=5e-5,
+        flux_linkage=6e-3,
+        peak_torque=3.0,
+        rotor_inertia=1e-4,
+    )
+    columns = bench_columns(motor, noise=0.1)
+    keep = {name: values for name, values in columns.items() if name not in ("vq", "vd")}
+    fast = 1.45 * phase_voltage_limit(BUS) / (motor.pole_pairs * motor.flux_linkage)
+    extra = 20
+    keep["speed"] = np.concatenate((keep["speed"], np.full(extra, fast)))
+    keep["iq"] = np.concatenate((keep["iq"], np.linspace(-48.0, -34.0, extra)))
+    braking = motor.torque_constant * keep["iq"][-extra:] - FRICTION["coulomb_friction"]
+    keep["torque"] = np.concatenate((keep["torque"], braking - FRICTION["viscous_friction"] * fast))
+    keep["bus_voltage"] = np.full(len(keep["speed"]), BUS)
+    keep["limited"] = np.concatenate((keep["limited"], np.zeros(extra)))
+    assert fit(keep, motor).estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
+
+
+def test_too_many_outliers_are_no_outliers(fit, motor):
+    columns = bench_columns(motor)
+    columns["torque"] = np.where(np.arange(len(columns["torque"])) % 5 < 2, 0.3, 1.0) * columns["torque"]
+    found = fit(columns, motor)
+    assert not found.trustworthy
+    with pytest.raises(SprintlabError, match="does not describe"):
+        found.motor(rotor_inertia=1e-4)
+
+
+def test_torque_that_current_does_not_explain_is_not_trusted(fit, motor):
+    columns = bench_columns(motor)
+    columns["torque"] = np.random.default_rng(1).normal(0.5, 2.0, len(columns["torque"]))
+    with pytest.raises(SprintlabError):  # either the units disagree, or the fit is refused as a motor
+        fit(columns, motor).motor(rotor_inertia=1e-4)
+
+
+MISTAKES = {
+    "rpm as rad/s": ({"speed": 60.0 / (2.0 * math.pi)}, "speed is in rpm"),
+    "rad/s as rpm": ({"speed": 2.0 * math.pi / 60.0}, "header says rpm"),
+    "mA as A": ({"iq": 1e3}, "current is in mA"),
+    "mN m as N m": ({"torque": 1e3}, "torque is in mN m"),
+    "mV as V": ({"vq": 1e3, "vd": 1e3}, "voltages are in mV"),
+    "rms currents": ({"iq": math.sqrt(0.5)}, "rms"),
+    "line-to-line voltages": ({"vq": math.sqrt(3.0), "vd": math.sqrt(3.0)}, "line-to-line"),
+    "electrical speed": ({"speed": 21.0}, "speed is electrical"),
+    "revolutions per second": ({"speed": 0.5 / math.pi}, "revolutions per second"),
+    "degrees per second": ({"speed": 180.0 / math.pi}, "degrees per second"),
+    "N cm as N m": ({"torque": 100.0}, "torque is in N cm"),
+    "kgf cm as N m": ({"torque": 10.197}, "torque is in kgf cm"),
+    "reversed d-axis": ({"vd": -1.0}, "v_d rises"),
+    "bus in mV": ({"bus_voltage": 1e3}, "check the unit of bus_voltage"),
+    "reversed torque": ({"torque": -1.0}, "opposite signs"),
+    "reversed voltage": ({"vq": -1.0}, "opposite signs"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_unit_mistakes_are_named(fit, motor, mistake):
+    factors, words = MISTAKES[mistake]
+    columns = bench_columns(motor)
+    for name, factor in factors.items():
+        columns[name] = columns[name] * factor
+    with pytest.raises(SprintlabError, match=words):
+        fit(columns, motor)
+
+
+@pytest.mark.parametrize("mistake", ["rpm as rad/s", "mN m as N m", "electrical speed"])
+def test_the_bus_alone_catches_unit_mistakes_that_exceed_it(fit, motor, mistake):
+    factors, _ = MISTAKES[mistake]
+    columns = {name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd")}
+    for name, factor in factors.items():
+        columns[name] = columns[name] * factor
+    with pytest.raises(SprintlabError, match="what the bus can balance"):
+        fit(columns, motor)
+
+
+def test_right_units_in_the_header_are_converted(fit, motor):
+    columns = bench_columns(motor)
+    columns["speed"] = columns["speed"] * 60.0 / (2.0 * math.pi)
+    columns["iq"] = columns["iq"] * 1e3
+    columns["torque"] = columns["torque"] * 1e3
+    found = fit(columns, motor, {**UNITS, "speed": "rpm", "iq": "mA", "torque": "mNm"})
+    assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
+
+
+def test_rms_phase_current_stands_for_iq(fit, motor):
+    columns = bench_columns(motor)
+    keep = np.abs(columns["iq"]) > 1.0  # near zero the torque's sign is friction's
+    columns = {name: values[keep] for name, values in columns.items()}
+    columns["phase_current"] = np.abs(columns.pop("iq")) / math.sqrt(2.0)
+    found = fit(columns, motor, {**UNITS, "phase_current": "A rms"})
+    assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
+    assert found.estimates["stator_resistance"].value == pytest.approx(motor.stator_resistance, rel=0.03)
+
+
+def test_temperature_refers_the_resistance_to_20_degrees(fit, motor):
+    columns = bench_columns(motor)
+    columns["temperature"] = np.linspace(20.0, 100.0, len(columns["iq"]))
+    hot = motor.stator_resistance * 0.00393 * (columns["temperature"] - 20.0)
+    columns["vq"] = columns["vq"] + hot * columns["iq"]
+    found = fit(columns, motor)
+    assert found.estimates["stator_resistance"].value == pytest.approx(motor.stator_resistance, rel=0.01)
+    cold = fit({name: values for name, values in columns.items() if name != "temperature"}, motor)
+    assert cold.estimates["stator_resistance"].value > 1.1 * motor.stator_resistance
+
+
+@pytest.mark.parametrize(
+    ("missing", "lost"),
+    [
+        (("vq", "vd", "limited"), {"stator_resistance", "q_axis_inductance", "voltage_utilization"}),
+        (("vq", "vd", "bus_voltage"), {"stator_resistance", "q_axis_inductance", "voltage_utilization"}),
+        (("limited",), {"voltage_utilization"}),
+        (("bus_voltage",), {"voltage_utilization"}),
+    ],
+)
+def test_optional_columns_decide_what_is_determined(fit, motor, missing, lost):
+    columns = {name: values for name, values in bench_columns(motor).items() if name not in missing}
+    found = fit(columns, motor)
+    undetermined = {name for name, estimate in found.estimates.items() if not estimate.determined}
+    assert undetermined == {*lost, "flux_drift"}
+    assert all(found.estimates[name].reason.startswith("needs") for name in lost)
+
+
+@pytest.mark.parametrize("missing", ["speed", "iq", "torque"])
+def test_needed_columns_are_named_when_missing(tmp_path, motor, missing):
+    columns = {name: values for name, values in bench_columns(motor).items() if name != missing}
+    with pytest.raises(InvalidValueError, match=rf"{missing} is missing .*'{missing} \[{UNITS[missing]}\]'"):
+        load_bench(write_bench(tmp_path / "bench.csv", columns))
+
+
+def test_v_d_without_v_q_is_refused(tmp_path, motor):
+    columns = {name: values for name, values in bench_columns(motor).items() if name != "vq"}
+    with pytest.raises(InvalidValueError, match="belong together"):
+        load_bench(write_bench(tmp_path / "bench.csv", columns))
+
+
+def test_the_limit_alone_tells_resistance_and_gamma_apart_or_says_it_cannot(fit, motor):
+    """An envelope test without voltages: what is called determined is right."""
+    columns = {name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd")}
+    found = fit(columns, motor)
+    for name, value in truth(motor).items():
+        estimate = found.estimates[name]
+        if estimate.determined:
+            assert abs(estimate.value - value) <= 2.0 * estimate.half_width + 1e-12, name
+        else:
+            assert "too wide" in estimate.reason or "tell apart" in estimate.reason
+
+
+def test_holding_what_is_known_helps(fit, motor):
+    columns = {name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd")}
+    free = fit(columns, motor)
+    held = fit(columns, motor, base=motor, hold=("stator_resistance", "coulomb_friction"))
+    assert held.estimates["stator_resistance"].reason == "held"
+    assert held.estimates["coulomb_friction"].value == 0.0
+    name = "voltage_utilization"
+    assert held.estimates[name].half_width < free.estimates[name].half_width
+    with pytest.raises(SprintlabError, match="base motor"):
+        fit(columns, motor, hold=("q_axis_inductance",))
+    with pytest.raises(InvalidValueError, match="hold"):
+        fit(columns, motor, hold=("friction",))
+
+
+def test_indistinguishable_parameters_are_named_together(fit, motor):
+    """Current proportional to speed: resistance and flux make the same v_q."""
+    columns = bench_columns(motor)
+    keep = columns["limited"] == 0
+    columns = {name: values[keep] for name, values in columns.items() if name != "limited"}
+    columns["speed"] = 3.0 * columns["iq"] + 0.0
+    electrical = motor.pole_pairs * columns["speed"]
+    columns["vq"] = motor.stator_resistance * columns["iq"] + electrical * motor.flux_linkage
+    columns["vd"] = -electrical * motor.q_axis_inductance * columns["iq"]
+    columns["torque"] = motor.torque_constant * columns["iq"] - 3e-4 * columns["speed"]
+    found = fit(columns, motor)
+    assert not found.estimates["viscous_friction"].determined
+    assert found.singular_values[-1] < 1e-5 * found.singular_values[0]
+
+
+def test_a_torque_current_table_gives_the_saturation(tmp_path, motor):
+    current = np.linspace(3.0, 60.0, 20)
+    peak = motor.peak_torque / motor.torque_constant
+    torque = motor.torque_constant * current * (1.0 - 0.15 * current / peak)
+    path = write_bench(tmp_path / "table.csv", {"iq": current, "torque": torque})
+    found = identify(load_bench(path, needs_speed=False), pole_pairs=21, peak_current=peak)
+    assert found.estimates["saturation"].value == pytest.approx(0.15, abs=1e-5)
+    assert found.torque_constant == pytest.approx(motor.torque_constant, rel=1e-5)
+    assert not found.estimates["coulomb_friction"].determined
+
+
+def test_saturation_beyond_its_law_is_not_trusted(tmp_path):
+    current = np.linspace(1.0, 60.0, 30)
+    torque = 0.2 * current * (1.0 - 0.75 * current / 60.0)
+    path = write_bench(tmp_path / "table.csv", {"iq": current, "torque": torque})
+    found = identify(load_bench(path, needs_speed=False), pole_pairs=21, peak_current=60.0)
+    assert not found.trustworthy
+
+
+def test_too_few_rows_speeds_and_currents(fit, motor):
+    columns = bench_columns(motor)
+    with pytest.raises(SprintlabError, match="5 rows"):
+        fit({name: values[:5] for name, values in columns.items()}, motor)
+    slow = columns["speed"] < np.unique(columns["speed"])[2]
+    with pytest.raises(SprintlabError, match="2 different speeds"):
+        fit({name: values[slow] for name, values in columns.items()}, motor)
+    columns["iq"] = np.full(len(columns["iq"]), 3.0)
+    with pytest.raises(SprintlabError, match="1 different current "):
+        fit(columns, motor)
+
+
+def test_the_peak_current_is_told_when_assumed_or_extrapolated(fit, motor):
+    columns = bench_columns(motor)
+    assert any("no peak current given" in text for text in fit(columns, motor, peak_current=None).warnings)
+    assert any("extrapolated" in text for text in fit(columns, motor, peak_current=200.0).warnings)
+    with pytest.raises(InvalidValueError, match="peak_current"):
+        fit(columns, motor, peak_current=-3.0)
+
+
+def test_a_base_motor_fills_in_what_the_bench_does_not_show(fit, motor):
+    columns = {
+        name: values for name, values in bench_columns(motor).items() if name not in ("vq", "vd", "limited")
+    }
+    found = fit(columns, motor)
+    with pytest.raises(SprintlabError, match="does not determine stator_resistance"):
+        found.motor(rotor_inertia=1e-4)
+    with pytest.raises(SprintlabError, match="inertia"):
+        fit(bench_columns(motor), motor).motor()
+    filled = found.motor(motor)
+    assert filled.stator_resistance == motor.stator_resistance
+    assert filled.flux_linkage == found.estimates["flux_linkage"].value != motor.flux_linkage
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("speed [rad/s],iq [A],torque [N m]\n", "no data"),
+        ("speed,iq [A],torque [N m]\n1,2,3\n", r"write the unit in the header: 'speed \[rad/s\]' or"),
+        ("speed [m/s],iq [A],torque [N m]\n1,2,3\n", "write the unit"),
+        ("speed [rad/s],iq [A],torque [N m]\n1,2,3\n1,,3\n", "line 3: iq"),
+        ("speed [rad/s],iq [A],torque [N m]\n1,nan,3\n", "line 2: iq"),
+        ("# remark\nspeed [rad/s],iq [A],torque [N m]\n1,2\n", "line 3: torque .* is 'nothing'"),
+        ("speed [rad/s],speed [rpm],iq [A],torque [N m]\n1,2,3,4\n", "given twice"),
+        ("speed [rad/s],iq [A],torque [N m],limited\n1,2,3,0.5\n", "must be 0 or 1"),
+    ],
+)
+def test_files_that_are_no_bench(tmp_path, text, words):
+    (tmp_path / "bench.csv").write_text(text)
+    with pytest.raises(SprintlabError, match=words):
+        load_bench(tmp_path / "bench.csv")
+
+
+def test_other_columns_semicolons_and_spellings_are_read(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("Omega [rpm];I_q [A];Torque [Nm];operator\n60;1;2;me\n")
+    bench = load_bench(path)
+    assert bench.speed == pytest.approx([2.0 * math.pi]) and bench.unused == ("operator",)
+    with pytest.raises(SprintlabError, match="cannot read"):
+        load_bench(tmp_path / "none.csv")
+
+
+def rewritten(columns, separator=",", decimal=".", header=None, ending="\n"):
+    """A bench file as other programs write it."""
+    names = header or [f"{name} [{UNITS[name]}]" if UNITS[name] else name for name in columns]
+    rows = [
+        [f"{value:.6f}".replace(".", decimal) for value in row] for row in zip(*columns.values(), strict=True)
+    ]
+    return ending.join(separator.join(cells) for cells in [names, *rows]) + ending
+
+
+SPELLINGS = {
+    "semicolons": {"separator": ";"},
+    "tabs": {"separator": "\t"},
+    "decimal commas": {"separator": ";", "decimal": ","},
+    "decimal commas and tabs": {"separator": "\t", "decimal": ","},
+    "carriage returns": {"ending": "\r\n"},
+    "parentheses and capitals": {
+        "header": ["SPEED (RAD/S)", "Iq (A)", "Torque (Nm)", "Vq (V)", "Vd (V)", "vbus (V)", "Limited"]
+    },
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_files_of_other_programs_are_read(tmp_path, motor, spelling):
+    columns = bench_columns(motor)
+    path = tmp_path / "bench.csv"
+    path.write_bytes(("\ufeff" + rewritten(columns, **SPELLINGS[spelling])).encode())
+    bench = load_bench(path)
+    for name, values in (("speed", bench.speed), ("iq", bench.current), ("torque", bench.torque)):
+        np.testing.assert_allclose(values, columns[name], atol=1e-6)
+
+
+def test_degrees_have_a_sign(tmp_path, motor):
+    columns = {**bench_columns(motor), "temperature": np.full(len(bench_columns(motor)["iq"]), 25.0)}
+    header = [f"{name} [{UNITS[name]}]".replace("degC", "°C").replace(" []", "") for name in columns]
+    path = tmp_path / "bench.csv"
+    path.write_text(rewritten(columns, header=header), encoding="utf-8")
+    assert float(load_bench(path).temperature[0]) == 25.0
+
+
+REFUSED = {
+    "decimal commas between commas": (lambda text: text.replace(".", ","), "decimal commas"),
+    "both decimal signs": (lambda text: text.replace(",", ";") + "1,5;2.5;1;1;1;1;0\n", "commas and decimal"),
+    "a cell too many": (lambda text: text + "1,2,3,4,5,60,0,9\n", "has 8 cells, the header 7"),
+    "a cell too few": (lambda text: text + "1,2\n", "no finite number"),
+    "no bus": (lambda text: text + "1,2,3,4,5,0,0\n", "greater than 0"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_files_that_cannot_be_understood_are_refused(tmp_path, motor, case):
+    change, words = REFUSED[case]
+    path = tmp_path / "bench.csv"
+    path.write_text(change(rewritten(bench_columns(motor))))
+    with pytest.raises(SprintlabError, match=words):
+        load_bench(path)
+
+
+def test_kelvin_under_a_header_of_celsius_is_refused(tmp_path, motor):
+    columns = bench_columns(motor)
+    columns["temperature"] = np.full(len(columns["iq"]), 300.0)
+    with pytest.raises(InvalidValueError, match="kelvin"):
+        load_bench(write_bench(tmp_path / "bench.csv", columns))
+
+
+def test_rows_marked_as_limited_must_reach_the_limit(fit, motor):
+    columns = bench_columns(motor)
+    assert not any("marked limited" in warning for warning in fit(columns, motor).warnings)
+    columns["limited"] = np.ones(len(columns["iq"]))
+    assert any("mark only those" in warning for warning in fit(columns, motor).warnings)
+    idle = np.hypot(columns["vq"], columns["vd"]) < 0.3 * phase_voltage_limit(BUS)
+    columns["limited"] = idle.astype(float)
+    with pytest.raises(SprintlabError, match="marked limited"):
+        fit(columns, motor)
+
+
+def test_rows_copied_into_the_bench_are_no_evidence(fit, motor):
+    columns = {name: np.tile(values, 2) for name, values in bench_columns(motor).items()}
+    assert any("repeat others" in warning for warning in fit(columns, motor).warnings)

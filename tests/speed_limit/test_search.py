@@ -1,0 +1,136 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.core.theme import png_bytes
+from sprintlab.robots import load_robot
+from sprintlab.speed_limit import (
+    SearchSettings,
+    TrainedSpeed,
+    evaluate,
+    fastest_stride,
+    limit_figure,
+    scalings,
+    speed_limit,
+    stride_facts,
+    trained_speeds,
+    violations,
+)
+from sprintlab.speed_limit.stride import GROUPS
+
+QUICK = SearchSettings(starts=4, resolution=0.02)
+
+
+def test_the_stride_found_keeps_every_limit(bp2, fastest):
+    broken = violations(bp2, evaluate(bp2, fastest.parameters[None], fastest.speed))
+    for name in GROUPS:
+        assert np.abs(broken[name]).max() < 3e-3, name
+
+
+def test_bp2_can_run_faster_than_its_policy_and_slower_than_its_joints(bp2, fastest):
+    """A search of trajectories in the plane found 12.6 m/s; at no-load speed a foot reaches 25 m/s."""
+    assert 12.0 < fastest.speed < 15.0
+    no_load = 39.0 * (bp2.leg.reach + bp2.leg.foot_radius)
+    assert fastest.speed < no_load
+
+
+def test_facts_describe_a_run(bp2, fastest):
+    facts = stride_facts(bp2, evaluate(bp2, fastest.parameters[None], fastest.speed), fastest.speed)
+    assert facts.duty < 0.25
+    assert 3.0 < facts.frequency < 9.0
+    assert facts.step == pytest.approx(fastest.speed * facts.duty / facts.frequency)
+    assert facts.hip_full > 0.1
+    assert facts.mechanical_power < facts.positive_power < facts.envelope_power
+    assert facts.hip_speed < 1.05 and facts.knee_speed < 1.1
+
+
+@pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("gear ratio", 0.5)])
+def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, quantity, factor):
+    slower = fastest_stride(scalings(bp2)[quantity](factor), QUICK, near=fastest)
+    assert slower.speed < 0.97 * fastest.speed
+
+
+def test_without_any_torque_limit_the_search_ends_at_its_ceiling(bp2, fastest):
+    kept = [name for name in GROUPS if "hip" not in name and "knee" not in name]
+    free = fastest_stride(bp2, QUICK, groups=kept, near=fastest, ceiling=1.05 * fastest.speed)
+    assert not free.bounded
+    assert free.speed == pytest.approx(1.05 * fastest.speed)
+
+
+def test_motors_that_cannot_carry_the_robot_are_refused(bp2):
+    with pytest.raises(SimulationError, match="cannot carry the robot"):
+        fastest_stride(replace(bp2, mass=60.0 * bp2.mass), SearchSettings(starts=1))
+
+
+def test_scaling_a_gear_takes_the_rotor_along(bp2):
+    geared = scalings(bp2)["gear ratio"](2.0)
+    np.testing.assert_allclose(geared.leg.armature, 4.0 * bp2.leg.armature)
+    assert scalings(bp2)["leg length"](1.5).leg.reach == pytest.approx(1.5 * bp2.leg.reach)
+
+
+def test_only_a_robot_with_springs_has_a_spring_to_scale(bp2):
+    assert "knee spring" in scalings(bp2)
+    assert "knee spring" not in scalings(replace(bp2, knee_spring=None))
+
+
+def test_the_whole_answer_and_its_picture(bp2):
+    seen = []
+    limit = speed_limit(
+        load_robot("bp2"),
+        settings=SearchSettings(starts=1, resolution=0.05),
+        factors=(),
+        causes=("hip torque",),
+        progress=lambda what, share: seen.append((what, share)),
+    )
+    assert limit.cause == "hip torque"
+    assert limit.lifted[0].speed > limit.speed
+    assert limit.sensitivities == ()
+    assert all(0.0 < share <= 1.0 for _, share in seen)
+    assert {what for what, _ in seen} == {"speed limit", "without hip torque"}
+    assert png_bytes(limit_figure(limit, bp2)).startswith(b"\x89PNG")
+    above = ["The fastest stride", "Hip over its envelope", "Knee over its envelope"]
+    assert panels(limit, bp2) == [*above, "Limit if this were no limit"]
+    trained = (TrainedSpeed(policy="p", speed=9.0, source="result.json"),)
+    assert panels(replace(limit, lifted=(), trained=trained), bp2) == [*above, "What policies reach"]
+    assert panels(replace(limit, lifted=()), bp2) == above
+
+
+def panels(limit, runner):
+    """Titles of a picture's panels: there is none for what was not asked for."""
+    return [axes.get_title(loc="left") for axes in limit_figure(limit, runner).axes]
+
+
+@pytest.mark.parametrize("fields", [{"factors": (0.1,)}, {"factors": (), "causes": ("luck",)}])
+def test_bad_requests_are_refused(fields):
+    with pytest.raises(InvalidValueError):
+        speed_limit(load_robot("bp2"), **fields)
+
+
+@pytest.mark.parametrize("fields", [{"starts": 0}, {"resolution": 0.5}, {"seed": -1}])
+def test_bad_settings_are_refused(fields):
+    with pytest.raises(InvalidValueError, match=next(iter(fields))):
+        SearchSettings(**fields)
+
+
+def test_trained_speeds_come_from_result_files(tmp_path):
+    def result(folder, **fields):
+        (tmp_path / folder).mkdir()
+        standard = {"robot": "bp2", "policy": folder, "held_speed_m_s": 9.0, "falls": 0}
+        (tmp_path / folder / "result.json").write_text(json.dumps({**standard, **fields}), encoding="utf-8")
+
+    result("slow")
+    result("fast", held_speed_m_s=10.0)
+    result("again", policy="fast", held_speed_m_s=9.5)
+    result("fallen", held_speed_m_s=12.0, falls=1)
+    result("other", robot="go1", held_speed_m_s=11.0)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
+    rows = [{"held_speed": 10.5, "passed": True}, {"held_speed": 11.0, "passed": False}]
+    study = {"robot": "bp2", "method": "study", "raw": {"speeds": rows}}
+    (tmp_path / "evaluation.json").write_text(json.dumps(study), encoding="utf-8")
+    found = trained_speeds(tmp_path, "bp2")
+    assert [(item.policy, item.speed) for item in found] == [("study", 10.5), ("fast", 10.0), ("slow", 9.0)]
+    assert trained_speeds(tmp_path / "nowhere", "bp2") == ()

@@ -1,0 +1,123 @@
+"""Finished runs are put where they are committed."""
+
+import json
+
+import pytest
+from studies.paper.gallery import read_curve
+from studies.paper.publish import Publish, publish
+from studies.paper.record import (
+    AuditEntry,
+    AuditRecord,
+    EvaluationRecord,
+    SearchRecord,
+    SpeedRecord,
+    write_evaluation,
+)
+
+from sprintlab.core.errors import SprintlabError
+
+
+def record(method, seed, held, honest):
+    item = AuditEntry(name="penetration", value=0.01, unit="m", threshold=0.005, passed=honest)
+    speed = SpeedRecord(
+        top_speed=held,
+        trials=10,
+        falls=0,
+        passed=True,
+        held_speed=held,
+        peak_speed=held,
+        angular_cost=1.0,
+        lateral_deviation=0.0,
+        cost_of_transport=1.0,
+        electrical_power=1.0,
+        stride_frequency=3.0,
+        duty_factor=(),
+        envelope_share=(),
+        audit=AuditRecord(items=(item,)),
+    )
+    search = SearchRecord(speeds=(speed,))
+    return EvaluationRecord(
+        method=method,
+        seed=seed,
+        actuator_model="refined",
+        training={},
+        policy_sha256="",
+        robot="bp2",
+        robot_fingerprint="",
+        protocol={},
+        command_line="",
+        date="",
+        versions={},
+        machine="",
+        raw=search,
+        self_paced=search,
+        sprint=None,
+        sprint_self_paced=None,
+    )
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Seed 2 has the median speed."""
+    folder = tmp_path / "runs"
+    for seed, held, honest in ((0, 9.0, True), (1, 12.0, False), (2, 11.0, True)):
+        run = folder / "sprint" / f"seed-{seed}"
+        write_evaluation(run / "evaluation.json", record("sprint", seed, held, honest))
+        (run / "policy.onnx").write_bytes(bytes([seed]))
+        (run / "curve.csv").write_text("seconds,speed_p999\n")
+        (run / "checkpoint.pt").write_bytes(b"large")
+    return folder
+
+
+def test_small_files_and_the_median_policy_are_kept(runs, tmp_path):
+    options = Publish(runs=runs, results=tmp_path / "results")
+    kept_policy = tmp_path / "results" / "sprint" / "seed-2" / "policy.onnx"
+    assert publish(options) == [kept_policy]
+    assert kept_policy.read_bytes() == bytes([2])
+    kept = sorted(path.name for path in (tmp_path / "results" / "sprint" / "seed-1").iterdir())
+    assert kept == ["curve.csv", "evaluation.json"]
+
+
+def test_only_the_median_run_keeps_its_cloud(runs, tmp_path):
+    options = Publish(runs=runs, results=tmp_path / "results")
+    clouds = [options.results / "sprint" / f"seed-{seed}" / "cloud.npz" for seed in range(3)]
+    clouds[0].parent.mkdir(parents=True)
+    clouds[0].write_bytes(b"of an older median run")
+    for seed in range(3):
+        (runs / "sprint" / f"seed-{seed}" / "cloud.npz").write_bytes(bytes([seed]))
+    publish(options)
+    assert [path.exists() for path in clouds] == [False, False, True]
+    assert clouds[2].read_bytes() == bytes([2])
+    (runs / "sprint" / "seed-2" / "cloud.npz").unlink()
+    publish(options)
+    assert not any(path.exists() for path in clouds)  # none stays but that of another training
+
+
+def test_clouds_survive_where_runs_are_published_onto_themselves(runs, tmp_path):
+    for seed in range(3):
+        (runs / "sprint" / f"seed-{seed}" / "cloud.npz").write_bytes(bytes([seed]))
+    publish(Publish(runs=runs, results=runs))
+    kept = [(runs / "sprint" / f"seed-{seed}" / "cloud.npz").read_bytes() for seed in range(3)]
+    assert kept == [bytes([seed]) for seed in range(3)]
+
+
+def test_a_run_that_was_not_evaluated_is_refused(runs, tmp_path):
+    (runs / "sprint" / "seed-0" / "evaluation.json").unlink()
+    options = Publish(runs=runs, results=tmp_path / "results")
+    with pytest.raises(SprintlabError, match=r"no policy or evaluation in .*seed-0: run .*studies"):
+        publish(options)
+    assert not options.results.exists()
+
+
+def test_a_run_of_train_gets_its_curve_from_its_log(runs, tmp_path):
+    run = runs / "sprint" / "seed-2"
+    (run / "curve.csv").unlink()
+    rows = [{"iteration": index, "seconds": 0.1 * index, "speed_p999": 0.01 * index} for index in range(2000)]
+    (run / "log.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    options = Publish(runs=runs, results=tmp_path / "results")
+    publish(options)
+    curve = read_curve(options.results / "sprint" / "seed-2" / "curve.csv")
+    assert len(curve["seconds"]) == 101 and curve["speed_p999"][-1] == pytest.approx(19.99)
+    (run / "log.jsonl").write_text("{")
+    with pytest.raises(SprintlabError, match=r"log\.jsonl is no training log"):
+        publish(options)
