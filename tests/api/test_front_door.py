@@ -9,7 +9,6 @@ import pytest
 
 import sprintlab as sl
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
-from sprintlab.evaluation.race import evaluate_race
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("numpy", "torch", "mujoco", "onnxruntime", "matplotlib", "rich", "msgspec", "scipy", "warp")
@@ -77,8 +76,7 @@ def test_a_method_is_changed_by_dotted_names():
 
 def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(evaluate_race.__kwdefaults__, "distance", 2.0)
-    go1_race = sl.race("go1-sprint", top_speed=1.0, trials=1, workers=1)
+    go1_race = sl.race("go1-sprint", top_speed=1.0, distance=2.0, trials=1, workers=1)
     numbers = go1_race.to_dict()
     assert numbers["robot"] == "go1" and numbers["trials"] == 1
     assert numbers["held_speed_m_s"] == pytest.approx(1.0, abs=0.3)
@@ -107,9 +105,7 @@ SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
     "environments=4096": "environments=8",
     "iterations=3200, minutes=20.0": 'iterations=2, device="cpu"',
-    "trials=10": "trials=1, top_speed=1.0, workers=2",
-    "import sprintlab as sl\n": "import sprintlab as sl\nfrom sprintlab.evaluation import race as way\n"
-    "way.evaluate_race.__kwdefaults__['distance'] = 2.0\n",
+    "trials=10": "trials=1, top_speed=1.0, distance=2.0, workers=2",
 }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
@@ -53,10 +54,14 @@ class Race(Printed):
         return self.result.to_dict()
 
     def tables(self) -> Iterator[RenderableType]:
-        """Raw beside self-paced, then the audit and remarks."""
+        """Raw beside self-paced, then the audit, what failed of it, and remarks."""
+        from sprintlab.evaluation.report_text import audit_failure
+
         yield result_table(self.result)
         yield ""
         yield audit_table(self.result.audit)
+        for item in self.result.audit.failed:
+            yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
         yield from self.result.notes
 
     def plot(self, figure: str = "speed") -> Figure:
@@ -105,6 +110,7 @@ def race(
     *,
     robot: RobotChoice = None,
     top_speed: float | None = None,
+    distance: float = 100.0,
     trials: int = 10,
     seed: int = 0,
     drive: DriveOptions | None = None,
@@ -120,6 +126,7 @@ def race(
         policy: a policy file, or the name of one that comes with the package.
         robot: name, folder or table; that of the policy's contract when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
+        distance: of the sprint [m].
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         drive: motor model, battery and heat; the published numbers' when left out.
@@ -137,7 +144,7 @@ def race(
     name = robot_for(path, robot)
     settings = protocol_settings(trials, seed, plant=(drive or DriveOptions()).plant())
     options: dict[str, Any] = {
-        "top_speed": top_speed, "settings": settings, "step_check": step_check, "workers": workers,
+        "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check, "workers": workers,
     }  # fmt: skip
     if folder is None:
         from sprintlab.evaluation.race import evaluate_race
@@ -181,6 +188,7 @@ def result_table(result: RaceResult) -> Table:
     for item in QUANTITIES:
         values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
         table.add_row(item.label, *values, item.unit)
+    table.add_row("held steady", *(_yes(group.held_steady) for group in (raw, paced)), "")
     table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
     table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
     table.add_row(
@@ -199,12 +207,19 @@ def audit_table(audit: AuditReport) -> Table:
         "measured",
         "limit",
         "",
+        "where the limit comes from",
         numbers=("measured", "limit"),
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(
+            item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]", item.source
+        )
     return table
+
+
+def _yes(answer: bool | None) -> str:
+    return "-" if answer is None else "yes" if answer else "no"
 
 
 def _share(group: SpeedResult, kind: str) -> str:

@@ -23,6 +23,7 @@ class Race:
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
+        distance: of the sprint [m].
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -36,6 +37,7 @@ class Race:
     robot: str | None = None
     out: Path | None = None
     top_speed: float | None = None
+    distance: float = 100.0
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -54,6 +56,7 @@ class Race:
                 self.policy,
                 robot=self.robot,
                 top_speed=self.top_speed,
+                distance=self.distance,
                 trials=self.trials,
                 seed=self.seed,
                 drive=self.drive,

@@ -145,8 +145,8 @@ class MotionRecorder(Protocol):
         """Take one sample; ``data`` holds the kinematics of its present state (after ``mj_step1``)."""
         ...
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
-        """Look at the feet after a physics step."""
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Look on after each physics step; velocities are new, kinematics and forces those of the step."""
         ...
 
 
@@ -276,11 +276,12 @@ class Plant:
         self.fall_reason = self._find_fall()
         self._apply_stops()
         self._finish_step()
+        recorder.watch_step(self.data)
         for _ in range(self.options.substeps - 1):
             self._begin_step()
             self._apply_stops()
             self._finish_step()
-            recorder.watch_feet(self.data)
+            recorder.watch_step(self.data)
         return drive
 
     def _begin_step(self) -> None:

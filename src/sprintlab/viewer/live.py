@@ -166,7 +166,7 @@ class _Samples:
         self.torque.append(np.asarray(drive.motor_torque))
         self.direct_current.append(np.broadcast_to(drive.direct_current, self.joints.shape))
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
+    def watch_step(self, data: mujoco.MjData) -> None:
         """Feet are only watched by an evaluation."""
 
     def take(self) -> tuple[FloatArray, FloatArray, FloatArray]:
