@@ -144,7 +144,8 @@ def race(
     name = robot_for(path, robot)
     settings = protocol_settings(trials, seed, plant=(drive or DriveOptions()).plant())
     options: dict[str, Any] = {
-        "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check, "workers": workers,
+        "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
+        "workers": workers,
     }  # fmt: skip
     if folder is None:
         from sprintlab.evaluation.race import evaluate_race

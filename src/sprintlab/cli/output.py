@@ -6,16 +6,12 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
 from sprintlab.api.tables import PLAIN_WIDTH
 from sprintlab.api.tables import plain_table as plain_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def stdout_console() -> Console:
@@ -31,14 +27,6 @@ def stderr_console() -> Console:
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def save_figure(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG; raises ``SprintlabError`` where the disk refuses."""
-    from sprintlab.core.files import atomic_write_bytes
-    from sprintlab.core.theme import png_bytes
-
-    atomic_write_bytes(path, png_bytes(figure))
 
 
 @contextmanager
