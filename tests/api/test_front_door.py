@@ -109,6 +109,7 @@ TINY = {
 }
 
 
+@pytest.mark.slow
 def test_the_dozen_lines_train_export_race_and_report(tmp_path):
     pytest.importorskip("torch")
     text = SCRIPT
