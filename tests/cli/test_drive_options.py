@@ -63,7 +63,7 @@ def test_a_bad_supply_file_is_refused_in_one_sentence(call, tmp_path, text, mess
         (("--motor-model", "cubic"), "plant.motor_model"),
         (("--battery", "--state-of-charge", 50), "plant.state_of_charge"),
         (("--heat", "--winding-temperature", 400), "plant.winding_temperature"),
-        (("--supply", "missing.toml"), "cannot read missing.toml"),
+        (("--supply", "missing.toml"), "cannot read supply file missing.toml"),
     ],
 )
 @pytest.mark.parametrize("command", ["race", "evaluate"])
