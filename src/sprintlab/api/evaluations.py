@@ -15,7 +15,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import SearchOptions
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -242,7 +242,7 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Table:
     return table
 
 
-def _cell(search: dict[str, Any], *keys: str) -> str:
+def _cell(search: dict[str, Any], *keys: str) -> str | Text:
     """The value under these keys as text; a dash where something is not defined on the way."""
     value: Any = search
     for key in keys:
@@ -252,7 +252,7 @@ def _cell(search: dict[str, Any], *keys: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        return "[bold red]FAILED[/]" if value else "passed"
+        return styled("[bold red]FAILED[/]") if value else "passed"
     return f"{value:.2f}"
 
 

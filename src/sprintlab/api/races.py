@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -17,7 +17,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,6 +111,7 @@ def race(
     robot: RobotChoice = None,
     top_speed: float | None = None,
     distance: float = 100.0,
+    engine: Literal["mujoco", "drake"] = "mujoco",
     trials: int = 10,
     seed: int = 0,
     drive: DriveOptions | None = None,
@@ -127,6 +128,7 @@ def race(
         robot: name, folder or table; that of the policy's contract when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
+        engine: mujoco, or drake: the second engine (extra drake).
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         drive: motor model, battery and heat; the published numbers' when left out.
@@ -142,7 +144,10 @@ def race(
     leave_to_the_parent()
     path = policy_path(policy)
     name = robot_for(path, robot)
-    settings = protocol_settings(trials, seed, plant=(drive or DriveOptions()).plant())
+    from sprintlab.plant import on_engine
+
+    plant = on_engine((drive or DriveOptions()).plant(), engine)
+    settings = protocol_settings(trials, seed, plant=plant)
     options: dict[str, Any] = {
         "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
         "workers": workers,
@@ -213,9 +218,8 @@ def audit_table(audit: AuditReport) -> Table:
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(
-            item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]", item.source
-        )
+        verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(item.name, *values, verdict, item.source)
     return table
 
 

@@ -1,12 +1,12 @@
-"""A recorded run as one interactive 3D page: what it is called, and where it lies."""
+"""Recorded runs as one interactive 3D page: what it is called, and where it lies."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_json
 
 if TYPE_CHECKING:
     from sprintlab.viewer.replay import ReplayText
@@ -22,6 +22,20 @@ _FIELDS: dict[str, tuple[type, ...]] = {
     "audit": (dict,),
 }
 """What the page takes from the numbers of a race; each may be missing or null."""
+
+
+def record_pace(distance: float) -> Any:
+    """The pace of the men's world record over a distance [m].
+
+    Raises:
+        InvalidValueError: none is known over it.
+    """
+    from sprintlab.viewer.replay import WORLD_RECORDS
+
+    if distance not in WORLD_RECORDS:
+        known = " and ".join(f"{known:g} m" for known in WORLD_RECORDS)
+        raise InvalidValueError("world_record", f"{distance:g} m", f"records are known over {known}")
+    return WORLD_RECORDS[distance]
 
 
 def trajectory_path(run: Path | None) -> Path:
@@ -48,10 +62,7 @@ def race_result(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         return {}
-    try:
-        numbers = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SprintlabError(f"{path} cannot be read: {error}") from error
+    numbers = read_json(path, what="result")
     if not isinstance(numbers, dict):
         raise SprintlabError(f"{path} is no result of a race")
     given = {name: value for name, value in numbers.items() if value is not None}
@@ -66,7 +77,7 @@ def sprint_of(result: dict[str, Any]) -> tuple[float | None, float]:
     return result.get("sprint_time_s", result.get("time_100m_s")), float(result.get("distance_m", 100.0))
 
 
-def replay_text(trajectory: Path, robot: str, result: dict[str, Any]) -> ReplayText:
+def replay_text(trajectory: Path, robot: str, result: dict[str, Any], runner: str = "") -> ReplayText:
     """Heading and subtitle of the page."""
     from sprintlab.viewer.replay import ReplayText
 
@@ -81,7 +92,8 @@ def replay_text(trajectory: Path, robot: str, result: dict[str, Any]) -> ReplayT
     parts = [f"policy {policy}" if policy else "", f"command up to {top:g} m/s" if top else ""]
     audit = result.get("audit", {}).get("passed")
     parts.append("" if audit is None else "exploit audit passed" if audit else "exploit audit FAILED")
-    return ReplayText(title=title, subtitle=", ".join(part for part in parts if part))
+    subtitle = ", ".join(part for part in parts if part)
+    return ReplayText(title=title, subtitle=subtitle, distance=distance, runner=runner)
 
 
 def write_race_replay(folder: Path, robot: str) -> None:

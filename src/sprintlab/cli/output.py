@@ -10,18 +10,19 @@ from typing import Any
 
 from rich.console import Console
 
-from sprintlab.api.tables import PLAIN_WIDTH
+from sprintlab.api.tables import PLAIN_WIDTH, PlainConsole
 from sprintlab.api.tables import plain_table as plain_table
+from sprintlab.api.tables import styled as styled
 
 
 def stdout_console() -> Console:
     """A console for results; wide when piped, so that tables keep their columns."""
-    return Console(width=None if sys.stdout.isatty() else PLAIN_WIDTH, highlight=False)
+    return PlainConsole(width=None if sys.stdout.isatty() else PLAIN_WIDTH, highlight=False, markup=False)
 
 
 def stderr_console() -> Console:
     """A console for progress and remarks."""
-    return Console(stderr=True, highlight=False)
+    return PlainConsole(stderr=True, highlight=False, markup=False)
 
 
 def print_json(data: Any) -> None:
@@ -44,7 +45,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], 
     console = stderr_console()
     bar = Progress(
         SpinnerColumn(),
-        TextColumn("{task.description:<34}"),
+        TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
         console=console,

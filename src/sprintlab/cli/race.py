@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -24,6 +25,7 @@ class Race:
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
+        engine: mujoco, or drake: the second engine (extra drake).
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -38,6 +40,7 @@ class Race:
     out: Path | None = None
     top_speed: float | None = None
     distance: float = 100.0
+    engine: Literal["mujoco", "drake"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -57,6 +60,7 @@ class Race:
                 robot=self.robot,
                 top_speed=self.top_speed,
                 distance=self.distance,
+                engine=self.engine,
                 trials=self.trials,
                 seed=self.seed,
                 drive=self.drive,

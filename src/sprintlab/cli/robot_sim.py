@@ -28,6 +28,8 @@ class RobotSim(DriveOptions):
 
     Attributes:
         bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
+        bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
+            TLS, or user and password.
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left
             out.
         start: lying on the ground with damped joints, or standing.
@@ -53,6 +55,7 @@ class RobotSim(DriveOptions):
     """
 
     bus: tyro.conf.Positional[str] = "shm://bp2"
+    bus_config: Path | None = None
     robot: str | None = None
     start: str = "lying"
     delay: float = 0.0
@@ -91,7 +94,7 @@ class RobotSim(DriveOptions):
         if self.truth is not None and self.duration is None:
             raise InvalidValueError("truth", str(self.truth), "give --duration too: it bounds what is kept")
         pace, options = self._pace(), self._options()
-        endpoint = open_endpoint(self.bus)
+        endpoint = open_endpoint(self.bus, config=self.bus_config)
         try:
             world = SimulatedWorld(load_robot(self.robot or default_robot()), options)
             report = self._simulate(world, endpoint, pace)

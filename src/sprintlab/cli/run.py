@@ -35,6 +35,8 @@ class Run:
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
         bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
+        bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
+            TLS, or user and password.
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s].
@@ -50,6 +52,7 @@ class Run:
 
     policy: tyro.conf.Positional[str] = "sprint"
     bus: tyro.conf.Positional[str] = "shm://bp2"
+    bus_config: Path | None = None
     robot: str | None = None
     source: str = "sprint"
     top_speed: float = 12.0
@@ -92,7 +95,9 @@ class Run:
             controller = Controller(policy, robot, source, limits=limits)
             log_path = self._log_path()
             # The bus before the log: who finds no robot leaves no empty file behind.
-            bus = stack.enter_context(closing(open_bus(self.bus)))
+            bus = stack.enter_context(
+                closing(open_bus(self.bus, session=controller.session, config=self.bus_config))
+            )
             log = None
             if log_path is not None:
                 log = stack.enter_context(closing(self._log(log_path, policy, robot.name)))

@@ -200,6 +200,10 @@ class TrialPool:
         assert self._processes is not None
         yield from self._processes.map(partial(_worked, work, self._file, self.robot), items)
 
+    def stream(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
+        """As ``run``, each result as soon as it and those before it are there."""
+        yield from self._run(requests)
+
     def _run(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
         assert self._processes is not None
         yield from self._processes.run(self._file, self.robot, requests)

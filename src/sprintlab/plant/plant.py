@@ -176,7 +176,8 @@ class Plant:
     Args:
         robot: what to simulate.
         options: how.
-        settings: friction, payload and initial joint noise of this trial.
+        settings: friction, payload, centre of mass, strength and initial joint noise of this trial; whoever
+            steps the plant sees to its other fields.
 
     Raises:
         RobotModelError: the robot's model does not compile.
@@ -186,6 +187,7 @@ class Plant:
         self.robot = robot
         self.options = options
         self.fall_reason = ""
+        self._strength = settings.strength
         self.model = build_model(robot, options.model_options())
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
@@ -206,6 +208,10 @@ class Plant:
     def time(self) -> float:
         """Simulated time [s]."""
         return float(self.data.time)
+
+    def push(self, change: FloatArray) -> None:
+        """Change the trunk's velocity at once by ``(2,)`` along the world's x and y [m/s]."""
+        self._velocity[:2] += change
 
     def measurement(self) -> Measurement:
         """What the robot's own sensors say now: gyro, gravity direction, encoders on the motor side.
@@ -280,6 +286,8 @@ class Plant:
             What the motors gave.
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
+        if self._strength != 1.0:
+            drive = drive._replace(torque=self._strength * drive.torque)
         self.data.ctrl[:] = drive.torque
         self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self.options.drag_area)
         self._begin_step()
@@ -330,7 +338,9 @@ class Plant:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         set_friction(model, settings.friction)
         # The payload sits at the trunk's centre of mass, so its moments of inertia stay.
-        model.body_mass[model.body("trunk").id] += settings.payload
+        trunk = model.body("trunk").id
+        model.body_mass[trunk] += settings.payload
+        model.body_ipos[trunk] += settings.center_of_mass
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _bind(self) -> None:

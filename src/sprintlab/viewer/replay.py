@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import base64
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -24,6 +23,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from numpy.typing import NDArray
 
+from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
@@ -60,14 +60,11 @@ def load_arrays(path: Path) -> dict[str, Array]:
         SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples, or an array
             does not fit the others or holds what is no number.
     """
-    try:
-        with np.load(path) as archive:
-            missing = [name for name in NEEDED_ARRAYS if name not in archive]
-            arrays = {name: archive[name] for name in NEEDED_ARRAYS if name in archive}
-    except FileNotFoundError:
-        raise SprintlabError(f"{path} does not exist; a race writes it") from None
-    except (OSError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SprintlabError(f"{path} is no trajectory: it cannot be read as an npz archive") from error
+    if not path.exists():
+        raise SprintlabError(f"{path} does not exist; a race writes it")
+    wanted = "no trajectory: it cannot be read as an npz archive"
+    arrays = read_arrays(path, NEEDED_ARRAYS, wanted=wanted)
+    missing = [name for name in NEEDED_ARRAYS if name not in arrays]
     if missing:
         raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
     if arrays["time"].size < 2:
