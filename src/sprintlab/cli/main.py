@@ -31,6 +31,7 @@ from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import printable
 
 REFUSED = 2
 INTERRUPTED = 130
@@ -92,7 +93,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def one_sentence(error: BaseException) -> str:
     """The message of an error on one line."""
-    return f"sprintlab: {' '.join(str(error).split())}"
+    return f"sprintlab: {printable(' '.join(str(error).split()), longest=2000)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
