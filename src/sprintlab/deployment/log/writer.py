@@ -15,7 +15,6 @@ from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
 from sprintlab.deployment.log.topics import CONTRACT_NAME, END, END_NAME, FACTS_NAME, TICK, TOPICS, read_frame
 
-
 _CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
 
 
