@@ -98,6 +98,9 @@ class RewardSettings:
         collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
         action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
             -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
+        bare_squares: yaw rate and foot clearance as the paper prints them: the squared yaw rate, which fights
+            every commanded turn, and the squared height error, which punishes feet for standing. By default
+            the first is the error of the yaw rate, the second weighted by the foot's speed.
         aggregation: ``"exponential"`` tracking * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
             The exponential keeps a gradient where penalties are large and never rewards an early end.
         penalty_scale: factor of the penalties inside the exponential.
@@ -130,6 +133,7 @@ class RewardSettings:
     grounded: RewardWeight = RewardWeight(first=-0.03, second=-0.06)
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
     leg_distance: RewardWeight = _constant(-1.0)
+    bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
     leg_distance_limit: float = 0.06
