@@ -11,11 +11,13 @@ import tyro
 
 from sprintlab.cli.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
 from sprintlab.cli.drive_flags import DriveFlags
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
+from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console, styled
 from sprintlab.cli.race import policy_path, robot_for
 from sprintlab.cli.search_flags import SearchFlags
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from sprintlab.evaluation.clock_check import ClockCheck
     from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult
 
@@ -212,7 +214,7 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Any:
     return table
 
 
-def _cell(search: dict[str, Any], *keys: str) -> str:
+def _cell(search: dict[str, Any], *keys: str) -> str | Text:
     """The value under these keys as text; a dash where something is not defined on the way."""
     value: Any = search
     for key in keys:
@@ -222,7 +224,7 @@ def _cell(search: dict[str, Any], *keys: str) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        return "[bold red]FAILED[/]" if value else "passed"
+        return styled("[bold red]FAILED[/]") if value else "passed"
     return f"{value:.2f}"
 
 

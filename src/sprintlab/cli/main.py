@@ -17,6 +17,7 @@ import tyro
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
+from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
@@ -31,6 +32,7 @@ from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import printable
 
 REFUSED = 2
 INTERRUPTED = 130
@@ -92,13 +94,14 @@ def run(arguments: Sequence[str]) -> int:
 
 def one_sentence(error: BaseException) -> str:
     """The message of an error on one line."""
-    return f"sprintlab: {' '.join(str(error).split())}"
+    return f"sprintlab: {printable(' '.join(str(error).split()), longest=2000)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; no expected failure shows a traceback."""
     try:
-        status = run(sys.argv[1:] if arguments is None else arguments)
+        with tidy_termination():
+            status = run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
         return status
     except SprintlabError as error:

@@ -10,18 +10,35 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from sprintlab.core.reading import printable
 
 PIPED_WIDTH = 140  # columns of a table that goes to a file
 
 
+class PlainConsole(Console):
+    """A console on which texts are texts: names from files are shown, never obeyed as markup or codes."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """As Rich has it, with control characters shown as their codes."""
+        lines = (printable(line, longest=len(line)) for line in text.expandtabs().split("\n"))
+        return super().render_str("\n".join(lines), **options)
+
+
+def styled(markup: str) -> Text:
+    """A text of our own with Rich's markup; what comes from a file must not stand in it."""
+    return Text.from_markup(markup)
+
+
 def stdout_console() -> Console:
     """A console for results; wide when piped, so that tables keep their columns."""
-    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False)
+    return PlainConsole(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False, markup=False)
 
 
 def stderr_console() -> Console:
     """A console for progress and remarks."""
-    return Console(stderr=True, highlight=False)
+    return PlainConsole(stderr=True, highlight=False, markup=False)
 
 
 def print_json(data: Any) -> None:
@@ -54,7 +71,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], 
     console = stderr_console()
     bar = Progress(
         SpinnerColumn(),
-        TextColumn("{task.description:<34}"),
+        TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
         console=console,

@@ -7,12 +7,19 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
 from sprintlab.cli.drive_flags import DriveFlags
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.cli.output import (
+    plain_table,
+    print_json,
+    progress_bar,
+    stderr_console,
+    stdout_console,
+    styled,
+)
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -20,6 +27,7 @@ if TYPE_CHECKING:
 
     from sprintlab.control import Policy
     from sprintlab.evaluation.race_files import RaceFiles
+    from sprintlab.plant import PlantOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +40,7 @@ class Race:
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
+        engine: mujoco, or drake: the second engine (extra drake).
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -46,6 +55,7 @@ class Race:
     out: Path | None = None
     top_speed: float | None = None
     distance: float = 100.0
+    engine: Literal["mujoco", "drake"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -71,6 +81,11 @@ class Race:
         _print_result(files)
         return 0
 
+    def _plant(self) -> PlantOptions:
+        from sprintlab.plant import on_engine
+
+        return on_engine(self.drive.plant(), self.engine)
+
     def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race
 
@@ -80,7 +95,7 @@ class Race:
             self.out,
             top_speed=self.top_speed,
             distance=self.distance,
-            settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
+            settings=protocol_settings(self.trials, self.seed, plant=self._plant()),
             step_check=self.step_check,
             workers=self.workers,
             video=not self.no_video,
@@ -191,9 +206,8 @@ def audit_table(audit: Any) -> Table:
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(
-            item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]", item.source
-        )
+        verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(item.name, *values, verdict, item.source)
     return table
 
 

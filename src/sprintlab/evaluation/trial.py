@@ -19,7 +19,7 @@ from sprintlab.evaluation.disturbances import Disturbances
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.plant import BaseState, Plant, PlantOptions, TrialSettings
+from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
 PACE_WINDOW = 1.0
@@ -192,7 +192,7 @@ def _simulate(
 def _drive(
     policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course, steering: Steering
 ) -> _Run:
-    plant = Plant(robot, request.plant, request.settings)
+    plant = open_plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
     # The last action's period, drawn long, may reach past the end.

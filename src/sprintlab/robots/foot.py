@@ -319,7 +319,7 @@ def drop_model(foot: FootContact, mass: float, timestep: float) -> mujoco.MjMode
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
     ball = spec.worldbody.add_body(name="ball", pos=(0, 0, 0.03), mass=mass, inertia=(1e-3, 1e-3, 1e-3))
-    ball.explicitinertial = True
+    ball.explicitinertial, ball.ipos = True, (0.0, 0.0, 0.0)
     ball.add_freejoint(name="fall")
     ball.add_geom(name="foot", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.03, 0, 0))
     add_foot_pair(spec, "foot", 0.8)

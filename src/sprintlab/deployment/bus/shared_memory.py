@@ -160,7 +160,7 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         self._lock = lock
         try:
             super().__init__(_open_running(path, name), path)
-            if self._words[_MAGIC_WORD] != _MAGIC:
+            if len(self._map) != _size() or self._words[_MAGIC_WORD] != _MAGIC:
                 raise BusError(f"{path} was made by another version of sprintlab")
         except BaseException:
             self._unlock()
@@ -289,6 +289,9 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
     if _lock(file):
         file.close()
         raise BusError(f"the robot {name!r} has crashed and left its memory behind; start it again")
+    if os.fstat(file.fileno()).st_size != _size():
+        file.close()
+        raise BusError(f"{path} is no memory of a robot of this version of sprintlab")
     return file
 
 
