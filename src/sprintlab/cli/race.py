@@ -40,7 +40,8 @@ class Race:
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
-        engine: mujoco, or drake: the second engine (extra drake).
+        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
+            and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -55,7 +56,7 @@ class Race:
     out: Path | None = None
     top_speed: float | None = None
     distance: float = 100.0
-    engine: Literal["mujoco", "drake"] = "mujoco"
+    engine: Literal["mujoco", "drake", "both"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -84,7 +85,7 @@ class Race:
     def _plant(self) -> PlantOptions:
         from sprintlab.plant import on_engine
 
-        return on_engine(self.drive.plant(), self.engine)
+        return on_engine(self.drive.plant(), "mujoco" if self.engine == "both" else self.engine)
 
     def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race
@@ -97,6 +98,7 @@ class Race:
             distance=self.distance,
             settings=protocol_settings(self.trials, self.seed, plant=self._plant()),
             step_check=self.step_check,
+            second_engine="drake" if self.engine == "both" else None,
             workers=self.workers,
             video=not self.no_video,
             command_line=shlex.join(["sprintlab", *sys.argv[1:]]),
@@ -215,6 +217,20 @@ def _yes(answer: bool | None) -> str:
     return "-" if answer is None else "yes" if answer else "no"
 
 
+def engines_table(result: Any) -> Table:
+    """The sprint and the raw trials in both engines."""
+    from sprintlab.evaluation.report_text import engine_fault, engine_table
+
+    both = engine_table(result)
+    assert both is not None
+    table = plain_table("Two engines", "quantity", *both["names"], "unit", numbers=tuple(both["names"]))
+    for row in both["rows"]:
+        table.add_row(*row)
+    if fault := engine_fault(result):
+        table.caption = f"[bold red]MARKED: {fault}[/]"
+    return table
+
+
 def _share(group: Any, kind: str) -> str:
     import numpy as np
 
@@ -248,6 +264,9 @@ def _print_result(files: RaceFiles) -> None:
     console.print(result_table(files.result))
     console.print()
     console.print(audit_table(files.result.audit))
+    if files.result.second_engine is not None:
+        console.print()
+        console.print(engines_table(files.result))
     _print_failures(files.result.audit)
     for note in files.result.notes:
         console.print(note)
