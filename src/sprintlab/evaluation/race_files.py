@@ -215,5 +215,6 @@ def _write_pages(
         facts=list(facts.items()),
         video=None if message else film.read_bytes(),
         video_message=message,
+        replay="replay.html",
     )
     atomic_write_text(folder / "report.html", html)

@@ -101,6 +101,7 @@ def render_report(
     facts: Sequence[tuple[str, str]] = (),
     video: bytes | None = None,
     video_message: str = "",
+    replay: str = "",
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere.
 
@@ -111,6 +112,7 @@ def render_report(
         facts: name and value pairs that say how to repeat it (command, versions, policy).
         video: MP4 file, embedded when given.
         video_message: one line that stands where the video would, when there is none.
+        replay: name of the interactive page beside the report; no link when left out.
     """
     return page_template("report.html.j2").render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
@@ -130,6 +132,7 @@ def render_report(
         facts=[*facts, *(("note", note) for note in result.notes)],
         video=None if video is None else _base64(video),
         video_message=video_message,
+        replay=replay,
     )
 
 
