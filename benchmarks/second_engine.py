@@ -3,7 +3,7 @@
     python benchmarks/second_engine.py --store --output results/second_engine/speeds.json
 
 One 100 m and some seeded trials of the raw profile in each engine at one high top speed, with the same draws,
-and one nominal trial at three lower speeds.
+and with ``--ladder`` one nominal trial at three lower speeds.
 """
 
 from __future__ import annotations
@@ -74,13 +74,13 @@ def ladder(pool: TrialPool, top_speed: float, hold: float) -> list[dict[str, Any
     return rows
 
 
-def measure(name: str, path: Path, settings: ProtocolSettings) -> dict[str, Any]:
+def measure(name: str, path: Path, settings: ProtocolSettings, lower: bool) -> dict[str, Any]:
     """One policy in both engines."""
     robot = load_robot(load_policy(path).contract.robot_name)
     speed = TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
     with TrialPool(path, robot, workers=1) as pool:
         runs = {engine: run_in(pool, speed, settings, engine) for engine in ENGINES}
-        rows = ladder(pool, speed, settings.hold)
+        rows = ladder(pool, speed, settings.hold) if lower else []
     first, second = (runs[engine][0] for engine in ENGINES)
     return {
         "policy": name,
@@ -113,6 +113,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("policies", nargs="*", default=sorted(shipped_policies()), help="all when left out")
     parser.add_argument("--trials", type=int, default=3, help="seeded trials an engine")
     parser.add_argument("--hold", type=float, default=10.0, help="[s]")
+    parser.add_argument("--ladder", action="store_true", help="also one trial each at three lower speeds")
     parser.add_argument("--output", type=Path, help="also write JSON there")
     parser.add_argument(
         "--store", action="store_true", help="keep the numbers in the package, for its reports"
@@ -128,7 +129,7 @@ def compare(chosen: argparse.Namespace) -> dict[str, Any]:
     rows = {}
     for name in chosen.policies:
         path = shipped_policy(name)
-        rows[hashlib.sha256(path.read_bytes()).hexdigest()] = measure(name, path, settings)
+        rows[hashlib.sha256(path.read_bytes()).hexdigest()] = measure(name, path, settings, chosen.ladder)
     if chosen.store:
         atomic_write_json(STORED, rows)
     return {"policies": rows, **circumstances((*EVALUATION_PACKAGES, "drake"))}
