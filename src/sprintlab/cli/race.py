@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from sprintlab.plant import PlantOptions
 
 
+HIGHEST_SPEED = 40.0
+"""Highest speed that a robot is asked for [m/s]."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Race:
     """Run a policy over 100 m and through the protocol at its top speed; write a report.
@@ -66,6 +70,7 @@ class Race:
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
+        self._check()
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
             policy = policy_path(self.policy)
@@ -85,6 +90,19 @@ class Race:
         from sprintlab.plant import on_engine
 
         return on_engine(self.drive.plant(), self.engine)
+
+    def _check(self) -> None:
+        """Refuse before any work what no race can be run with."""
+        from sprintlab.core.checks import check_range
+        from sprintlab.core.files import check_writable
+
+        if self.top_speed is not None:
+            check_range("top_speed", self.top_speed, 0.1, HIGHEST_SPEED, "m/s")
+        if self.workers is not None:
+            check_range("workers", self.workers, 1, 1024)
+        check_range("seed", self.seed, 0, 2**32 - 1)
+        if self.out is not None:
+            check_writable(self.out)
 
     def _race(self, policy: Path, robot: str, progress: Any) -> RaceFiles:
         from sprintlab.evaluation.race_files import run_race

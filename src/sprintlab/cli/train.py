@@ -18,7 +18,7 @@ from sprintlab.core.errors import SprintlabError
 if TYPE_CHECKING:
     from sprintlab.training.settings import TrainingSettings
 
-NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
+NEEDED = ("torch", "warp", "mujoco_warp")
 DECIDED = {
     "--settings.method": "--method",
     "--settings.seed": "--seed",
@@ -78,9 +78,13 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
-    from sprintlab.training.runs.run import TrainOptions, train
+    from sprintlab.training.runs.options import TrainOptions, check_places
 
-    return train(TrainOptions(settings=settings, **options))
+    wanted = TrainOptions(settings=settings, **options)
+    check_places(wanted)
+    from sprintlab.training.runs.run import train
+
+    return train(wanted)
 
 
 def run_training(arguments: Sequence[str]) -> int:
@@ -96,9 +100,13 @@ def run_training(arguments: Sequence[str]) -> int:
     for word in (argument.partition("=")[0] for argument in arguments):
         if word in DECIDED:
             raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
-    from sprintlab.training.runs.run import TrainOptions, train
+    from sprintlab.training.runs.options import TrainOptions, check_places
 
-    train(_parse(TrainOptions, method_as_option(arguments)))
+    options = _parse(TrainOptions, method_as_option(arguments))
+    check_places(options)  # before PyTorch is imported, which takes many seconds
+    from sprintlab.training.runs.run import train
+
+    train(options)
     return 0
 
 
