@@ -7,9 +7,8 @@ from pathlib import Path
 
 import tyro
 
+from sprintlab.api.training import check_export, require_training
 from sprintlab.cli.output import print_json, progress_bar
-from sprintlab.cli.train import require_training
-from sprintlab.core.errors import SprintlabError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +36,7 @@ class Export:
                 installed.
         """
         require_training()
-        self._check()
+        check_export(self.checkpoint, self.output, self.recording)
         from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:
@@ -49,19 +48,3 @@ class Export:
         print(f"policy: {exported.path}")
         print(f"replayed steps: {exported.replayed}, greatest difference {exported.difference:.1e}")
         return 0
-
-    def _check(self) -> None:
-        """Refuse at once what can be seen without PyTorch, whose import takes many seconds."""
-        from sprintlab.core.files import check_writable
-        from sprintlab.training.runs.checkpoint import check_checkpoint
-
-        if not self.checkpoint.is_file():
-            raise SprintlabError(f"checkpoint {self.checkpoint} does not exist")
-        if self.output.is_dir():
-            raise SprintlabError(f"{self.output} is a folder: name the policy file to write (.onnx)")
-        check_checkpoint(self.checkpoint)
-        check_writable(self.output)
-        if self.recording is not None:
-            from sprintlab.training.runs.replay import read_recording
-
-            read_recording(self.recording)
