@@ -18,6 +18,8 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+from sprintlab.core.checks import check_range
+from sprintlab.core.files import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,9 +79,7 @@ class Race(Printed):
         Raises:
             InvalidValueError: there is no such figure.
         """
-        from sprintlab.core.checks import check_range
-from sprintlab.core.files import check_writable
-from sprintlab.core.checks import check_choice
+        from sprintlab.core.checks import check_choice
         from sprintlab.core.theme import LIGHT
         from sprintlab.evaluation.report import planned_figures
         from sprintlab.robots import load_robot
@@ -173,9 +173,7 @@ def race(
     return _with_replay(files, path, name)
 
 
-def _check_race(
-    top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None
-) -> None:
+def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:
     """Refuse before any work what no race can be run with. Raises ``SprintlabError``."""
     if top_speed is not None:
         check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
