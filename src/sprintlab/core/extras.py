@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from importlib import metadata
 
-import sprintlab
 from sprintlab.core.errors import SprintlabError
 
 
@@ -37,4 +37,4 @@ def package_version(name: str) -> str:
     except metadata.PackageNotFoundError:
         if name != "sprintlab":
             raise
-        return sprintlab.__version__
+        return str(importlib.import_module("sprintlab").__version__)
