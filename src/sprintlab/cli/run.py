@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.api.policies import policy_path, robot_of
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_of
 
 if TYPE_CHECKING:
     from sprintlab.deployment.controller import Controller, LoopReport

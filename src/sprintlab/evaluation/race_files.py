@@ -8,7 +8,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from sprintlab.control import PolicyContract, load_policy
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
     atomic_write_bytes,
@@ -94,7 +94,7 @@ def run_race(
             full; nothing half-written is left.
     """
     robot = load_robot(robot_name)
-    contract = load_policy(policy).contract
+    load_policy(policy)  # refuse a bad file before any work
     with reserved_directory(folder or default_folder()) as target:
         progress("running trials")
         result = evaluate_race(
@@ -106,9 +106,36 @@ def run_race(
             step_check=step_check,
             workers=workers,
         )
-        facts = race_facts(policy, contract, command_line)
-        with atomic_directory(target) as temporary:
-            message = _fill(temporary, result, robot, robot_name, facts, video, progress)
+        return _write(target, result, policy, robot_name, video, command_line, progress)
+
+
+def write_race(
+    result: RaceResult,
+    policy: Path,
+    robot_name: str,
+    folder: Path | None = None,
+    *,
+    video: bool = True,
+    command_line: str = "",
+    progress: Progress = lambda _: None,
+) -> RaceFiles:
+    """Write the report of a race that was run; arguments and errors as in ``run_race``."""
+    with reserved_directory(folder or default_folder()) as target:
+        return _write(target, result, policy, robot_name, video, command_line, progress)
+
+
+def _write(
+    target: Path,
+    result: RaceResult,
+    policy: Path,
+    robot_name: str,
+    video: bool,
+    command_line: str,
+    progress: Progress,
+) -> RaceFiles:
+    facts = race_facts(policy, load_policy(policy).contract, command_line)
+    with atomic_directory(target) as temporary:
+        message = _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
     return RaceFiles(folder=target, result=result, video_message=message)
 
 
@@ -125,7 +152,7 @@ def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dic
         "training command": training.command_line,
         "training seed": str(training.seed),
         "training device": training.device,
-        "versions": ", ".join(f"{name} {metadata.version(name)}" for name in SOFTWARE),
+        "versions": ", ".join(f"{name} {package_version(name)}" for name in SOFTWARE),
         "machine": f"Python {platform.python_version()}, {platform.platform()}",
     }
 
@@ -188,5 +215,6 @@ def _write_pages(
         facts=list(facts.items()),
         video=None if message else film.read_bytes(),
         video_message=message,
+        replay="replay.html",
     )
     atomic_write_text(folder / "report.html", html)
