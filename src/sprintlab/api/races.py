@@ -18,6 +18,8 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+from sprintlab.core.checks import check_range
+from sprintlab.core.files import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +31,10 @@ Progress = Callable[[str], None]
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
+
+
+HIGHEST_SPEED = 40.0
+"""Highest speed that a robot is asked for [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -144,6 +150,7 @@ def race(
         SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
     """
     leave_to_the_parent()
+    _check_race(top_speed, seed, workers, folder)
     path = policy_path(policy)
     name = robot_for(path, robot)
     from sprintlab.plant import on_engine
@@ -167,6 +174,17 @@ def race(
     files = run_race(path, name, Path(folder), video=video, command_line=words, progress=progress, **options)
     progress("writing the replay")
     return _with_replay(files, path, name)
+
+
+def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:
+    """Refuse before any work what no race can be run with. Raises ``SprintlabError``."""
+    if top_speed is not None:
+        check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
+    if workers is not None:
+        check_range("workers", workers, 1, 1024)
+    check_range("seed", seed, 0, 2**32 - 1)
+    if folder is not None:
+        check_writable(folder)
 
 
 def _with_replay(files: RaceFiles, policy: Path, robot: str) -> Race:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from sprintlab.control import PolicyContract, load_policy
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
     atomic_write_bytes,
@@ -155,7 +155,7 @@ def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dic
         "training command": training.command_line,
         "training seed": str(training.seed),
         "training device": training.device,
-        "versions": ", ".join(f"{name} {metadata.version(name)}" for name in SOFTWARE),
+        "versions": ", ".join(f"{name} {package_version(name)}" for name in SOFTWARE),
         "machine": f"Python {platform.python_version()}, {platform.platform()}",
     }
 
