@@ -39,7 +39,10 @@ class Limit:
         figure: PNG to draw; none when left out.
         factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
-        starts: random strides tried before a speed counts as too fast; more find a little more.
+        starts: random strides to begin from; more find a little more.
+        max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
+        min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
+        motor_model: refined, simplified-dc, square or flux-weakening.
         seed: of the random strides.
         results: folder whose result.json files say what trained policies reach.
         json: print JSON only.
@@ -50,6 +53,9 @@ class Limit:
     factors: tuple[float, ...] = (0.9, 1.1)
     quick: tyro.conf.FlagCreatePairsOff[bool] = False
     starts: int = 6
+    max_stride: float | None = None
+    min_duty: float | None = None
+    motor_model: str = "refined"
     seed: int = 0
     results: Path = Path("results")
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -60,7 +66,9 @@ class Limit:
         from sprintlab.robots import load_robot
         from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 
-        settings = SearchSettings(starts=self.starts, seed=self.seed)
+        settings = SearchSettings(
+            starts=self.starts, seed=self.seed, max_stride=self.max_stride, min_duty=self.min_duty
+        )
         robot = load_robot(self.robot)
         trained = trained_speeds(self.results, robot.name)
         with progress_bar(quiet=self.json) as report:

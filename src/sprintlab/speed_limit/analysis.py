@@ -15,14 +15,13 @@ from sprintlab.motors import Gear, copper_loss, desaturate
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
-from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
+from sprintlab.speed_limit.search import Fastest, SearchSettings, climbs, fastest_stride
 from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate
 
 Progress = Callable[[str, float | None], None]
 
 _WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
 _FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
-_SEARCH_STEPS = 18  # speeds that a search tries, about; for the progress bar
 
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
     "hip torque": ("hip in stance", "hip in swing"),
@@ -176,7 +175,7 @@ def speed_limit(
         settings, starts=max(2, settings.starts // 2)
     )  # a similar robot's stride is a good start
     variants = [(name, factor) for name in scalings(runner) for factor in factors]
-    meter = _Meter(progress, 1 + len(causes) + len(variants))
+    meter = _Meter(progress, 1 + len(causes) + len(variants), climbs(settings, near=1))
     best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
     lifted = tuple(_lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in causes)
     sensitivities = tuple(
@@ -205,8 +204,8 @@ def speed_limit(
 class _Meter:
     """Turns the ticks of searches into shares of the whole."""
 
-    def __init__(self, progress: Progress | None, searches: int) -> None:
-        self._progress, self._searches, self._begun = progress, searches, 0
+    def __init__(self, progress: Progress | None, searches: int, climbs: int) -> None:
+        self._progress, self._searches, self._climbs, self._begun = progress, searches, climbs, 0
 
     def search(self, what: str) -> Callable[[], None]:
         """The tick of the next search."""
@@ -216,7 +215,7 @@ class _Meter:
         def tick() -> None:
             ticks[0] += 1
             if self._progress is not None:
-                self._progress(what, (first + min(ticks[0] / _SEARCH_STEPS, 1.0)) / self._searches)
+                self._progress(what, (first + min(ticks[0] / self._climbs, 1.0)) / self._searches)
 
         return tick
 

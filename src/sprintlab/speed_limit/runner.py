@@ -29,6 +29,7 @@ class Runner:
         legs: number of legs that share the load.
         foot_friction: sliding friction coefficient.
         knee_spring: series spring between the knee's drive and the shank; None without one.
+        motor_model: torque limits of the motors, one of ``sprintlab.motors.MOTOR_MODELS``.
     """
 
     leg: PlanarLeg
@@ -42,6 +43,7 @@ class Runner:
     legs: int
     foot_friction: float
     knee_spring: KneeSpring | None
+    motor_model: str = "refined"
 
     @property
     def peak_torque(self) -> FloatArray:
@@ -51,7 +53,7 @@ class Runner:
     def joint_limits(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest torque at the joints ``(..., 2)`` [N m]: envelope, saturation, gear."""
         ratio = np.asarray(self.gear.ratio)
-        lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage)
+        lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage, self.motor_model)
         scale = ratio * np.asarray(self.gear.efficiency)
         return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(
             saturate(self.motors, upper)
