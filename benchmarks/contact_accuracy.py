@@ -170,14 +170,14 @@ class Samples:
         self._way = self._energy = self._time = self._contact = 0.0
         self.penetration = 0.0
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
+    def watch_step(self, data: mujoco.MjData) -> None:
         """The deepest that a foot sinks in any physics step."""
         depth = self._robot.foot_radius - float(data.geom_xpos[self._feet, 2].min())
         self.penetration = max(self.penetration, depth)
 
     def sample(self, data: mujoco.MjData, drive: Any, targets: Any, step: float = MOTOR_STEP) -> None:
         """Take speed and power of one motor step."""
-        self.watch_feet(data)
+        self.watch_step(data)
         if not self.steady:
             return
         speed = data.qvel[self._joints] * self._robot.gear.ratio

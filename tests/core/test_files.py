@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_directory, atomic_write_bytes, atomic_write_json, atomic_write_text
+from sprintlab.core.files import (
+    atomic_directory,
+    atomic_write_bytes,
+    atomic_write_json,
+    atomic_write_text,
+    reserved_directory,
+)
 
 FAILING_STEPS = ["fsync", "replace", "chmod"]
 
@@ -166,3 +172,18 @@ def test_error_of_an_inner_write_passes_unchanged(tmp_path):
     with pytest.raises(SprintlabError, match=r"x\.json"), atomic_directory(tmp_path / "race") as folder:
         atomic_write_json(folder / "x.json", math.nan)
     assert not list(Path(tmp_path).iterdir())
+
+
+def test_only_one_of_two_gets_a_folder(tmp_path):
+    with reserved_directory(tmp_path / "race"):
+        with pytest.raises(SprintlabError, match="exists already"), reserved_directory(tmp_path / "race"):
+            raise AssertionError("the name was given twice")
+        with atomic_directory(tmp_path / "race") as folder:
+            (folder / "result.json").write_text("{}")
+    assert (tmp_path / "race" / "result.json").read_text() == "{}"
+
+
+def test_a_failure_gives_the_folder_free(tmp_path):
+    with pytest.raises(KeyboardInterrupt), reserved_directory(tmp_path / "race"):
+        raise KeyboardInterrupt
+    assert not list(tmp_path.iterdir())

@@ -43,6 +43,8 @@ states = st.builds(
     bus_voltage=number,
     command_sequence=whole,
     status=st.integers(0, 7),
+    session=whole,
+    foreign_commands=whole,
 )
 commands = st.builds(
     JointCommand,
@@ -54,6 +56,7 @@ commands = st.builds(
     damping=vector(12),
     feedforward_torque=vector(12),
     state_sequence=whole,
+    session=whole,
 )
 fixes = st.builds(PositionFix, sequence=whole, timestamp=whole, position=vector(3), velocity=vector(3))
 operators = st.builds(
@@ -101,7 +104,7 @@ def command(**changes):
 
 def test_a_message_of_another_kind_or_length_is_refused():
     content = encode(command())
-    with pytest.raises(MessageError, match="has 396 bytes"):
+    with pytest.raises(MessageError, match="has 412 bytes"):
         decode(RobotState, content)
     with pytest.raises(MessageError, match="bytes"):
         decode(JointCommand, content[:-1])
@@ -121,9 +124,40 @@ def test_an_undefined_mode_is_refused():
         {"stiffness": np.full(12, -1.0)},
         {"damping": np.full(12, -1e-9)},
         {"damping": np.zeros(11)},
+        {"target_position": np.full(12, 1e308)},
+        {"stiffness": np.full(12, 1e308)},
+        {"damping": np.full(12, 1e200)},
+        {"feedforward_torque": np.full(12, -1e308)},
     ],
 )
 def test_a_command_nobody_may_act_on_is_refused(changes):
     check_command(command())
     with pytest.raises(MessageError):
         check_command(command(**changes))
+
+
+def same_for_all_joints() -> st.SearchStrategy:
+    return st.floats().map(lambda value: np.full(12, value)) | vector(12)
+
+
+@given(
+    st.builds(
+        command,
+        target_position=same_for_all_joints(),
+        stiffness=same_for_all_joints(),
+        damping=same_for_all_joints(),
+        feedforward_torque=same_for_all_joints(),
+    ),
+    st.floats(-1e3, 1e3),
+    st.floats(-100.0, 100.0),
+)
+def test_what_a_robot_may_act_on_gives_a_finite_torque(wanted, velocity, position):
+    """Over all floats: a command is refused, or its joint law is finite at every state a joint can have."""
+    try:
+        check_command(wanted)
+    except MessageError:
+        return
+    with np.errstate(all="raise", under="ignore"):
+        spring = wanted.stiffness * (wanted.target_position - position)
+        torque = spring - wanted.damping * velocity + wanted.feedforward_torque
+    assert np.isfinite(torque).all()

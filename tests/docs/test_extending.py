@@ -53,7 +53,7 @@ class _Idle:
     def sample(self, data, drive, targets):
         pass
 
-    def watch_feet(self, data):
+    def watch_step(self, data):
         pass
 
 

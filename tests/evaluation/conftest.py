@@ -105,6 +105,7 @@ def metrics_with(**values: Any) -> TrialMetrics:
     """Metrics of a good run at 10 m/s; any field can be replaced."""
     good: dict[str, Any] = {
         "held_speed": 10.0,
+        "hold_acceleration": 0.05,
         "peak_speed": 10.2,
         "angular_cost": 2.0,
         "lateral_deviation": 0.1,
@@ -116,11 +117,18 @@ def metrics_with(**values: Any) -> TrialMetrics:
         "cost_of_transport": 0.4,
         "distance": 80.0,
         "stride_frequency": 6.0,
-        "duty_factor": (0.1,) * 4,
+        "duty_factor": (0.15,) * 4,
+        "stance_time": 0.025,
+        "touchdowns_per_stride": 1.0,
+        "foot_force": 2.5,
+        "gear_torque_ratio": (1.5,) * 12,
         "joint_speed_ratio": (0.9,) * 12,
-        "deepest_penetration": 0.003,
+        "pad_deflection": 0.006,
         "smallest_leg_distance": 0.05,
         "slip_per_step": 0.01,
+        "final_speed": 0.02,
+        "lane_excursion": 0.3,
+        "line_winding_temperature": 70.0,
     }
     return TrialMetrics(**{**good, **values})
 

@@ -1,44 +1,121 @@
-"""The exploit audit."""
+"""The exploit audit: every line fails a made-up offender and passes one that just keeps the limit."""
 
 import math
 
+import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.evaluation.audit import AuditThresholds, audit_trials, clock_distance
+from sprintlab.evaluation.audit import CLOCK_ITEM, AuditThresholds, audit_trials, clock_distance
+from sprintlab.evaluation.report_text import audit_failure
+
+# item, field of the metrics, offender, one that just passes, what is said of the offender
+LINES = [
+    ("stance", "stance_time", 0.0199, 0.02, "stance 19.9 ms: at least 20"),
+    (
+        "touchdowns per stride and foot",
+        "touchdowns_per_stride",
+        1.21,
+        1.2,
+        "touchdowns per stride and foot 1.21: at most 1.2",
+    ),
+    ("foot force", "foot_force", 4.1, 4.0, "foot force 4.1 body weights: at most 4"),
+    (
+        "gear torque",
+        "gear_torque_ratio",
+        (0.5,) * 11 + (6.8,),
+        (3.0,) * 12,
+        "gear torque 6.8 x peak: at most 3",
+    ),
+    (
+        "joint speed",
+        "joint_speed_ratio",
+        (0.5,) * 11 + (1.2,),
+        (1.1,) * 12,
+        "joint speed 1.2 x no-load: at most 1.1",
+    ),
+    (
+        "hottest winding at the line",
+        "line_winding_temperature",
+        121.0,
+        120.0,
+        "hottest winding at the line 121 degC: at most 120",
+    ),
+    ("pad deflection", "pad_deflection", 0.0182, 0.015, "pad deflection 18.2 mm: at most 15"),
+    (
+        "smallest leg distance",
+        "smallest_leg_distance",
+        -0.001,
+        0.0,
+        "smallest leg distance -1 mm: at least 0",
+    ),
+    ("foot slip per step", "slip_per_step", 0.06, 0.05, "foot slip per step 60 mm: at most 50"),
+    (
+        "farthest foot from the lane's middle",
+        "lane_excursion",
+        0.62,
+        0.61,
+        "farthest foot from the lane's middle 0.62 m: at most 0.61",
+    ),
+    (
+        "speed when it should stand",
+        "final_speed",
+        0.31,
+        0.3,
+        "speed when it should stand 0.31 m/s: at most 0.3",
+    ),
+    (
+        CLOCK_ITEM,
+        "stride_frequency",
+        6.25,
+        50 / 8.0201,
+        "stride period from policy clock 0 policy steps: at least 0.02",
+    ),
+]
 
 
 def test_a_clean_run_passes(make_metrics):
     report = audit_trials([make_metrics()])
-    assert report.passed and len(report.items) == 5
+    assert report.passed and not report.failed
+    assert [item.name for item in report.items] == [line[0] for line in LINES]
 
 
 @pytest.mark.parametrize(
-    ("index", "field", "value"),
-    [
-        (0, "deepest_penetration", 0.0051),
-        (1, "smallest_leg_distance", -0.001),
-        (2, "slip_per_step", 0.06),
-        (3, "joint_speed_ratio", (0.5,) * 11 + (1.2,)),
-        (4, "stride_frequency", 6.25),
-    ],
+    ("name", "field", "offender", "good", "words"), LINES, ids=[line[1] for line in LINES]
 )
-def test_each_exploit_fails_its_own_item(make_metrics, index, field, value):
-    report = audit_trials([make_metrics(), make_metrics(**{field: value}), make_metrics(**{field: value})])
-    assert [item.passed for item in report.items] == [position != index for position in range(5)]
-    assert not report.passed
+def test_an_offender_fails_its_own_line_and_who_keeps_the_limit_passes(
+    make_metrics, name, field, offender, good, words
+):
+    clean = make_metrics()
+    report = audit_trials([clean, make_metrics(**{field: offender}), make_metrics(**{field: offender})])
+    assert [item.name for item in report.failed] == [name]
+    assert audit_failure(report.failed[0]) == words
+    assert audit_trials([make_metrics(**{field: good})]).passed
+
+
+def test_every_line_says_why_and_where_its_limit_comes_from(make_metrics):
+    for item in audit_trials([make_metrics()]).to_dict()["items"]:
+        assert item["note"] and item["source"] and item["bound"] in ("at most", "at least")
 
 
 def test_the_worst_trial_counts_but_one_locked_stride_among_many_does_not(make_metrics):
-    worst = audit_trials([make_metrics(), make_metrics(deepest_penetration=0.02), make_metrics()])
-    assert worst.items[0].value == 0.02
+    worst = audit_trials([make_metrics(), make_metrics(pad_deflection=0.02), make_metrics(stance_time=0.01)])
+    assert [item.value for item in worst.failed] == [0.01, 0.02]
     assert audit_trials([make_metrics(), make_metrics(stride_frequency=6.25), make_metrics()]).passed
 
 
 def test_what_never_happened_is_not_held_against_a_run(make_metrics):
-    report = audit_trials([make_metrics(slip_per_step=math.nan, stride_frequency=math.nan)])
+    fields = ("stance_time", "slip_per_step", "stride_frequency", "foot_force", "final_speed")
+    report = audit_trials([make_metrics(**dict.fromkeys(fields, math.nan))])
     assert report.passed
-    assert report.to_dict()["items"][2]["value"] is None
+    assert report.to_dict()["items"][0]["value"] is None
+
+
+def test_a_slower_policy_needs_longer_stances(make_metrics):
+    trial = [make_metrics(stance_time=0.03, stride_frequency=4.9)]
+    assert audit_trials(trial, AuditThresholds(policy_rate=50.0)).passed
+    slow = audit_trials(trial, AuditThresholds(policy_rate=25.0))
+    assert [item.name for item in slow.failed] == ["stance"] and slow.failed[0].threshold == 0.04
 
 
 @pytest.mark.parametrize(
@@ -49,6 +126,7 @@ def test_clock_distance_in_policy_steps(frequency, distance):
     assert clock_distance(frequency) == pytest.approx(distance, abs=1e-9)
 
 
-def test_thresholds_must_be_positive():
-    with pytest.raises(InvalidValueError, match="penetration"):
-        AuditThresholds(penetration=0.0)
+@pytest.mark.parametrize("field", ["pad_deflection", "foot_force", "gear_torque_ratio", "rest_speed"])
+def test_thresholds_must_be_positive(field):
+    with pytest.raises(InvalidValueError, match=field):
+        AuditThresholds(**{field: np.float64(0.0)})

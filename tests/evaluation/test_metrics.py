@@ -1,6 +1,7 @@
 """Metrics of trajectories whose answers are known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from sprintlab.evaluation.metrics import (
     _refined_period,
     angular_cost,
     envelope_share,
+    final_speed,
+    peak_foot_force,
     peak_speed,
     slip_per_step,
     stances,
@@ -17,7 +20,14 @@ from sprintlab.evaluation.metrics import (
     stride_frequency,
     trial_metrics,
 )
-from sprintlab.motors import copper_loss, no_load_speed
+from sprintlab.motors import (
+    WindingHeat,
+    copper_loss,
+    no_load_speed,
+    resistance_factor,
+    saturate,
+    warmed,
+)
 
 HOLD = (1.0, 4.0)
 
@@ -144,3 +154,93 @@ def test_slip_is_the_way_slid_in_one_stance(make_trajectory):
     way = slip_per_step(make_trajectory(foot_contact=contact, foot_slip_speed=slip))
     assert way == pytest.approx(0.5 * (100 + 200) / 500.0 / 2, rel=1e-3)
     assert math.isnan(slip_per_step(make_trajectory(foot_contact=np.zeros((2000, 4), dtype=bool))))
+
+
+def test_the_rise_at_the_end_of_the_hold_is_last_second_minus_the_one_before(make_trajectory, robot):
+    velocity = np.zeros((2500, 2))
+    time = np.arange(2500) / 500.0
+    velocity[:, 0] = 5.0 + 0.3 * time
+    rising = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, HOLD)
+    assert rising.hold_acceleration == pytest.approx(0.3) and rising.held_steady is False
+    velocity[:, 0] = 5.0 + 0.09 * time
+    assert trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, HOLD).held_steady is True
+    short = trial_metrics(make_trajectory(seconds=5.0, velocity=velocity), robot, (3.0, 4.0))
+    assert math.isnan(short.hold_acceleration) and short.held_steady is None
+
+
+def test_at_rest_counts_the_fastest_moment_of_the_last_second_in_any_direction(make_trajectory, robot):
+    velocity = np.zeros((2000, 2))
+    velocity[:1499, 0], velocity[1800] = 5.0, (0.3, -0.4)
+    assert final_speed(make_trajectory(velocity=velocity)) == pytest.approx(0.5)
+    assert math.isnan(trial_metrics(make_trajectory(velocity=velocity), robot, HOLD, fell=True).final_speed)
+
+
+@pytest.mark.parametrize(("samples", "expected"), [(1, 0.4), (2, 0.8), (3, 1.0), (50, 1.0)])
+def test_the_greatest_foot_force_is_a_mean_over_five_milliseconds(make_trajectory, samples, expected):
+    force = np.zeros((2000, 4))
+    force[700 : 700 + samples, 2] = 1000.0
+    assert peak_foot_force(make_trajectory(foot_force=force)) == pytest.approx(1000.0 * expected)
+
+
+def test_what_nobody_measured_is_not_defined(make_trajectory, robot):
+    metrics = trial_metrics(make_trajectory(), robot, HOLD)
+    assert math.isnan(metrics.foot_force) and math.isnan(metrics.gear_torque_ratio[0])
+    assert math.isnan(metrics.lane_excursion) and math.isnan(metrics.line_winding_temperature)
+
+
+def test_gear_torque_is_compared_with_what_the_motor_can_give_at_the_joint(make_trajectory, robot):
+    peak = saturate(robot.motors, robot.motors.peak_torque) * robot.gear.ratio * robot.gear.efficiency
+    torque = np.zeros((2000, 12))
+    torque[100, 1], torque[200, 5] = -2.0 * peak[1], 3.0 * peak[5]
+    ratio = trial_metrics(make_trajectory(gear_torque=torque), robot, HOLD).gear_torque_ratio
+    np.testing.assert_allclose(
+        ratio, np.where(np.arange(12) == 1, 2.0, np.where(np.arange(12) == 5, 3.0, 0.0))
+    )
+
+
+def gait(frequency, stances):
+    """Joints that swing at a frequency [Hz] and feet on the ground at these shares of a stride."""
+    time = np.arange(2000) / 500.0
+    phase = (time * frequency)[:, None] + np.array([0.0, 0.5, 0.5, 0.0])
+    contact = np.zeros(phase.shape, dtype=bool)
+    for start, end in stances:
+        contact |= (phase % 1.0 >= start) & (phase % 1.0 < end)
+    swing = np.sin(2 * np.pi * time * frequency)[:, None] + np.zeros(12)
+    return {"foot_contact": contact, "joint_position": swing}
+
+
+def test_stance_and_touchdowns_of_a_trot(make_trajectory, robot):
+    metrics = trial_metrics(make_trajectory(**gait(5.0, [(0.0, 0.2)])), robot, HOLD)
+    assert metrics.stance_time == pytest.approx(0.04, abs=0.0021)
+    assert metrics.touchdowns_per_stride == pytest.approx(1.0, abs=0.06)
+    assert metrics.mean_duty == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_foot_that_bounces_has_short_stances_and_many_touchdowns(make_trajectory, robot):
+    metrics = trial_metrics(make_trajectory(**gait(5.0, [(0.0, 0.05), (0.08, 0.13)])), robot, HOLD)
+    assert metrics.stance_time == pytest.approx(0.01, abs=0.0021)
+    assert metrics.touchdowns_per_stride == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_lane_is_left_by_the_outer_edge_of_a_foot_before_the_line(make_trajectory, robot):
+    feet = np.zeros((2000, 4, 3))
+    feet[1000:, 3, 1] = -0.5
+    feet[1600:, 3, 1] = -2.0
+    metrics = trial_metrics(make_trajectory(foot_position=feet), robot, HOLD, finish=3.0)
+    assert metrics.lane_excursion == pytest.approx(0.5 + robot.foot_radius)
+
+
+def test_windings_at_the_line_are_heated_by_the_recorded_currents(make_trajectory, robot):
+    torque = np.zeros((2000, 12))
+    torque[:, 4] = 0.8 * robot.motors.peak_torque[4]
+    cold = float(copper_loss(robot.motors, torque[0])[4])
+    trajectory = make_trajectory(motor_torque=torque)
+    metrics = trial_metrics(trajectory, robot, HOLD, finish=3.0)
+    heat, temperature = WindingHeat(), 25.0
+    for _ in range(3000):
+        temperature = float(warmed(heat, temperature, cold * resistance_factor(heat, temperature), 0.001))
+    assert metrics.line_winding_temperature == pytest.approx(temperature, abs=0.05)
+    recorded = replace(trajectory, winding_temperature=np.linspace(25.0, 105.0, 2000)[:, None] + np.zeros(12))
+    hot = trial_metrics(recorded, robot, HOLD, finish=2.0)
+    assert hot.line_winding_temperature == pytest.approx(65.0, abs=0.1)
+    assert math.isnan(trial_metrics(trajectory, robot, HOLD, finish=math.nan).line_winding_temperature)

@@ -38,7 +38,7 @@ class FakePool:
                 completed=index >= falls(request.top_speed),
                 held_speed=min(request.top_speed, 2 * self.limit - request.top_speed) - 0.1,
                 angular_cost=speed,
-                deepest_penetration=0.001 if request.top_speed <= self.honest else 0.1,
+                pad_deflection=0.001 if request.top_speed <= self.honest else 0.1,
             )
             for index, request in enumerate(requests)
         ]

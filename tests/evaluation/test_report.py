@@ -14,6 +14,7 @@ from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.race_files import default_folder, save_trajectory
 from sprintlab.evaluation.report_text import (
+    audit_failure,
     audit_limit,
     audit_value,
     audit_verdict,
@@ -102,9 +103,11 @@ def test_report_says_what_happened(page):
 
 
 def test_a_failed_audit_is_marked(race, robot, trial):
-    sunk = replace(trial.metrics, deepest_penetration=0.05)
+    sunk = replace(trial.metrics, pad_deflection=0.05)
     page = report.render_report(replace(race, audit=audit_trials([sunk])), robot, [])
-    assert "exploit audit FAILED" in page and ">FAIL<" in page and "50.0 mm" in page
+    assert "exploit audit FAILED 1 of 12 checks" in page and ">FAIL<" in page
+    first_screen = page[: page.index('<div class="tiles">')]
+    assert "<li>pad deflection 50 mm: at most 15</li>" in first_screen
 
 
 def test_the_video_is_embedded(race, robot):
@@ -157,7 +160,8 @@ def test_the_completed_trial_is_drawn(race, trial):
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "text"), [(0.0042, "m", "4.2 mm"), (0.25, "m", "0.25 m"), (float("nan"), "", "-")]
+    ("value", "unit", "text"),
+    [(0.0042, "m", "4.2 mm"), (0.25, "m", "0.25 m"), (0.011, "s", "11 ms"), (float("nan"), "", "-")],
 )
 def test_audit_values_read_well(value, unit, text):
     assert audit_value(value, unit) == text
@@ -165,21 +169,45 @@ def test_audit_values_read_well(value, unit, text):
 
 def test_a_limit_says_from_which_side_it_bounds():
     item = AuditItem(name="", value=0.03, unit="m", threshold=0.005, passed=False, note="")
-    assert audit_limit(item) == "at most 5.0 mm"
-    assert audit_limit(replace(item, passed=True)) == "at least 5.0 mm"
-    assert audit_limit(replace(item, value=0.002, passed=True)) == "at most 5.0 mm"
-    assert audit_limit(replace(item, value=float("nan"), passed=True)) == "5.0 mm"
+    assert audit_limit(item) == "at most 5 mm"
+    assert audit_limit(replace(item, bound="at least")) == "at least 5 mm"
+
+
+def test_a_failure_keeps_the_unit_of_a_limit_that_has_another_one():
+    item = AuditItem(name="pad deflection", value=0.18, unit="m", threshold=0.015, passed=False, note="")
+    assert audit_failure(item) == "pad deflection 0.18 m: at most 15 mm"
 
 
 def test_summary_says_whether_it_stopped(race, robot, trial):
-    running = "At the end of the raw command, which asks it to stand, it still runs 10.0 m/s."
-    assert running in summary(race, robot)
-    velocity = trial.trajectory.velocity.copy()
-    velocity[-400:] = 0.1
-    stopped = replace(trial, trajectory=replace(trial.trajectory, velocity=velocity))
-    group = replace(race.raw, trials=(stopped,))
-    quiet = replace(race, raw=group, self_paced=group)
-    assert not any("still runs" in sentence for sentence in summary(quiet, robot))
+    assert not any("still moves" in sentence for sentence in summary(race, robot))
+    running = replace(trial, metrics=replace(trial.metrics, final_speed=10.0))
+    group = replace(race.raw, trials=(running,))
+    lost = replace(race, raw=group)
+    assert "At the end of the raw command, which asks it to stand, it still moves at 10.0 m/s." in summary(
+        lost, robot
+    )
+
+
+def test_held_says_whether_it_was_steady(race, robot, trial):
+    assert any(sentence.endswith("as commanded; steady.") for sentence in summary(race, robot))
+    rising = replace(trial, metrics=replace(trial.metrics, hold_acceleration=0.5))
+    group = replace(race.raw, trials=(rising,))
+    page = report.render_report(replace(race, raw=group), robot, [])
+    assert "held speed, not steady: still rising by 0.50 m/s per second" in page
+    numbers = replace(race, raw=group).to_dict()
+    assert numbers["held_steady"] is False and numbers["hold_acceleration_m_s2"] == 0.5
+    assert numbers["self_paced"]["held_steady"] is True
+
+
+def test_a_time_outside_the_lane_carries_a_mark(race, robot, trial):
+    wide = replace(trial, metrics=replace(trial.metrics, lane_excursion=2.0))
+    left = replace(race, sprint=replace(race.sprint, trial=wide))
+    page = report.render_report(left, robot, [])
+    assert "90 m, raw command, left its lane" in page and "9.00 (left its lane)" in page
+    assert "in 9.00 s with the raw command (left its lane)" in page
+    numbers = left.to_dict()
+    assert numbers["left_lane"] is True and numbers["left_lane_self_paced"] is False
+    assert "left its lane" not in report.render_report(race, robot, [])
 
 
 def test_summary_says_what_was_measured(race, robot):
@@ -191,9 +219,9 @@ def test_summary_says_what_was_measured(race, robot):
 
 
 def test_summary_does_not_hide_a_failed_audit(race, robot, trial):
-    sunk = audit_trials([replace(trial.metrics, deepest_penetration=0.05)])
+    sunk = audit_trials([replace(trial.metrics, pad_deflection=0.05)])
     text = " ".join(summary(replace(race, audit=sunk), robot))
-    assert "deepest foot penetration" in text and "not to be trusted" in text
+    assert "pad deflection 50 mm: at most 15" in text and "not to be trusted" in text
 
 
 def test_summary_of_a_race_in_which_everything_failed(race, robot, make_trial):
@@ -236,13 +264,25 @@ def test_a_taken_folder_name_gets_a_number(tmp_path):
 
 
 def test_slow_motion_follows_the_run():
-    options = video.VideoOptions(slow_motion=0.4, slow_factor=5.0)
-    frames = video.frame_times(8.0, (3.0, 7.0), options)
-    run = [moment for moment, slow in frames if not slow]
-    slow = [moment for moment, slow in frames if slow]
+    options = video.VideoOptions(frames_per_second=25, slow_motion=0.4, slow_factor=5.0)
+    run, slow = split_frames(video.frame_times(8.0, (3.0, 7.0), options))
     assert len(run) == 200 and run[-1] == pytest.approx(7.96)
     assert len(slow) == 50 and slow[0] == pytest.approx(4.8) and slow[-1] < 5.2
     assert not any(slow for _, slow in video.frame_times(1.0, (0.9, 1.0), options))
+
+
+def split_frames(frames):
+    return [moment for moment, slow in frames if not slow], [moment for moment, slow in frames if slow]
+
+
+@pytest.mark.parametrize("allowed", [30, 120, 500])
+def test_a_slow_machine_shows_fewer_seconds_and_never_fewer_frames_a_second(allowed):
+    options = video.VideoOptions()
+    run, slow = split_frames(video.frame_times(15.0, (5.0, 12.0), options, allowed))
+    assert len(run) + len(slow) == allowed and len(slow) >= 0.3 * allowed
+    assert np.diff(run) == pytest.approx(1.0 / 60.0)
+    assert np.diff(slow) == pytest.approx(1.0 / 480.0)
+    assert run[-1] == pytest.approx(12.3, abs=0.02), "the finish is what a viewer wants to see"
 
 
 def test_video_options_are_checked():
@@ -279,7 +319,7 @@ def test_a_video_is_rendered_where_a_backend_works(trial, tmp_path):
     [
         ((), "passed"),
         ((CLOCK_ITEM,), "by the clock alone: evaluate --clock-check"),
-        ((CLOCK_ITEM, "smallest leg distance"), "do not trust the speeds"),
+        ((CLOCK_ITEM, "smallest leg distance"), "FAILED 2 of 2 checks: do not trust the speeds"),
         (("smallest leg distance",), "do not trust the speeds"),
     ],
 )

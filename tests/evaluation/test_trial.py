@@ -117,3 +117,31 @@ def test_metrics_are_plain_numbers(stander, robot):
 def test_impossible_requests_are_refused(values):
     with pytest.raises(InvalidValueError):
         TrialRequest(**values)
+
+
+def test_feet_bear_the_robot_and_gears_the_motors_torques_while_it_stands(stander, robot):
+    settings = TrialSettings(payload=2.0)
+    trajectory = run_trial(stander, robot, TrialRequest(**SHORT, settings=settings)).trajectory
+    late = trajectory.time > trajectory.time[-1] - 0.5
+    borne = trajectory.foot_force[late].sum(axis=1).mean()
+    assert borne == pytest.approx((robot.total_mass + 2.0) * 9.81, rel=0.01)
+    np.testing.assert_allclose(
+        trajectory.gear_torque[late].mean(axis=0), trajectory.joint_torque[late].mean(axis=0), atol=0.2
+    )
+
+
+def test_a_gear_passes_on_what_is_left_after_turning_the_rotor(make_policy, robot):
+    """In the air a hip that is asked for a far target turns its rotor and its leg."""
+    from sprintlab.evaluation.recorder import Recorder
+    from sprintlab.plant import Plant
+
+    plant = Plant(robot, PlantOptions(record_rate=1000.0), TrialSettings())
+    plant.data.qpos[2] += 1.0
+    recorder = Recorder(plant.model, robot, capacity=10)
+    targets = np.asarray(robot.default_pose, dtype=float)
+    plant.advance(targets + 0.05, 5, recorder)
+    run = recorder.trajectory()
+    turned = np.diff(run.joint_velocity, axis=0, prepend=0.0)[1:] * 1000.0
+    left = run.joint_torque[:-1] - robot.armature * turned
+    np.testing.assert_allclose(run.gear_torque[1:], left, atol=1e-6)
+    assert (np.abs(turned * robot.armature).max(axis=0) > 0.5).all()

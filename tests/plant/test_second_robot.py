@@ -13,7 +13,7 @@ class Nothing:
     def sample(self, data, drive, targets):
         pass
 
-    def watch_feet(self, data):
+    def watch_step(self, data):
         pass
 
 

@@ -105,7 +105,7 @@ class _Blind:
     def sample(self, data, drive, targets):
         pass
 
-    def watch_feet(self, data):
+    def watch_step(self, data):
         pass
 
 

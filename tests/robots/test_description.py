@@ -170,7 +170,7 @@ def test_a_deleted_section_is_named(tmp_path):
         ("total_mass = { value = 36.5", "total_mass = { value = 15.0", "must exceed the legs' mass"),
         ("[0.1299, 0.7196, 0.7596]", "[0.1299, 0.7196, 0.9596]", "no moment may exceed"),
         ("default_angle = { value = -1.20", "default_angle = { value = -2.59", r"default_pose\[FL_knee\]"),
-        ("[body]", "[body", "not valid TOML"),
+        ("[body]", "[body", "not a TOML file"),
     ],
 )
 def test_a_broken_table_is_refused_with_what_is_wrong(edited_table, old, new, message):

@@ -9,7 +9,7 @@ from sprintlab import robots
 from sprintlab.motors import drive_torque
 from sprintlab.robots import ModelOptions, build_model, load_robot, parameter_table
 
-FULL = ModelOptions(collisions="full", cone="elliptic", contact_time_constant=0.002)
+FULL = ModelOptions(collisions="full", contact_time_constant=0.002)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from sprintlab.robots.importing import (
     read_choices,
     read_source,
 )
-from sprintlab.robots.importing.source import possible_inertias
+from sprintlab.robots.importing.compiling import possible_inertias
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")

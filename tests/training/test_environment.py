@@ -212,7 +212,10 @@ def test_an_episode_ends_at_its_limit_as_a_time_out(environment: SprintEnvironme
 
 
 FIELDS: dict[str, Callable[[BatchSimulation], torch.Tensor]] = {
-    "friction": lambda s: s.fields["geom_friction"][:, s.mj_model.geom("FL_foot").id, 0],
+    "friction": lambda s: s.fields["pair_friction"][:, 0, :2],
+    "pads": lambda s: s.fields["pair_solref"][:, 0],
+    "pads' impedance": lambda s: s.fields["pair_solimp"][:, 3, :2],
+    "drag area": lambda s: s.drag_area,
     "mass": lambda s: s.fields["body_mass"][:, s.mj_model.body("trunk").id],
     "subtree mass": lambda s: s.fields["body_subtreemass"][:, s.mj_model.body("trunk").id],
     "centre of mass": lambda s: s.fields["body_ipos"][:, s.mj_model.body("trunk").id],

@@ -134,7 +134,9 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "J_common_rad2_s": result.angular_cost_common,
             "common_speed_m_s": None if result.common is None else result.common.top_speed,
             "top_speed_command_m_s": None if best is None else best.top_speed,
+            "held_steady": None if best is None else best.held_steady,
             "audit_failed": None if best is None else rows[best.top_speed]["audit_failed"],
+            "audit_failures": [] if best is None else rows[best.top_speed]["audit_failures"],
             "fastest": None if fastest is None else rows[fastest.top_speed],
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
             "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
@@ -146,6 +148,7 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
 
 def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
     from sprintlab.evaluation.audit import audit_trials
+    from sprintlab.evaluation.report_text import audit_failure
 
     audit = audit_trials([trial.metrics for trial in speed.trials])
     return {
@@ -155,7 +158,9 @@ def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
         "falls": speed.falls,
         "trials": len(speed.trials),
         "audit_passed": audit.passed,
-        "audit_failed": [item.name for item in audit.items if not item.passed],
+        "held_steady": speed.held_steady,
+        "audit_failed": [item.name for item in audit.failed],
+        "audit_failures": [audit_failure(item) for item in audit.failed],
     }
 
 
@@ -171,6 +176,8 @@ def _print_numbers(policy: str, numbers: dict[str, dict[str, Any]]) -> None:
     named = {name.replace("_", "-"): row for name, row in numbers.items()}
     console.print(number_table(policy, named))
     for name, row in named.items():
+        for failure in row["audit_failures"]:
+            console.print(f"audit, {name}, at the highest command: {failure}", soft_wrap=True)
         for what, speeds in audit_failures(row["speeds"]).items():
             commands = ", ".join(f"{speed:g}" for speed in speeds)
             console.print(f"audit, {name}: failed at {commands} m/s ({what})", soft_wrap=True)
@@ -190,6 +197,7 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Any:
 
     add("max velocity: held at the highest command passed", "m/s", "max_velocity_m_s")
     add("  that command", "m/s", "top_speed_command_m_s")
+    add("  held steady", "", "held_steady")
     add("  audit there", "", "audit_failed")
     add("fastest: most that was held", "m/s", "fastest", "held_speed_m_s")
     add("  at the command", "m/s", "fastest", "top_speed_m_s")
@@ -211,6 +219,8 @@ def _cell(search: dict[str, Any], *keys: str) -> str:
         value = None if value is None else value[key]
     if value is None:
         return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, list):
         return "[bold red]FAILED[/]" if value else "passed"
     return f"{value:.2f}"

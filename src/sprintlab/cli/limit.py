@@ -10,6 +10,7 @@ import tyro
 
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
 from sprintlab.core.extras import require_package
+from sprintlab.core.files import check_figure_path
 
 FACTS = {
     # field of StrideFacts: (what it is, format, unit)
@@ -36,7 +37,7 @@ class Limit:
 
     Attributes:
         robot: name of a robot, or the path of its folder or table.
-        figure: PNG to draw; none when left out.
+        figure: picture to draw (.png, .pdf or .svg); none when left out.
         factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
         starts: random strides to begin from; more find a little more.
@@ -62,6 +63,7 @@ class Limit:
 
     def run(self) -> int:
         """Print the estimate; raises ``SprintlabError`` for an unknown robot, a bad option, or no SciPy."""
+        check_figure_path(self.figure)
         require_package("scipy", extra="analysis", use="sprintlab limit")
         from sprintlab.robots import load_robot
         from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
@@ -89,12 +91,11 @@ class Limit:
         return 0
 
     def _draw(self, limit: Any, robot: Any) -> None:
-        from sprintlab.core.files import atomic_write_bytes
-        from sprintlab.core.theme import png_bytes
+        from sprintlab.core.theme import save_figure
         from sprintlab.speed_limit import limit_figure, runner_from_robot
 
         assert self.figure is not None
-        atomic_write_bytes(self.figure, png_bytes(limit_figure(limit, runner_from_robot(robot))))
+        save_figure(self.figure, limit_figure(limit, runner_from_robot(robot)))
 
     def _print(self, limit: Any) -> None:
         console = stdout_console()

@@ -197,7 +197,7 @@ def _trial(
     nan = float("nan")
     metrics = replace(
         trial_metrics(trajectory, robot, hold),
-        deepest_penetration=nan,
+        pad_deflection=nan,
         smallest_leg_distance=nan,
         slip_per_step=nan,
         duty_factor=(nan,) * 4,

@@ -29,7 +29,7 @@ class MotorEnvelope:
         bus_voltage: [V]; the robot's or actuator's own, or 60 for a motor file.
         gear_ratio: motor speed over joint speed; the robot's or actuator's own, or 1 for a motor file.
         gear_efficiency: the robot's or actuator's own, or 1 for a motor file.
-        figure: PNG to draw; none when left out.
+        figure: picture to draw (.png, .pdf or .svg); none when left out.
         trajectory: trajectory.npz of a race, drawn over the envelope and compared with it.
         points: speeds in the table, from standstill to the no-load speed.
         json: print JSON only.
@@ -48,7 +48,9 @@ class MotorEnvelope:
     def run(self) -> int:
         """Print the envelope; raises ``SprintlabError`` for an unknown source or a bad field."""
         from sprintlab.core.checks import check_range
+        from sprintlab.core.files import check_figure_path
 
+        check_figure_path(self.figure)
         check_range("points", self.points, 2, 10_000)
         chosen = chosen_motor(
             self.source, self.joint, self.bus_voltage, self.gear_ratio, self.gear_efficiency
@@ -114,11 +116,10 @@ def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
 
 
 def _draw(path: Path, chosen: ChosenMotor, operated: OperatingPoints | None) -> None:
-    from sprintlab.core.files import atomic_write_bytes
-    from sprintlab.core.theme import png_bytes
+    from sprintlab.core.theme import save_figure
     from sprintlab.evaluation.motor_figures import workbench_figure
 
-    atomic_write_bytes(path, png_bytes(workbench_figure(chosen.drive, chosen.title, operated)))
+    save_figure(path, workbench_figure(chosen.drive, chosen.title, operated))
 
 
 def _print(title: str, numbers: dict[str, Any], figure: Path | None) -> None:

@@ -10,6 +10,7 @@ import tyro
 
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 from sprintlab.core.extras import require_package
+from sprintlab.core.files import check_figure_path
 
 if TYPE_CHECKING:
     from sprintlab.workbench.identification import Identification
@@ -35,7 +36,7 @@ class MotorIdentify:
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         out: motor file to write; none when left out.
-        figure: PNG of fit and residuals; none when left out.
+        figure: picture (.png, .pdf or .svg) of fit and residuals; none when left out.
         json: print JSON only.
     """
 
@@ -52,6 +53,7 @@ class MotorIdentify:
 
     def run(self) -> int:
         """Fit and print; raises ``SprintlabError`` for an unusable bench, or without SciPy."""
+        check_figure_path(self.figure)
         require_package("scipy", extra="analysis", use="sprintlab motor identify")
         base = self._base_motor()
         result = self._identify(base)
@@ -169,8 +171,7 @@ def _channel_table(channels: dict[str, Any]) -> Any:
 
 
 def _draw(path: Path, result: Identification, title: str) -> None:
-    from sprintlab.core.files import atomic_write_bytes
-    from sprintlab.core.theme import png_bytes
+    from sprintlab.core.theme import save_figure
     from sprintlab.evaluation.identification_figures import identification_figure
 
-    atomic_write_bytes(path, png_bytes(identification_figure(result, title)))
+    save_figure(path, identification_figure(result, title))

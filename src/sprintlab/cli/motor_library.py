@@ -35,7 +35,7 @@ class MotorLibrary:
 
     Attributes:
         name: one actuator; all of them when left out.
-        figure: PNG of all torque-speed envelopes, absolute and normalised; none when left out.
+        figure: picture of all torque-speed envelopes, absolute and normalised (.png, .pdf or .svg).
         save: write the chosen actuator's motor as a motor file (TOML) for the other commands.
         json: print JSON only.
     """
@@ -48,8 +48,10 @@ class MotorLibrary:
     def run(self) -> int:
         """Print the library or one actuator; raises ``SprintlabError`` for an unknown name."""
         from sprintlab.core.errors import InvalidValueError
+        from sprintlab.core.files import check_figure_path
         from sprintlab.motors import library_motors, load_library_motor, save_motor
 
+        check_figure_path(self.figure)
         if self.save is not None and self.name is None:
             raise InvalidValueError("save", str(self.save), "name the actuator to save")
         names = library_motors() if self.name is None else (self.name,)
@@ -144,8 +146,7 @@ def _sources(actuator: LibraryMotor) -> Table:
 
 
 def _draw(path: Path, actuators: list[LibraryMotor]) -> None:
-    from sprintlab.core.files import atomic_write_bytes
-    from sprintlab.core.theme import png_bytes
+    from sprintlab.core.theme import save_figure
     from sprintlab.evaluation.library_figures import library_figure
 
-    atomic_write_bytes(path, png_bytes(library_figure(actuators)))
+    save_figure(path, library_figure(actuators))

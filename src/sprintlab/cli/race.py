@@ -31,6 +31,7 @@ class Race:
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
+        distance: of the sprint [m].
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -44,6 +45,7 @@ class Race:
     robot: str | None = None
     out: Path | None = None
     top_speed: float | None = None
+    distance: float = 100.0
     trials: int = 10
     seed: int = 0
     workers: int | None = None
@@ -77,6 +79,7 @@ class Race:
             robot,
             self.out,
             top_speed=self.top_speed,
+            distance=self.distance,
             settings=protocol_settings(self.trials, self.seed, plant=self.drive.plant()),
             step_check=self.step_check,
             workers=self.workers,
@@ -164,6 +167,7 @@ def result_table(result: Any) -> Table:
     for item in QUANTITIES:
         values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
         table.add_row(item.label, *values, item.unit)
+    table.add_row("held steady", *(_yes(group.held_steady) for group in (raw, paced)), "")
     table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
     table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
     table.add_row(
@@ -182,12 +186,19 @@ def audit_table(audit: Any) -> Table:
         "measured",
         "limit",
         "",
+        "where the limit comes from",
         numbers=("measured", "limit"),
     )
     for item in audit.items:
         values = (audit_value(item.value, item.unit), audit_limit(item))
-        table.add_row(item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(
+            item.name, *values, "[green]pass[/]" if item.passed else "[bold red]FAIL[/]", item.source
+        )
     return table
+
+
+def _yes(answer: bool | None) -> str:
+    return "-" if answer is None else "yes" if answer else "no"
 
 
 def _share(group: Any, kind: str) -> str:
@@ -211,11 +222,19 @@ def _write_replay(folder: Path, robot: str) -> None:
     write_replay(folder / "replay.html", load_arrays(trajectory), described, text)
 
 
+def _print_failures(audit: Any) -> None:
+    from sprintlab.evaluation.report_text import audit_failure
+
+    for item in audit.failed:
+        stdout_console().print(f"audit failed: {audit_failure(item)}", style="bold red", soft_wrap=True)
+
+
 def _print_result(files: RaceFiles) -> None:
     console = stdout_console()
     console.print(result_table(files.result))
     console.print()
     console.print(audit_table(files.result.audit))
+    _print_failures(files.result.audit)
     for note in files.result.notes:
         console.print(note)
     console.print(f"\nreport: {files.folder / 'report.html'}", soft_wrap=True)

@@ -17,6 +17,8 @@ RUNS = Path("runs")
 _FIELDS: dict[str, tuple[type, ...]] = {
     "robot": (str,),
     "policy": (str,),
+    "distance_m": (int, float),
+    "sprint_time_s": (int, float),
     "time_100m_s": (int, float),
     "top_speed_command_m_s": (int, float),
     "audit": (dict,),
@@ -95,13 +97,22 @@ def race_result(path: Path) -> dict[str, Any]:
     return given
 
 
+def sprint_of(result: dict[str, Any]) -> tuple[float | None, float]:
+    """Time [s], ``None`` where the distance was not reached, and distance [m] of a race's numbers."""
+    return result.get("sprint_time_s", result.get("time_100m_s")), float(result.get("distance_m", 100.0))
+
+
 def replay_text(trajectory: Path, robot: str, result: dict[str, Any]) -> Any:
     """Heading and subtitle of the page."""
     from sprintlab.viewer.replay import ReplayText
 
-    time = result.get("time_100m_s")
+    time, distance = sprint_of(result)
     sprint = trajectory.name == "trajectory.npz" and time is not None
-    title = f"{robot.upper()}: 100 m in {time:.2f} s" if sprint else f"{robot.upper()}: {trajectory.stem}"
+    title = (
+        f"{robot.upper()}: {distance:g} m in {time:.2f} s"
+        if sprint
+        else f"{robot.upper()}: {trajectory.stem}"
+    )
     policy, top = result.get("policy"), result.get("top_speed_command_m_s")
     parts = [f"policy {policy}" if policy else "", f"command up to {top:g} m/s" if top else ""]
     audit = result.get("audit", {}).get("passed")

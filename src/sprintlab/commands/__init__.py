@@ -1,5 +1,6 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
+from sprintlab.commands.clock import command_start, race_clock
 from sprintlab.commands.grid import CommandGrid, GridBins
 from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed, ranked_speeds
 from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
@@ -11,25 +12,33 @@ from sprintlab.commands.schedules import (
     UniformSchedule,
 )
 from sprintlab.commands.state import CommandState, initial_state, limit_yaw_rate
+from sprintlab.commands.track import KERB_DISTANCE, LANE_WIDTH, PathPoint, Track, path_yaw_rate
 
 __all__ = [
+    "KERB_DISTANCE",
+    "LANE_WIDTH",
     "AdaptiveSchedule",
     "CommandGrid",
     "CommandState",
     "FixedAccelerationSchedule",
     "GridBins",
+    "PathPoint",
     "Phase",
     "RangeGrowth",
     "SpeedProfile",
     "SprintProfile",
     "StageBlend",
     "TargetSampling",
+    "Track",
     "UniformSchedule",
+    "command_start",
     "fastest_speed",
     "heading_angle",
     "heading_command",
     "initial_state",
     "limit_yaw_rate",
+    "path_yaw_rate",
+    "race_clock",
     "ranked_speeds",
     "self_paced",
     "wrap_angle",

@@ -24,6 +24,7 @@ from sprintlab.robots import RobotDescription, robot_fingerprint
 CONTRACT_KEY = "sprintlab_contract"
 FORMAT_VERSION = 1
 HISTORY_ORDER = "oldest-first"
+_LONGEST = 1 << 20  # characters of a contract; those of this package have some 5000
 POLICY_RATE_HZ = 50.0
 MOTOR_RATE_HZ = 1000.0
 ACTION_LIMIT = 10.0
@@ -341,6 +342,8 @@ def decode_contract(text: str) -> PolicyContract:
     Raises:
         PolicyFileError: not JSON, another format version, a missing, unknown or impossible field.
     """
+    if len(text) > _LONGEST:
+        raise PolicyFileError(f"its contract has more than {_LONGEST} characters")
     try:
         version = msgspec.json.decode(text, type=_Header).format_version
         if version != FORMAT_VERSION:
@@ -348,7 +351,7 @@ def decode_contract(text: str) -> PolicyContract:
                 f"its contract has format {version}, this version reads format {FORMAT_VERSION}"
             )
         return msgspec.json.decode(text, type=PolicyContract)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise PolicyFileError(f"its contract cannot be read: {error}") from error
 
 

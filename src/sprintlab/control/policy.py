@@ -29,13 +29,18 @@ from sprintlab.control.observation import (
     push_history,
     split_proprioception,
 )
+from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.core.errors import InvalidValueError, PolicyFileError
+from sprintlab.core.reading import read_bytes
 from sprintlab.robots import RobotDescription
 
 FloatArray = npt.NDArray[np.floating[Any]]
 
 SHIPPED_POLICIES = Path(__file__).parents[1] / "policies"
 """Folder of the policies that come with the package."""
+
+POLICY_LIMIT = 64 << 20
+"""Largest policy file that is read [bytes]."""
 
 ESTIMATE_SIZE = 8
 """Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
@@ -290,10 +295,11 @@ def shipped_policies() -> dict[str, Path]:
 
 def _open_session(path: Path) -> Any:
     """A single-threaded CPU session: a 50 Hz loop must not fight the plant for cores."""
+    content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise PolicyFileError(f"cannot read policy file {path}: {error.strerror or error}") from error
+        check_graph(content)
+    except GraphError as error:
+        raise PolicyFileError(f"{path} is damaged or no policy: its network {error}") from error
     runtime: Any = onnxruntime
     options = runtime.SessionOptions()
     options.intra_op_num_threads = 1

@@ -8,11 +8,34 @@ import os
 import shutil
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+
+FIGURE_FORMATS = ("png", "pdf", "svg")
+"""What a figure can be written as; the ending of its name says which."""
+
+
+def check_figure_path(path: str | os.PathLike[str] | None, field: str = "figure") -> None:
+    """Refuse a figure that could not be written at the end, before any work is spent on it.
+
+    Args:
+        path: the file to come; ``None`` where no figure was asked for.
+        field: the option that names it, for the message.
+
+    Raises:
+        InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
+    """
+    if path is None:
+        return
+    target = Path(path)
+    if target.suffix.removeprefix(".").lower() not in FIGURE_FORMATS:
+        allowed = ", ".join(f".{ending}" for ending in FIGURE_FORMATS)
+        raise InvalidValueError(field, str(target), f"its ending says the format: one of {allowed}")
+    if not target.parent.is_dir():
+        raise InvalidValueError(field, str(target), f"there is no folder {target.parent}; make it first")
 
 
 def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
@@ -73,6 +96,32 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     finally:
         if temporary is not None and temporary.exists():
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
+    """Hold a folder's name, as an empty folder, while what will fill it is worked out.
+
+    Of two that ask for the same name at the same time only one gets it. An error in the block gives the
+    name free again, unless something was put into the folder.
+
+    Raises:
+        SprintlabError: the folder exists already, or the disk refuses.
+    """
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.mkdir()
+    except FileExistsError as error:
+        raise SprintlabError(f"{target} exists already; choose another folder for the results") from error
+    except OSError as error:
+        raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+    try:
+        yield target
+    except BaseException:
+        with suppress(OSError):
+            target.rmdir()
+        raise
 
 
 def _swap_in(temporary: Path, target: Path) -> None:

@@ -1,4 +1,4 @@
-"""The look that all figures share: colours of a theme, axes, legends, PNG files.
+"""The look that all figures share: colours of a theme, axes, legends, files.
 
 Nothing here touches ``pyplot``, so figures can be made in threads and without a display.
 """
@@ -11,12 +11,16 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from sprintlab.core.files import atomic_write_bytes, check_figure_path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +83,38 @@ THEMES = (LIGHT, DARK)
 
 def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
     """The figure as a PNG file."""
+    return _figure_bytes(figure, "png", dpi)
+
+
+def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
+    """Write a figure in the format that the ending of its name says: ``.png``, ``.pdf`` or ``.svg``.
+
+    Text stays text in PDF and SVG; neither carries the moment it was made, so that the same numbers give the
+    same file.
+
+    Args:
+        path: the file; ``core.files.check_figure_path`` refuses a bad one before work is done.
+        figure: what to write.
+        dpi: of a PNG, and of what is drawn as pixels inside the others.
+
+    Raises:
+        InvalidValueError: another ending, or a folder that does not exist.
+        SprintlabError: the disk refuses.
+    """
+    check_figure_path(path)
+    ending = Path(path).suffix.removeprefix(".").lower()
+    atomic_write_bytes(path, _figure_bytes(figure, ending, dpi))
+
+
+_UNDATED: dict[str, dict[str, None]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+
+def _figure_bytes(figure: Figure, ending: str, dpi: int) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, facecolor=figure.get_facecolor())
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "sprintlab", "pdf.fonttype": 42}):
+        figure.savefig(
+            buffer, format=ending, dpi=dpi, facecolor=figure.get_facecolor(), metadata=_UNDATED[ending]
+        )
     return buffer.getvalue()
 
 

@@ -12,13 +12,15 @@ Duties of the robot's end, whatever robot it is:
 1. It applies ``stiffness (target - position) - damping velocity + feedforward`` in ``SERVO``, only
    ``-damping velocity`` in ``DAMPING``, nothing in ``OFF``, at 1 kHz or faster, clipped to the motors'
    envelope at the speed and bus voltage of the moment: the controller knows those of its last state only.
-2. It drops a command whose sequence is not above the last accepted one, or that ``check_command`` refuses;
-   a dropped command does not feed the watchdog.
+2. It drops a command whose sequence is not above the last accepted one of the same session, or that
+   ``check_command`` refuses; a dropped command does not feed the watchdog.
 3. **Watchdog**: ``WATCHDOG_TIMEOUT`` after the last accepted command (and from power-up on) it applies
    ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
    ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
-4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in
-   ``command_sequence`` the last accepted command.
+4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in ``session``
+   and ``command_sequence`` whose command it accepted last, and which.
+5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires.
+   It drops commands of every other session and counts them in ``foreign_commands``.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 MAGIC = b"SPRT"
 WATCHDOG_TIMEOUT = 0.05
 """Seconds without an accepted command after which the robot damps its joints by itself."""
@@ -88,6 +90,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         bus_voltage: [V].
         command_sequence: of the last accepted command; 0 before the first.
         status: ``RobotStatus`` flags.
+        session: of the controller that sent the last accepted command; 0 before the first.
+        foreign_commands: dropped so far because they belonged to another session.
     """
 
     sequence: int
@@ -100,6 +104,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     bus_voltage: float
     command_sequence: int = 0
     status: int = 0
+    session: int = 0
+    foreign_commands: int = 0
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -114,6 +120,8 @@ class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False
         damping: [N m s/rad] ``(12,)``, not negative.
         feedforward_torque: joint side [N m] ``(12,)``.
         state_sequence: of the state that the command answers.
+        session: of the controller: a random number that it draws once, 64 bits. It tells controllers apart;
+            it is no secret.
     """
 
     sequence: int
@@ -124,6 +132,7 @@ class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False
     damping: FloatArray
     feedforward_torque: FloatArray
     state_sequence: int = 0
+    session: int = 0
 
 
 class PositionFix(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -206,7 +215,7 @@ _LAYOUTS = (
     _Layout(
         1,
         RobotState,
-        {"command_sequence": int, "status": int},
+        {"command_sequence": int, "status": int, "session": int, "foreign_commands": int},
         {
             "joint_position": _J,
             "joint_velocity": _J,
@@ -219,7 +228,7 @@ _LAYOUTS = (
     _Layout(
         2,
         JointCommand,
-        {"mode": JointMode, "state_sequence": int},
+        {"mode": JointMode, "state_sequence": int, "session": int},
         {"target_position": _J, "stiffness": _J, "damping": _J, "feedforward_torque": _J},
     ),
     _Layout(3, PositionFix, {}, {"position": 3, "velocity": 3}),
@@ -262,18 +271,38 @@ def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> Mes
         raise MessageError(f"a {kind.__name__} holds a value that is not defined: {error}") from error
 
 
+COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
+    "target_position": (-100.0, 100.0),
+    "stiffness": (0.0, 1e5),
+    "damping": (0.0, 1e4),
+    "feedforward_torque": (-1e4, 1e4),
+}
+"""Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
+and so small that no sum of their products overflows."""
+
+
+def within_bounds(field: str, value: FloatArray) -> bool:
+    """Whether all numbers of a command's field are within ``COMMAND_BOUNDS``; NaN is not."""
+    least, greatest = COMMAND_BOUNDS[field]
+    return bool(((value >= least) & (value <= greatest)).all())
+
+
 def check_command(command: JointCommand) -> None:
     """Refuse a command that no robot may act on.
 
     Raises:
-        MessageError: a number is not finite, or a gain is negative.
+        MessageError: a number is not finite, or outside ``COMMAND_BOUNDS``.
     """
-    for field in ("target_position", "stiffness", "damping", "feedforward_torque"):
+    for field, (least, greatest) in COMMAND_BOUNDS.items():
         value = getattr(command, field)
-        if value.shape != (JOINT_COUNT,) or not np.isfinite(value).all():
-            raise MessageError(f"{field} must be {JOINT_COUNT} finite numbers, got {value}")
-    if min(command.stiffness.min(), command.damping.min()) < 0.0:
-        raise MessageError("stiffness and damping must not be negative")
+        if value.shape != (JOINT_COUNT,) or not within_bounds(field, value):
+            raise MessageError(
+                f"{field} must be {JOINT_COUNT} numbers from {least:g} to {greatest:g}, got {value}"
+            )
+
+
+MOST_DAMAGED = 16
+"""Damaged messages that one look at a bus passes over: a flood of them must not hold a loop."""
 
 
 class RobotInterface(Protocol):
@@ -286,7 +315,10 @@ class RobotInterface(Protocol):
     malformed: int
 
     def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left. Duplicates are passed on."""
+        """The next state in order of arrival; None if there is none left. Duplicates are passed on.
+
+        The work of one call is bounded: after ``MOST_DAMAGED`` damaged messages in a row it returns None.
+        """
         ...
 
     def receive_fix(self) -> PositionFix | None:

@@ -132,7 +132,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
         set_title(axis, f"{robot.leg_names[joint // 3]} {kind}", theme)
         axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
     for axis in axes[::4]:
-        axis.set_ylabel("motor torque [N m]")
+        axis.set_ylabel("motor torque before\nsaturation [N m]")
     for axis in axes[8:]:
         axis.set_xlabel("motor speed [rad/s]")
     _envelope_legend(figure, theme)

@@ -34,7 +34,7 @@ def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> F
         }
         absolute.plot(speed, torque, label=actuator.title, **look)
         normalised.plot(speed / speed[-1], torque / torque[0], **look)
-    _finish(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque [N m]", theme)
+    _finish(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque after saturation [N m]", theme)
     _finish(normalised, "Normalised", "speed / no-load speed", "torque / torque at standstill", theme)
     absolute.set_xscale("log")
     absolute.set_yscale("log")

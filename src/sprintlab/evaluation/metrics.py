@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
-from sprintlab.motors import copper_loss, no_load_speed
+from sprintlab.motors import WindingHeat, copper_loss, no_load_speed, resistance_factor, saturate, warmed
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription
 
@@ -24,10 +24,17 @@ STEADY_WINDOW = 2.0
 PEAK_WINDOW = 0.5
 """The peak speed is a mean over this time [s]."""
 
+FORCE_WINDOW = 0.005
+"""The greatest foot force is a mean over this time [s]."""
+
+REST_WINDOW = 1.0
+"""A robot that was asked to stop is at rest in this last part of the run [s]."""
+
 _LONGEST_BOUNCE = 0.02  # a foot that is off the ground for less is still in the same stance [s]
 _STRIDE_PERIODS = (0.05, 1.0)  # [s]
 _SMALLEST_SWING = 0.02  # standard deviation of the joint that moves most [rad]
 _LEAST_CORRELATION = 0.5  # less is no gait
+_HEAT_STEP = 0.05  # in which a winding's temperature hardly changes [s]
 
 
 def trial_metrics(
@@ -37,6 +44,8 @@ def trial_metrics(
     *,
     payload: float = 0.0,
     plant: PlantOptions | None = None,
+    finish: float | None = None,
+    fell: bool = False,
 ) -> TrialMetrics:
     """Summarize one trajectory.
 
@@ -46,21 +55,29 @@ def trial_metrics(
         hold_interval: start and end of the hold [s]; what happens in its last 2 s is the steady state.
         payload: mass added to the robot [kg].
         plant: for the bus voltage; the robot's own when left out.
+        finish: when the line of a sprint was reached [s]; ``None`` where there is no line.
+        fell: whether the robot fell at the end of the trajectory.
     """
     window = steady_window(trajectory, hold_interval)
     return TrialMetrics(
         held_speed=_mean(trajectory.velocity[window, 0]),
+        hold_acceleration=hold_acceleration(trajectory, hold_interval),
         peak_speed=peak_speed(trajectory),
         angular_cost=angular_cost(trajectory),
         lateral_deviation=float(np.abs(trajectory.qpos[:, 1]).max()),
         envelope_share=tuple(envelope_share(trajectory).tolist()),
         distance=float(trajectory.qpos[-1, 0] - trajectory.qpos[0, 0]),
         joint_speed_ratio=tuple(_joint_speed_ratio(trajectory, robot, plant).tolist()),
-        deepest_penetration=float(trajectory.foot_penetration.max()),
+        gear_torque_ratio=tuple(_gear_torque_ratio(trajectory, robot).tolist()),
+        pad_deflection=float(trajectory.foot_penetration.max()),
+        foot_force=peak_foot_force(trajectory) / ((robot.total_mass + payload) * GRAVITY),
         smallest_leg_distance=float(trajectory.leg_distance.min()),
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
         duty_factor=_duty_factor(trajectory, window),
+        final_speed=math.nan if fell else final_speed(trajectory),
+        **_stance_numbers(trajectory, window),
+        **({} if finish is None else _line_numbers(trajectory, robot, finish)),
         estimate=estimate_bands(trajectory),
         **_supply_extremes(trajectory),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
@@ -73,6 +90,96 @@ def steady_window(trajectory: Trajectory, hold_interval: tuple[float, float]) ->
     if trajectory.time[-1] < end - 0.1:
         return np.zeros(len(trajectory.time), dtype=bool)
     return (trajectory.time >= max(start, end - STEADY_WINDOW) - 1e-9) & (trajectory.time < end - 1e-9)
+
+
+def hold_acceleration(trajectory: Trajectory, hold_interval: tuple[float, float]) -> float:
+    """Mean speed of the last second of the hold minus that of the second before [m/s^2].
+
+    ``nan`` where the hold was shorter than 2 s, or the run ended before it did.
+    """
+    start, end = hold_interval
+    window = steady_window(trajectory, hold_interval)
+    if not window.any() or end - start < STEADY_WINDOW - 1e-9:
+        return math.nan
+    late = trajectory.time >= end - 0.5 * STEADY_WINDOW - 1e-9
+    speed = trajectory.velocity[:, 0]
+    return float((speed[window & late].mean() - speed[window & ~late].mean()) / (0.5 * STEADY_WINDOW))
+
+
+def final_speed(trajectory: Trajectory) -> float:
+    """Highest horizontal speed in the last second [m/s]."""
+    last = trajectory.time > trajectory.time[-1] - REST_WINDOW
+    return float(np.hypot(*trajectory.velocity[last].T).max())
+
+
+def peak_foot_force(trajectory: Trajectory) -> float:
+    """Greatest vertical force on one foot [N], mean over 5 ms; ``nan`` where no force was measured.
+
+    Samples are means since the last one. A window that holds a part of a sample takes that share of it, so
+    that samples of 2 ms give a mean over 5 ms.
+    """
+    if trajectory.foot_force is None:
+        return math.nan
+    time = np.arange(len(trajectory.time)) * sample_time(trajectory)
+    impulse = np.cumsum(trajectory.foot_force, axis=0) * sample_time(trajectory)
+    starts = np.concatenate((time, time - FORCE_WINDOW))  # a greatest mean begins or ends at a sample
+    given = [
+        np.interp(starts + FORCE_WINDOW, time, foot) - np.interp(starts, time, foot) for foot in impulse.T
+    ]
+    return float(np.max(given) / FORCE_WINDOW)
+
+
+def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
+    """Greatest torque through each gear over the peak joint torque ``(12,)``; ``nan`` where not measured."""
+    if trajectory.gear_torque is None:
+        return np.full(len(robot.joint_names), math.nan)
+    motors, gear = robot.motors, robot.gear
+    peak = saturate(motors, np.asarray(motors.peak_torque)) * gear.ratio * gear.efficiency
+    return np.abs(trajectory.gear_torque).max(axis=0) / peak
+
+
+def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, float]:
+    """Median stance and touchdowns per stride and foot in the steady window; every bounce is a stance."""
+    contact, step = trajectory.foot_contact[window], sample_time(trajectory)
+    phases = [
+        (start, end) for foot in contact.T for start, end in stances(foot, shortest_flight=1) if start > 0
+    ]
+    whole = [end - start for start, end in phases if end < len(contact)]
+    strides = stride_frequency(trajectory.joint_position[window], step) * len(contact) * step
+    return {
+        "stance_time": float(np.median(whole)) * step if whole else math.nan,
+        "touchdowns_per_stride": len(phases) / (strides * contact.shape[1]) if phases else math.nan,
+    }
+
+
+def _line_numbers(trajectory: Trajectory, robot: RobotDescription, finish: float) -> dict[str, float]:
+    """What happened before the line of a sprint: way out of the lane's middle, hottest winding."""
+    ran = trajectory.time <= (finish if math.isfinite(finish) else math.inf)
+    sideways = np.abs(trajectory.foot_position[ran, :, 1]).max() + robot.foot_radius
+    return {
+        "lane_excursion": float(sideways),
+        "line_winding_temperature": _line_temperature(trajectory, robot, ran)
+        if math.isfinite(finish)
+        else math.nan,
+    }
+
+
+def _line_temperature(trajectory: Trajectory, robot: RobotDescription, ran: NDArray[np.bool_]) -> float:
+    """Hottest winding at the line [degC].
+
+    Where the plant keeps its windings cold, the recorded currents heat windings that start at 25 degC: the
+    drive sets currents, so that the loss grows with the resistance of the warm copper.
+    """
+    if trajectory.winding_temperature is not None:
+        return float(trajectory.winding_temperature[ran][-1].max())
+    heat, loss = WindingHeat(), copper_losses(trajectory, robot)[ran]
+    block = max(1, round(_HEAT_STEP / sample_time(trajectory)))
+    temperature = np.full(loss.shape[1], 25.0)
+    for start in range(0, len(loss), block):
+        part = loss[start : start + block]
+        warm = part.mean(axis=0) * resistance_factor(heat, temperature)
+        temperature = warmed(heat, temperature, warm, len(part) * sample_time(trajectory))
+    return float(np.max(temperature))
 
 
 def peak_speed(trajectory: Trajectory) -> float:
@@ -234,12 +341,9 @@ def _powers(
     names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
     if not window.any():
         return dict.fromkeys(names, math.nan)
-    torque, speed = trajectory.motor_torque[window], trajectory.joint_velocity[window]
-    mechanical = trajectory.joint_torque[window] * speed
+    mechanical = trajectory.joint_torque[window] * trajectory.joint_velocity[window]
     loss = copper_losses(trajectory, robot)[window]
-    drawn = (torque * (speed * robot.gear.ratio) + loss).sum(axis=1)
-    # The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
-    electrical = float(np.maximum(drawn, 0.0).mean())
+    electrical = float(bus_power(trajectory, robot)[window].mean())
     forward = float(trajectory.velocity[window, 0].mean())
     return {
         "mechanical_power": float(mechanical.sum(axis=1).mean()),
@@ -248,6 +352,15 @@ def _powers(
         "electrical_power": electrical,
         "cost_of_transport": electrical / (mass * GRAVITY * forward) if forward > 0.1 else math.nan,
     }
+
+
+def bus_power(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
+    """Power that all motors together draw from the bus ``(T,)`` [W].
+
+    The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
+    """
+    shaft = trajectory.motor_torque * trajectory.joint_velocity * robot.gear.ratio
+    return np.maximum((shaft + copper_losses(trajectory, robot)).sum(axis=1), 0.0)
 
 
 def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:

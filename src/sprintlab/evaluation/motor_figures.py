@@ -30,7 +30,7 @@ LABELS = {
     "simplified-dc": "v_d = 0",
     "square": "square",
     "flux-weakening": "flux weakening",
-    SATURATED: "refined + saturation",
+    SATURATED: "refined, after saturation",
 }
 _STYLES = {"refined": "-", "simplified-dc": "--", "square": ":", SATURATED: "-"}
 _WIDTHS = {"refined": 2.0, "flux-weakening": 1.3, SATURATED: 1.3}  # without saturation one covers the other
@@ -60,9 +60,9 @@ def workbench_figure(
     if operated is not None:
         for axis in (models, inside):
             _draw_points(axis, operated, theme)
-    for axis, text in ((models, title), (inside, "Copper loss and mechanical power, refined + saturation")):
+    for axis, text in ((models, title), (inside, "Copper loss and mechanical power, after saturation")):
         _finish(axis, text, top, drive, theme)
-    models.set_ylabel("joint torque [N m]")
+    models.set_ylabel("joint torque [N m], before saturation but where the legend says after")
     figure_legend(figure, theme, labelled(models), columns=4, place="lower")
     return figure
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import connection
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
@@ -21,6 +21,9 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
 from sprintlab.robots import RobotDescription
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class PolicyFile(NamedTuple):
@@ -80,18 +83,21 @@ class WorkerProcesses:
     def run(
         self, policy: PolicyFile, robot: RobotDescription, requests: Sequence[TrialRequest]
     ) -> Generator[TrialResult | SprintResult, None, None]:
-        """Results in the order of the requests, each as soon as it and those before it are there.
+        """Results in the order of the requests; errors and order as in ``map``."""
+        yield from self.map(partial(_worked, run_request, policy, robot), requests)
 
-        Who stops asking (``close`` of the iterator) drops the trials that have not started.
+    def map(self, work: Callable[[T], R], items: Sequence[T]) -> Generator[R, None, None]:
+        """Results in the order of the items, each as soon as it and those before it are there.
+
+        Who stops asking (``close`` of the iterator) drops what has not started.
 
         Raises:
             SimulationError: a trial left the realm of finite numbers, or a worker process died.
         """
         if self._executor is None:
-            for request in requests:
-                yield _run_in_worker(policy, robot, request)
+            yield from map(work, items)
             return
-        futures = [self._executor.submit(_run_in_worker, policy, robot, request) for request in requests]
+        futures = [self._executor.submit(work, item) for item in items]
         try:
             for future in futures:
                 yield future.result()
@@ -169,6 +175,19 @@ class TrialPool:
         """
         return list(self._run(requests))
 
+    def map(self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]) -> Iterator[R]:
+        """Results of ``work(policy, robot, item)`` in the order of the items, each as soon as it is there.
+
+        Args:
+            work: a function of a module, so that it can be sent to another process.
+            items: small enough to send.
+
+        Raises:
+            SimulationError: as ``run``.
+        """
+        assert self._processes is not None
+        yield from self._processes.map(partial(_worked, work, self._file, self.robot), items)
+
     def _run(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
         assert self._processes is not None
         yield from self._processes.run(self._file, self.robot, requests)
@@ -193,10 +212,10 @@ def _loaded(policy: PolicyFile) -> Policy:
     return load_policy(policy.path)
 
 
-def _run_in_worker(
-    policy: PolicyFile, robot: RobotDescription, request: TrialRequest
-) -> TrialResult | SprintResult:
-    return run_request(_loaded(policy), robot, request)
+def _worked(
+    work: Callable[[Policy, RobotDescription, T], R], policy: PolicyFile, robot: RobotDescription, item: T
+) -> R:
+    return work(_loaded(policy), robot, item)
 
 
 def _end_with_parent() -> None:

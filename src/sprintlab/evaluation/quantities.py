@@ -39,6 +39,9 @@ class Quantity(NamedTuple):
 QUANTITIES = (
     Quantity("held_speed", "held_speed_m_s", "held speed", "last 2 s of the hold", 2, "m/s",
              "mean over the last 2 s of the hold, heading frame"),
+    Quantity("hold_acceleration", "hold_acceleration_m_s2", "held speed still rises by", "end of the hold",
+             2, "m/s²",
+             "mean of the hold's last second minus the second before; steady up to 0.1"),
     Quantity("peak_speed", "peak_speed_m_s", "peak speed", "0.5 s mean", 2, "m/s",
              "best mean over 0.5 s"),
     Quantity("angular_cost", "J_rad2_s", "J", "roll and pitch rates", 2, "rad²/s",
@@ -53,6 +56,10 @@ QUANTITIES = (
              "heat in the windings, last 2 s of the hold"),
     Quantity("stride_frequency", "stride_frequency_Hz", "stride frequency", "", 2, "Hz",
              "last 2 s of the hold"),
+    Quantity("stance_time", "stance_s", "stance", "median", 3, "s",
+             "median from touchdown to lift-off, last 2 s of the hold"),
+    Quantity("mean_duty", "duty", "duty factor", "mean foot", 3, "",
+             "share of the time on the ground, last 2 s of the hold"),
     Quantity("lateral_deviation", "lateral_deviation_m", "sideways deviation", "", 2, "m",
              "largest distance from the straight line"),
 )

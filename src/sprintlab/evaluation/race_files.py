@@ -16,7 +16,13 @@ import numpy as np
 
 from sprintlab.control import PolicyContract, load_policy
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_directory, atomic_write_bytes, atomic_write_json, atomic_write_text
+from sprintlab.core.files import (
+    atomic_directory,
+    atomic_write_bytes,
+    atomic_write_json,
+    atomic_write_text,
+    reserved_directory,
+)
 from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
@@ -60,6 +66,7 @@ def run_race(
     folder: Path | None = None,
     *,
     top_speed: float | None = None,
+    distance: float = 100.0,
     settings: ProtocolSettings | None = None,
     step_check: bool = False,
     workers: int | None = None,
@@ -74,6 +81,7 @@ def run_race(
         robot_name: name of a robot, or path of a parameter table.
         folder: where to write; must not exist yet. ``None`` takes ``runs/race-<date>-<time>``.
         top_speed: v* [m/s]; ``None`` searches for it.
+        distance: of the sprint [m].
         settings: trials, seeds, plant.
         step_check: also compare 1 ms with 0.25 ms steps.
         workers: processes; ``None`` takes one a core.
@@ -85,18 +93,22 @@ def run_race(
         SprintlabError: the policy, the robot or the folder is refused, the simulation failed, or the disk is
             full; nothing half-written is left.
     """
-    if folder is not None and folder.exists():
-        raise SprintlabError(f"{folder} exists already; choose another folder for the results")
     robot = load_robot(robot_name)
     contract = load_policy(policy).contract
-    progress("running trials")
-    result = evaluate_race(
-        policy, robot, top_speed=top_speed, settings=settings, step_check=step_check, workers=workers
-    )
-    facts = race_facts(policy, contract, command_line)
-    target = folder or default_folder()
-    with atomic_directory(target) as temporary:
-        message = _fill(temporary, result, robot, robot_name, facts, video, progress)
+    with reserved_directory(folder or default_folder()) as target:
+        progress("running trials")
+        result = evaluate_race(
+            policy,
+            robot,
+            top_speed=top_speed,
+            distance=distance,
+            settings=settings,
+            step_check=step_check,
+            workers=workers,
+        )
+        facts = race_facts(policy, contract, command_line)
+        with atomic_directory(target) as temporary:
+            message = _fill(temporary, result, robot, robot_name, facts, video, progress)
     return RaceFiles(folder=target, result=result, video_message=message)
 
 

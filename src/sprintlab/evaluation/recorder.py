@@ -30,6 +30,7 @@ class Recorder:
         capacity: greatest number of samples.
         estimates: whether ``estimate`` is set at every policy step and shall be kept.
         supply: what to ask for battery and windings at every sample; ``None`` where they do not change.
+        motor_rate: rate of the motor loop [Hz]; over one of its steps the gears' torques are averaged.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class Recorder:
         capacity: int,
         estimates: bool = False,
         supply: Callable[[], SupplyState | None] | None = None,
+        motor_rate: float = 1000.0,
     ) -> None:
         self._robot = robot
         self._supply = supply
@@ -55,6 +57,7 @@ class Recorder:
         self._shanks = np.array([model.body(f"{leg}_shank").id for leg in legs])
         self._trunk = model.body("trunk").id
         self._lowest_foot = np.full(len(legs), np.inf)
+        self._loads = _Loads(model, robot, motor_rate)
         shapes = self._motion_shapes(model) | self._supply_shapes()
         if estimates:
             shapes["estimate"] = (ESTIMATE_SIZE,)
@@ -76,6 +79,8 @@ class Recorder:
             "joint_torque": joints,
             "foot_position": (legs, 3),
             "lowest_foot": (legs,),
+            "foot_force": (legs,),
+            "gear_torque": joints,
             "shank_velocity": (legs, 6),
             "center_of_mass": (3,),
             "capsule_position": (*self._capsules.shape, 3),
@@ -91,9 +96,10 @@ class Recorder:
         windings = {} if state.winding_temperature is None else {"winding_temperature": joints}
         return {"bus_voltage": (), "copper_loss": joints, **windings}
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
-        """Remember how low the feet are in this physics step: an impact is over before the next sample."""
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Remember how low the feet are and what they bear: an impact is over before the next sample."""
         np.minimum(self._lowest_foot, data.geom_xpos[self._feet, 2], out=self._lowest_foot)
+        self._loads.watch_step(data)
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
         """Copy one sample. ``data`` must hold the kinematics of its present state (after ``mj_step1``)."""
@@ -112,7 +118,8 @@ class Recorder:
         raw["joint_torque"][index] = drive.torque
         self._sample_supply(index)
         positions = data.geom_xpos
-        self.watch_feet(data)
+        np.minimum(self._lowest_foot, positions[self._feet, 2], out=self._lowest_foot)
+        raw["foot_force"][index], raw["gear_torque"][index] = self._loads.take()
         raw["foot_position"][index] = positions[self._feet]
         raw["lowest_foot"][index] = self._lowest_foot
         self._lowest_foot[:] = np.inf
@@ -175,6 +182,58 @@ class Recorder:
         axis = raw["capsule_frame"][..., [2, 5, 8]] * half_length[..., None]
         start, end = raw["capsule_position"] - axis, raw["capsule_position"] + axis
         return leg_distance(start, end, radius)
+
+
+class _Loads:
+    """What feet and gears bear between two samples, from every physics step."""
+
+    def __init__(self, model: mujoco.MjModel, robot: RobotDescription, motor_rate: float) -> None:
+        self._model = model
+        self._step = model.opt.timestep
+        self._substeps = round(1.0 / (motor_rate * self._step))
+        self._joints = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._armature = model.dof_armature[self._joints].copy()
+        self._leg = np.full((model.ngeom, model.ngeom), -1)
+        floor = model.geom("floor").id
+        for leg, name in enumerate(robot.leg_names):
+            foot = model.geom(f"{name}_foot").id
+            self._leg[floor, foot] = self._leg[foot, floor] = leg
+        self._wrench = np.zeros(6)
+        self._velocity = np.zeros(len(self._joints))
+        self._force = np.zeros(len(robot.leg_names))
+        self._torque = np.zeros(len(self._joints))
+        self._steps = self._since_sample = 0
+
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Add the forces of one physics step; at the end of a motor step, the gears' torques."""
+        self._steps += 1
+        self._since_sample += 1
+        if data.ncon:
+            self._add_forces(data)
+        if self._steps % self._substeps == 0:
+            self._compare_torques(data)
+
+    def _add_forces(self, data: mujoco.MjData) -> None:
+        geoms = data.contact.geom
+        for contact, leg in enumerate(self._leg[geoms[:, 0], geoms[:, 1]].tolist()):
+            if leg >= 0:
+                # Normal force first; the ground is level, so it is the vertical one.
+                mujoco.mj_contactForce(self._model, data, contact, self._wrench)
+                self._force[leg] += self._wrench[0]
+
+    def _compare_torques(self, data: mujoco.MjData) -> None:
+        velocity = data.qvel[self._joints]
+        acceleration = (velocity - self._velocity) / (self._substeps * self._step)
+        torque = data.ctrl - self._armature * acceleration
+        self._torque = np.where(np.abs(torque) > np.abs(self._torque), torque, self._torque)
+        self._velocity = velocity
+
+    def take(self) -> tuple[FloatArray, FloatArray]:
+        """Mean vertical force ``(4,)`` [N] and greatest gear torque ``(12,)`` [N m] since the last call."""
+        taken = self._force / max(1, self._since_sample), self._torque
+        self._force, self._torque = np.zeros_like(self._force), np.zeros_like(self._torque)
+        self._since_sample = 0
+        return taken
 
 
 def _copied(raw: dict[str, FloatArray]) -> dict[str, FloatArray]:

@@ -14,16 +14,18 @@ from matplotlib.figure import Figure
 from sprintlab.core.theme import THEMES, Theme, png_bytes
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
+    LANE_MARK,
+    audit_failure,
     audit_limit,
     audit_value,
     audit_verdict,
     number,
     result_rows,
     setup_rows,
-    sprint_text,
+    steady_text,
     summary,
 )
-from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, TrialResult
+from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, TrialResult
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]
@@ -115,6 +117,7 @@ def render_report(
         subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
         verdict=f"exploit audit {audit_verdict(result.audit)}",
         audit_passed=result.audit.passed,
+        failures=[audit_failure(item) for item in result.audit.failed],
         tiles=list(_tiles(result)),
         summary=summary(result, robot),
         setup=list(setup_rows(result, robot)),
@@ -205,13 +208,9 @@ def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
     distance = f"{sprint.distance:g} m"
     share = np.nanmax(np.append(np.asarray(raw.mean("envelope_share"), dtype=float).ravel(), -1.0))
     for value, unit, label in (
-        (sprint_text(sprint), "s" if sprint.finished else "", f"{distance}, raw command"),
-        (
-            sprint_text(result.sprint_self_paced),
-            "s" if result.sprint_self_paced.finished else "",
-            f"{distance}, self-paced",
-        ),
-        (number(raw.mean("held_speed")), "m/s", "held speed, last 2 s"),
+        _time_tile(sprint, f"{distance}, raw command"),
+        _time_tile(result.sprint_self_paced, f"{distance}, self-paced"),
+        (number(raw.mean("held_speed")), "m/s", ", ".join(filter(None, ("held speed", steady_text(raw))))),
         (number(raw.mean("peak_speed")), "m/s", "peak, 0.5 s mean"),
         (number(raw.mean("angular_cost"), 1), "rad²/s", "J, roll and pitch"),
         (f"{raw.falls} of {len(raw.trials)}", "", "falls, raw command"),
@@ -221,6 +220,12 @@ def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
         yield {"value": value, "unit": unit, "label": label}
 
 
+def _time_tile(sprint: SprintResult, label: str) -> tuple[str, str, str]:
+    if not sprint.finished:
+        return "not finished", "", label
+    return number(sprint.time), "s", f"{label}, {LANE_MARK}" if sprint.left_lane else label
+
+
 def _audit_row(item: AuditItem) -> dict[str, Any]:
     return {
         "name": item.name,
@@ -228,6 +233,7 @@ def _audit_row(item: AuditItem) -> dict[str, Any]:
         "threshold": audit_limit(item),
         "passed": item.passed,
         "note": item.note,
+        "source": item.source,
     }
 
 

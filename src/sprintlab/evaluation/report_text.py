@@ -10,17 +10,17 @@ import numpy as np
 from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.quantities import QUANTITIES, Quantity
 from sprintlab.evaluation.results import (
+    REST_SPEED,
     AuditItem,
     AuditReport,
     RaceResult,
     SpeedResult,
     SprintResult,
-    Trajectory,
 )
 from sprintlab.robots import RobotDescription
 
-STANDING_SPEED = 0.5
-"""Mean forward speed over the last 0.5 s up to which a robot counts as standing [m/s]."""
+LANE_MARK = "left its lane"
+"""The mark of a time that was run outside the lane."""
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -29,36 +29,49 @@ def number(value: float, digits: int = 2) -> str:
 
 
 def sprint_text(sprint: SprintResult) -> str:
-    """Time of a sprint, or how far it came."""
-    return number(sprint.time) if sprint.finished else "not finished"
+    """Time of a sprint with the mark of a lane that was left, or how far it came."""
+    if not sprint.finished:
+        return "not finished"
+    return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)
 
 
 def audit_value(value: float, unit: str) -> str:
-    """A measured value or limit of the audit, with its unit; metres under 0.1 m in millimetres."""
+    """A measured value or limit of the audit, with its unit; under 0.1 m or 0.1 s in mm or ms."""
     if not np.isfinite(value):
         return "-"
-    if unit == "m" and abs(value) < 0.1:
-        return f"{1e3 * value:.1f} mm"
+    if unit in ("m", "s") and abs(value) < 0.1:
+        return f"{1e3 * value:.3g} m{unit}"
     return f"{value:.3g} {unit}".strip()
 
 
 def audit_limit(item: AuditItem) -> str:
     """The limit of one exploit, and from which side it bounds what was measured."""
-    text = audit_value(item.threshold, item.unit)
-    if not np.isfinite(item.value):
-        return text
-    from_above = item.passed == (item.value <= item.threshold)
-    return f"{'at most' if from_above else 'at least'} {text}"
+    return f"{item.bound} {audit_value(item.threshold, item.unit)}"
+
+
+def audit_failure(item: AuditItem) -> str:
+    """What failed, in words: ``gear torque 6.8 x peak: at most 3``."""
+    value, limit = audit_value(item.value, item.unit), audit_value(item.threshold, item.unit)
+    (_, _, unit), (bare, _, limit_unit) = value.partition(" "), limit.partition(" ")
+    return f"{item.name} {value}: {item.bound} {bare if unit == limit_unit else limit}"
 
 
 def audit_verdict(audit: AuditReport) -> str:
     """What the audit says of the speeds; a gait timed by the clock is a question, not an answer."""
-    failed = {item.name for item in audit.items if not item.passed}
+    failed = {item.name for item in audit.failed}
     if not failed:
         return "passed"
     if failed == {CLOCK_ITEM}:
         return "FAILED, by the clock alone: evaluate --clock-check tells whether it matters"
-    return "FAILED: do not trust the speeds"
+    return f"FAILED {len(failed)} of {len(audit.items)} checks: do not trust the speeds"
+
+
+def steady_text(result: SpeedResult) -> str:
+    """Whether the held speed was steady; empty where nothing was held."""
+    if result.held_steady is None:
+        return ""
+    rise = result.mean("hold_acceleration")
+    return "steady" if result.held_steady else f"not steady: still rising by {rise:.2f} m/s per second"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +128,7 @@ def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
 def _sprint_sentence(result: RaceResult) -> str:
     raw, paced = result.sprint, result.sprint_self_paced
     ways = [
-        f"in {sprint.time:.2f} s {way}"
+        f"in {sprint.time:.2f} s {way}" + (f" ({LANE_MARK})" if sprint.left_lane else "")
         for sprint, way in ((raw, "with the raw command"), (paced, "self-paced"))
         if sprint.finished
     ]
@@ -133,22 +146,17 @@ def _speed_sentences(result: RaceResult) -> Iterator[str]:
         gap = result.top_speed - held
         yield (
             f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, "
-            + (f"{gap:.2f} m/s short of the command." if gap > 0.05 else "as commanded.")
+            + (f"{gap:.2f} m/s short of the command" if gap > 0.05 else "as commanded")
+            + (f"; {steady}." if (steady := steady_text(raw)) else ".")
         )
 
 
 def _stop_sentences(result: RaceResult) -> Iterator[str]:
-    """Whether it obeys the command to stop: completing a trial does not ask that."""
+    """Whether it obeys the command to stop."""
     for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        ends = [_last_speed(trial.trajectory) for trial in group.completed if trial.trajectory is not None]
-        if ends and np.mean(ends) > STANDING_SPEED:
-            yield f"At the end of {way}, which asks it to stand, it still runs {np.mean(ends):.1f} m/s."
-
-
-def _last_speed(trajectory: Trajectory) -> float:
-    """Mean forward speed over the last 0.5 s of the profile [m/s]."""
-    last = trajectory.time > trajectory.time[-1] - 0.5
-    return float(np.mean(trajectory.velocity[last, 0]))
+        speed = max((trial.metrics.final_speed for trial in group.completed), default=0.0)
+        if speed > REST_SPEED:
+            yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
 
 
 def _motor_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
@@ -167,9 +175,9 @@ def _motor_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[st
 
 
 def _audit_sentence(result: RaceResult) -> str:
-    failed = [item.name for item in result.audit.items if not item.passed]
+    failed = [audit_failure(item) for item in result.audit.failed]
     if failed:
-        return f"The exploit audit failed ({', '.join(failed)}): the speeds are not to be trusted."
+        return f"The exploit audit failed ({'; '.join(failed)}): the speeds are not to be trusted."
     return "Every check of the exploit audit passed."
 
 

@@ -6,6 +6,7 @@ order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, fields
 from itertools import takewhile
 from typing import Any
@@ -18,6 +19,15 @@ from sprintlab.evaluation.quantities import json_ready, quantity_numbers
 from sprintlab.plant import TrialSettings
 
 Array = NDArray[Any]
+
+LANE_WIDTH = 1.22
+"""Of a lane [m] (World Athletics, Technical Rule 14.4)."""
+
+REST_SPEED = 0.3
+"""Below it a robot counts as at rest [m/s]."""
+
+STEADY_RISE = 0.1
+"""A held speed that rises by no more than this is steady [m/s^2]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +58,11 @@ class Trajectory:
         foot_position: (T, 4, 3) centre of the foot sphere, world [m].
         foot_slip_speed: (T, 4) tangential speed of the lowest point of the foot [m/s].
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
+        foot_force: (T, 4) vertical force of the ground on each foot, mean since the last sample [N];
+            ``None``, as is the next, where nobody measured it.
+        gear_torque: (T, 12) torque that the gear passes on to the joint, the motor's torque minus reflected
+            rotor inertia times acceleration; of the means over one motor step since the last sample, the one
+            with the greatest magnitude [N m].
         estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
             height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
         bus_voltage: (T,) [V]; ``None``, as is the next, without battery, heat and flux weakening.
@@ -77,6 +92,8 @@ class Trajectory:
     foot_position: Array
     foot_slip_speed: Array
     leg_distance: Array
+    foot_force: Array | None = None
+    gear_torque: Array | None = None
     estimate: Array | None = None
     bus_voltage: Array | None = None
     copper_loss: Array | None = None
@@ -119,6 +136,7 @@ class TrialMetrics:
 
     Attributes:
         held_speed: mean forward speed over the last 2 s of the hold [m/s].
+        hold_acceleration: mean speed of the hold's last second minus that of the second before [m/s^2].
         peak_speed: highest mean forward speed over 0.5 s [m/s].
         angular_cost: J, integral of pitch rate^2 + roll rate^2 over the profile [rad^2/s].
         lateral_deviation: largest distance from the line through the start along x [m].
@@ -132,16 +150,26 @@ class TrialMetrics:
         distance: forward way of the base [m].
         stride_frequency: strides a second during the last 2 s of the hold [Hz].
         duty_factor: (4,) share of time on the ground, same interval.
+        stance_time: median time from a touchdown to the next lift-off of that foot, same interval [s].
+        touchdowns_per_stride: touchdowns per stride and foot, every bounce counted, same interval.
+        foot_force: greatest force of the ground on one foot, mean over 5 ms [body weights, payload included].
+        gear_torque_ratio: (12,) greatest torque through the gear, mean over 1 ms, over the peak joint torque.
         joint_speed_ratio: (12,) highest motor speed over no-load speed.
-        deepest_penetration: of a foot into the ground [m].
+        pad_deflection: deepest that a foot's pad is pressed in: overlap of foot and ground [m].
         smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
         slip_per_step: mean way that a foot slides in one stance [m].
+        final_speed: highest horizontal speed in the last second [m/s]; of a fallen robot ``nan``.
+        lane_excursion: farthest that the outer edge of a foot comes from the line through the start along x
+            before the finish of a sprint [m].
+        line_winding_temperature: of the hottest winding at the finish of a sprint [degC]: as recorded, or
+            where heat is off what the recorded currents make of windings that start at 25 degC.
         estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
         lowest_bus_voltage: [V]; ``None`` without battery, heat and flux weakening.
         hottest_winding: [degC]; ``None`` without heat.
     """
 
     held_speed: float
+    hold_acceleration: float
     peak_speed: float
     angular_cost: float
     lateral_deviation: float
@@ -154,13 +182,32 @@ class TrialMetrics:
     distance: float
     stride_frequency: float
     duty_factor: tuple[float, ...]
+    stance_time: float
+    touchdowns_per_stride: float
+    foot_force: float
+    gear_torque_ratio: tuple[float, ...]
     joint_speed_ratio: tuple[float, ...]
-    deepest_penetration: float
+    pad_deflection: float
     smallest_leg_distance: float
     slip_per_step: float
+    final_speed: float
+    lane_excursion: float = math.nan
+    line_winding_temperature: float = math.nan
     estimate: tuple[EstimateBand, ...] = ()
     lowest_bus_voltage: float | None = None
     hottest_winding: float | None = None
+
+    @property
+    def held_steady(self) -> bool | None:
+        """Whether the held speed had stopped rising; ``None`` where nothing was held."""
+        if math.isnan(self.hold_acceleration):
+            return None
+        return self.hold_acceleration <= STEADY_RISE
+
+    @property
+    def mean_duty(self) -> float:
+        """Duty factor, mean of the feet."""
+        return float(np.mean(self.duty_factor))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,12 +215,14 @@ class AuditItem:
     """One measured exploit.
 
     Attributes:
-        name: e.g. ``"deepest foot penetration"``.
+        name: e.g. ``"gear torque"``.
         value: what was measured.
         unit: unit of value and threshold, ``""`` for a ratio.
         threshold: the limit.
         passed: whether the value keeps the limit.
-        note: one sentence: what the limit is and why.
+        note: what was measured, and why it is asked.
+        source: where the limit comes from.
+        bound: ``"at most"`` or ``"at least"``: from which side the limit bounds.
     """
 
     name: str
@@ -182,6 +231,8 @@ class AuditItem:
     threshold: float
     passed: bool
     note: str
+    source: str = ""
+    bound: str = "at most"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +245,11 @@ class AuditReport:
     def passed(self) -> bool:
         """True when every item passed."""
         return all(item.passed for item in self.items)
+
+    @property
+    def failed(self) -> tuple[AuditItem, ...]:
+        """The items that did not pass."""
+        return tuple(item for item in self.items if not item.passed)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form: ``passed`` and ``items``; undefined values become null."""
@@ -272,6 +328,12 @@ class SpeedResult:
         values = np.array([getattr(trial.metrics, name) for trial in self.completed], dtype=float)
         return float("nan") if values.size == 0 else _scalar(values.mean(axis=0))
 
+    @property
+    def held_steady(self) -> bool | None:
+        """Whether the held speed, mean of the completed trials, had stopped rising; ``None`` without one."""
+        rise = self.mean("hold_acceleration")
+        return None if math.isnan(rise) else rise <= STEADY_RISE
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolResult:
@@ -345,6 +407,11 @@ class SprintResult:
         """Whether the distance was reached without a fall."""
         return bool(np.isfinite(self.time))
 
+    @property
+    def left_lane(self) -> bool:
+        """Whether a foot left the lane before the finish."""
+        return self.trial.metrics.lane_excursion > LANE_WIDTH / 2.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class StepSizeCheck:
@@ -398,15 +465,22 @@ class RaceResult:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
 
         ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
-        (12 numbers in policy order) are means over the raw trials that completed; ``time_100m_s`` is raw.
+        (12 numbers in policy order) are means over the raw trials that completed; ``sprint_time_s`` is raw,
+        over ``distance_m``; ``time_100m_s`` is the same where that is 100 m, else null.
         """
+        hundred = self.sprint.distance == 100.0
         return json_ready(
             {
                 "robot": self.robot,
                 "policy": self.policy,
                 "top_speed_command_m_s": self.top_speed,
-                "time_100m_s": self.sprint.time,
-                "time_100m_self_paced_s": self.sprint_self_paced.time,
+                "distance_m": self.sprint.distance,
+                "sprint_time_s": self.sprint.time,
+                "sprint_time_self_paced_s": self.sprint_self_paced.time,
+                "time_100m_s": self.sprint.time if hundred else float("nan"),
+                "time_100m_self_paced_s": self.sprint_self_paced.time if hundred else float("nan"),
+                "left_lane": self.sprint.left_lane,
+                "left_lane_self_paced": self.sprint_self_paced.left_lane,
                 **_speed_summary(self.raw),
                 "self_paced": _speed_summary(self.self_paced),
                 "audit": self.audit.to_dict(),
@@ -424,6 +498,7 @@ def _speed_summary(result: SpeedResult) -> dict[str, Any]:
         **quantity_numbers(result.mean),
         "falls": result.falls,
         "trials": len(result.trials),
+        "held_steady": result.held_steady,
         "envelope_share": result.mean("envelope_share"),
         "duty_factor": result.mean("duty_factor"),
     }

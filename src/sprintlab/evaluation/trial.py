@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -62,6 +63,15 @@ class TrialRequest:
     def __str__(self) -> str:
         pacing = "self-paced" if self.self_paced else "raw"
         return f"{pacing} trial at {self.top_speed:g} m/s with seed {self.settings.seed}"
+
+
+Steering = Callable[[BaseState, float], float]
+"""Yaw-rate command [rad/s] for the present state and the commanded speed [m/s]."""
+
+
+def keep_to_the_line(base: BaseState, speed: float) -> float:
+    """The heading loop of the protocol: straight on along x."""
+    return float(heading_command(base.heading, base.lateral_offset, speed))
 
 
 class Course(Protocol):
@@ -128,12 +138,18 @@ def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) ->
     return _trial_result(run, robot, request, profile.hold_interval)
 
 
-def run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> TrialResult:
+def run_course(
+    policy: Policy,
+    robot: RobotDescription,
+    request: TrialRequest,
+    course: Course,
+    steering: Steering = keep_to_the_line,
+) -> TrialResult:
     """Run commands of one's own to their end or to a fall; errors as in ``run_trial``.
 
     The whole run counts as the hold.
     """
-    run = _simulate(policy, robot, request, course)
+    run = _simulate(policy, robot, request, course, steering)
     return _trial_result(run, robot, request, (0.0, float(run.trajectory.time[-1])))
 
 
@@ -148,7 +164,7 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     start, finish = _start_and_finish(run.trajectory, distance)
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(run.trajectory.time[-1])
-    trial = _trial_result(run, robot, request, (min(full_speed, end), end))
+    trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
     return SprintResult(distance=distance, time=finish - start, trial=trial)
 
 
@@ -159,14 +175,22 @@ class _Run:
     fall_time: float | None
 
 
-def _simulate(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
+def _simulate(
+    policy: Policy,
+    robot: RobotDescription,
+    request: TrialRequest,
+    course: Course,
+    steering: Steering = keep_to_the_line,
+) -> _Run:
     try:
-        return _drive(policy, robot, request, course)
+        return _drive(policy, robot, request, course, steering)
     except SimulationError as error:
         raise SimulationError(f"{request}: {error}") from error
 
 
-def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
+def _drive(
+    policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course, steering: Steering
+) -> _Run:
     plant = Plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
@@ -179,6 +203,7 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         samples,
         estimates=policy.estimates,
         supply=None if plant.supply is None else lambda: plant.supply,
+        motor_rate=request.plant.motor_rate,
     )
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     upright = True
@@ -188,7 +213,7 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
         if asked is None:
             break
         recorder.profile_speed = asked
-        recorder.command = _command(asked, base, request.self_paced)
+        recorder.command = _command(asked, base, request.self_paced, steering)
         targets = runtime.step(plant.measurement(), recorder.command)
         recorder.estimate = runtime.last_estimate
         upright = plant.advance(np.asarray(targets, dtype=float), next(periods), recorder)
@@ -199,11 +224,10 @@ def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, cours
     )
 
 
-def _command(asked: float, base: BaseState, paced: bool) -> np.ndarray:
-    """Command ``(3,)``: forward speed, no sideways speed, the heading loop's yaw rate."""
+def _command(asked: float, base: BaseState, paced: bool, steering: Steering) -> np.ndarray:
+    """Command ``(3,)``: forward speed, no sideways speed, yaw rate."""
     speed = float(self_paced(asked, base.forward_speed, PACE_WINDOW)) if paced else asked
-    yaw_rate = float(heading_command(base.heading, base.lateral_offset, speed))
-    return np.array([speed, 0.0, yaw_rate])
+    return np.array([speed, 0.0, steering(base, speed)])
 
 
 def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, float]:
@@ -220,10 +244,20 @@ def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, f
 
 
 def _trial_result(
-    run: _Run, robot: RobotDescription, request: TrialRequest, hold_interval: tuple[float, float]
+    run: _Run,
+    robot: RobotDescription,
+    request: TrialRequest,
+    hold_interval: tuple[float, float],
+    finish: float | None = None,
 ) -> TrialResult:
     metrics = trial_metrics(
-        run.trajectory, robot, hold_interval, payload=request.settings.payload, plant=request.plant
+        run.trajectory,
+        robot,
+        hold_interval,
+        payload=request.settings.payload,
+        plant=request.plant,
+        finish=finish,
+        fell=bool(run.fall_reason),
     )
     result = TrialResult(
         settings=request.settings,

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.commands import race_clock
 from sprintlab.core.checks import check_positive
 
 Array = NDArray[Any]
@@ -43,18 +44,19 @@ class VideoOptions:
         frames_per_second: frames shown a second.
         slow_motion: after the run, this many seconds round the middle of the hold once more; 0 for none.
         slow_factor: how many times slower that part is shown.
-        time_budget: seconds the rendering may take; shadows, then frames are given up to keep it.
+        time_budget: seconds the rendering may take; shadows, then seconds of the run are given up to keep it,
+            never frames: legs that stride seven times a second would seem to run backward.
 
     Raises:
         InvalidValueError: a field is not positive.
     """
 
-    width: int = 640
-    height: int = 360
-    frames_per_second: int = 25
+    width: int = 1280
+    height: int = 720
+    frames_per_second: int = 60
     slow_motion: float = 0.6
     slow_factor: float = 8.0
-    time_budget: float = 12.0
+    time_budget: float = 40.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "frames_per_second", "slow_factor", "time_budget"):
@@ -83,15 +85,15 @@ def has_encoder() -> bool:
 
 
 def render_video(
-    trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float], timeout: float = 60.0
+    trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float], timeout: float = 150.0
 ) -> str:
     """Render ``trajectory.npz`` to ``target`` in a subprocess.
 
     Args:
-        trajectory: npz with at least ``time``, ``qpos`` and ``velocity``.
+        trajectory: npz with at least ``time``, ``qpos``, ``velocity`` and ``command``.
         target: the MP4 to write.
         robot_name: whose model to draw.
-        hold: start and end of the hold [s], shown once more in slow motion.
+        hold: start and end of the hold [s], shown once more in slow motion; the printed clock stops there.
         timeout: seconds after which a hanging backend is given up.
 
     Returns:
@@ -128,18 +130,38 @@ def _run(command: list[str], backend: str, timeout: float) -> int:
 # --- inside the rendering process --------------------------------------------------------------------------
 
 
+SLOW_SHARE = 0.4  # of the frames, where there is no time to render all of them
+AFTER_FINISH = 0.3  # seconds shown beyond the end of the hold, where there is no time for the whole run
+
+
 def frame_times(
-    duration: float, hold: tuple[float, float], options: VideoOptions, stride: int = 1
+    duration: float, hold: tuple[float, float], options: VideoOptions, allowed: int | None = None
 ) -> list[tuple[float, bool]]:
-    """Moment of every frame [s] and whether it belongs to the slow motion at the end."""
-    step = stride / options.frames_per_second
-    frames = [(step * index, False) for index in range(round(duration / step))]
-    middle = 0.5 * (hold[0] + min(hold[1], duration))
-    start, end = middle - 0.5 * options.slow_motion, middle + 0.5 * options.slow_motion
-    if options.slow_motion <= 0.0 or start < 0.0 or end > duration:
-        return frames
-    slow = step / options.slow_factor
-    return frames + [(start + slow * index, True) for index in range(round((end - start) / slow))]
+    """Moment of every frame [s] and whether it belongs to the slow motion at the end.
+
+    Args:
+        duration: of the recording [s].
+        hold: start and end of the hold [s].
+        options: size and pace.
+        allowed: most frames that there is time for; the run then begins later, the slow motion is shorter,
+            and the frames stay as close in time as they were. ``None`` takes all.
+    """
+    step = 1.0 / options.frames_per_second
+    run, slow = round(duration / step), round(options.slow_motion * options.slow_factor / step)
+    end = min(hold[1], duration)
+    middle = 0.5 * (hold[0] + end)
+    if middle - 0.5 * options.slow_motion < 0.0 or middle + 0.5 * options.slow_motion > duration:
+        slow = 0
+    first = 0.0
+    if allowed is not None and run + slow > allowed:
+        slow = min(slow, round(SLOW_SHARE * allowed))
+        run = min(run, max(allowed - slow, 1))
+        first = max(min(end + AFTER_FINISH, duration) - run * step, 0.0)
+    apart = step / options.slow_factor
+    begin = middle - 0.5 * slow * apart
+    return [(first + step * index, False) for index in range(run)] + [
+        (begin + apart * index, True) for index in range(slow)
+    ]
 
 
 def write_video(
@@ -148,7 +170,7 @@ def write_video(
     """Render and encode in this process.
 
     Args:
-        trajectory: ``time`` ``(T,)``, ``qpos`` ``(T, nq)`` and ``velocity`` ``(T, 2)``.
+        trajectory: ``time`` ``(T,)``, ``qpos`` ``(T, nq)``, ``velocity`` ``(T, 2)``, ``command`` ``(T, 3)``.
         model: ``mujoco.MjModel`` whose ``qpos`` the trajectory holds.
         target: the MP4 to write.
         hold: start and end of the hold [s].
@@ -160,20 +182,20 @@ def write_video(
     model.vis.global_.offwidth = max(model.vis.global_.offwidth, options.width)
     model.vis.global_.offheight = max(model.vis.global_.offheight, options.height)
     with mujoco.Renderer(model, options.height, options.width) as renderer:
-        scene = _Scene(model, renderer, trajectory, options)
+        scene = _Scene(model, renderer, trajectory, hold, options)
         duration = float(trajectory["time"][-1])
-        stride = scene.choose_pace(len(frame_times(duration, hold, options)))
+        allowed = scene.affordable_frames(len(frame_times(duration, hold, options)))
         writer = imageio_ffmpeg.write_frames(
             str(target),
             (options.width, options.height),
-            fps=options.frames_per_second / stride,  # pyright: ignore[reportArgumentType] - any number goes
+            fps=options.frames_per_second,
             codec="libx264",
-            quality=7,
+            quality=6,
             macro_block_size=2,
             output_params=["-preset", "veryfast", "-movflags", "+faststart"],
         )
         writer.send(None)
-        for moment, slow in frame_times(duration, hold, options, stride):
+        for moment, slow in frame_times(duration, hold, options, allowed):
             writer.send(scene.frame(moment, slow))
         writer.close()
 
@@ -182,13 +204,20 @@ class _Scene:
     """The running robot, a camera that follows it, and the printed speed."""
 
     def __init__(
-        self, model: Any, renderer: Any, trajectory: dict[str, Array], options: VideoOptions
+        self,
+        model: Any,
+        renderer: Any,
+        trajectory: dict[str, Array],
+        hold: tuple[float, float],
+        options: VideoOptions,
     ) -> None:
         import mujoco
 
         self.model, self.renderer, self.options = model, renderer, options
         self.data = mujoco.MjData(model)
         self.time, self.qpos = trajectory["time"], trajectory["qpos"]
+        self.finish = min(int(np.searchsorted(self.time, hold[1])), len(self.time) - 1)
+        self.clock = race_clock(self.time, trajectory["command"], hold[1])
         step = float(self.time[1] - self.time[0])
         self.speed = _smooth(trajectory["velocity"][:, 0], HUD_SPEED_WINDOW / step)
         self.centre = np.stack([_smooth(self.qpos[:, i], CAMERA_SMOOTHING / step) for i in range(3)], axis=1)
@@ -197,17 +226,16 @@ class _Scene:
         self.camera.distance, self.camera.elevation = 2.5, -12.0
         self.fonts = _fonts(options.height)
 
-    def choose_pace(self, frames: int) -> int:
-        """Shadows off, then every second or third frame, where the time budget asks for it."""
+    def affordable_frames(self, frames: int) -> int:
+        """How many of these frames there is time for; shadows go off before any is given up."""
         import mujoco
 
         flags = self.renderer.scene.flags
         flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
         if self._frame_cost() * frames <= self.options.time_budget:
-            return 1
+            return frames
         flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        cost = self._frame_cost() * frames / self.options.time_budget
-        return int(min(3, max(1, np.ceil(cost))))
+        return min(frames, max(1, int(self.options.time_budget / self._frame_cost())))
 
     def _frame_cost(self) -> float:
         """Seconds one frame takes, the faster of two after one to warm up."""
@@ -247,8 +275,8 @@ class _Scene:
         draw.text(
             (14, middle), f"{max(self.speed[sample], 0.0):4.1f} m/s", font=large, fill="white", anchor="lm"
         )
-        way = self.qpos[sample, 0] - self.qpos[0, 0]
-        label = f"{max(way, 0.0):5.1f} m    {self.time[sample]:5.2f} s"
+        way = self.qpos[min(sample, self.finish), 0] - self.qpos[0, 0]
+        label = f"{max(way, 0.0):5.1f} m    {self.clock[sample]:5.2f} s"
         if slow:
             label = f"slow motion 1/{self.options.slow_factor:g}    {label}"
         draw.text((self.options.width - 14, middle), label, font=small, fill=(200, 208, 220), anchor="rm")
@@ -281,7 +309,7 @@ def _main() -> None:
     parser.add_argument("--hold", type=float, nargs=2, required=True)
     given = parser.parse_args()
     with np.load(given.trajectory) as archive:
-        trajectory = {name: archive[name] for name in ("time", "qpos", "velocity")}
+        trajectory = {name: archive[name] for name in ("time", "qpos", "velocity", "command")}
     model = build_model(load_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
     write_video(trajectory, model, given.target, tuple(given.hold), VideoOptions())
 

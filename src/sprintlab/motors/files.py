@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -12,14 +11,10 @@ from typing import Any, cast
 import numpy as np
 import tomli_w
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import read_toml
 from sprintlab.motors.parameters import PmsmParameters
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _FIELDS = {field.name: field for field in fields(PmsmParameters)}
 
@@ -55,12 +50,7 @@ def save_motor(motor: PmsmParameters, path: str | os.PathLike[str]) -> None:
 
 def _motor_table(path: Path) -> Mapping[str, Any]:
     """The one table of the file."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SprintlabError(f"{path} is not a TOML file: {error}") from error
+    document = read_toml(path, what="motor file")
     if set(document) != {"motor"} or not isinstance(document["motor"], dict):
         raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [motor]")
     return cast("Mapping[str, Any]", document["motor"])

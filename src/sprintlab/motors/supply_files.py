@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,14 +10,10 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.reading import read_toml
 from sprintlab.motors.battery import Battery
 from sprintlab.motors.thermal import WindingHeat
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _Table = TypeVar("_Table", Battery, WindingHeat)
 
@@ -50,12 +45,7 @@ def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
 
 
 def _document(path: Path) -> Mapping[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SprintlabError(f"{path} is not a TOML file: {error}") from error
+    return read_toml(path, what="supply file")
 
 
 def _built(kind: type[_Table], path: object, name: str, table: Any) -> _Table | None:
@@ -75,7 +65,7 @@ def _built(kind: type[_Table], path: object, name: str, table: Any) -> _Table | 
         return kind(**{field: _value(kind, value) for field, value in values.items()})
     except InvalidValueError as error:
         raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidValueError(f"{path}: {name}", values, "give numbers and lists of numbers") from error
 
 

@@ -22,7 +22,17 @@ from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, MotorModel, WindingHeat
 from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
 from sprintlab.plant.settings import TrialSettings
-from sprintlab.robots import ModelOptions, RobotDescription, build_model, soft_stop_torque
+from sprintlab.robots import (
+    DRAG_AREA,
+    NOMINAL_FOOT,
+    FootContact,
+    ModelOptions,
+    RobotDescription,
+    air_drag,
+    build_model,
+    set_friction,
+    soft_stop_torque,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -40,8 +50,9 @@ class PlantOptions:
             with 0.25 ms and 0.5 ms less than 3 mm.
         motor_rate: rate of the motor loop [Hz].
         record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
-        contact_time_constant: of the ground contact [s], at least two steps.
-        impratio: friction over normal impedance; 10 keeps stance feet from creeping.
+        foot: stiffness and restitution of the feet on the ground.
+        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill.
+        contact_time_constant: of every other contact and of joint limits [s], at least two steps.
         motor_model: the envelope. ``"refined"`` for every published number.
         bus_voltage: [V]; ``None`` takes the robot's. A battery replaces it.
         battery: behind the bus; ``None``, as for every published number: the bus is stiff.
@@ -56,8 +67,9 @@ class PlantOptions:
     timestep: float = 0.00025
     motor_rate: float = 1000.0
     record_rate: float = 500.0
+    foot: FootContact = NOMINAL_FOOT
+    drag_area: float = DRAG_AREA
     contact_time_constant: float = 0.0005
-    impratio: float = 10.0
     motor_model: MotorModel = "refined"
     bus_voltage: float | None = None
     battery: Battery | None = None
@@ -68,6 +80,7 @@ class PlantOptions:
     def __post_init__(self) -> None:
         check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
         check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
+        check_range("plant.drag_area", self.drag_area, 0.0, 2.0, "m^2")
         check_choice("plant.motor_model", self.motor_model, MOTOR_MODELS)
         if self.bus_voltage is not None:
             check_positive("plant.bus_voltage", self.bus_voltage, "V")
@@ -105,9 +118,8 @@ class PlantOptions:
         return ModelOptions(
             timestep=self.timestep,
             collisions="full",
+            foot=self.foot,
             contact_time_constant=self.contact_time_constant,
-            cone="elliptic",
-            impratio=self.impratio,
             dry_friction=True,
             joint_limits=True,
             visuals=False,
@@ -145,8 +157,8 @@ class MotionRecorder(Protocol):
         """Take one sample; ``data`` holds the kinematics of its present state (after ``mj_step1``)."""
         ...
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
-        """Look at the feet after a physics step."""
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Look on after each physics step; velocities are new, kinematics and forces those of the step."""
         ...
 
 
@@ -269,6 +281,7 @@ class Plant:
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         self.data.ctrl[:] = drive.torque
+        self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self.options.drag_area)
         self._begin_step()
         if self._motor_steps % self.options.record_every == 0:
             recorder.sample(self.data, drive, targets)
@@ -276,11 +289,12 @@ class Plant:
         self.fall_reason = self._find_fall()
         self._apply_stops()
         self._finish_step()
+        recorder.watch_step(self.data)
         for _ in range(self.options.substeps - 1):
             self._begin_step()
             self._apply_stops()
             self._finish_step()
-            recorder.watch_feet(self.data)
+            recorder.watch_step(self.data)
         return drive
 
     def _begin_step(self) -> None:
@@ -314,7 +328,7 @@ class Plant:
         model = self.model
         # A diverging state must raise an error, not silently start anew.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        model.geom_friction[:, 0] = settings.friction
+        set_friction(model, settings.friction)
         # The payload sits at the trunk's centre of mass, so its moments of inertia stay.
         model.body_mass[model.body("trunk").id] += settings.payload
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -328,6 +342,7 @@ class Plant:
         lower, upper = robot.position_limits.T
         self._free_lower, self._free_upper = lower + robot.soft_stop.zone, upper - robot.soft_stop.zone
         self._fall_table = _fall_table(model, robot)
+        self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0
 
     def _place(self, settings: TrialSettings) -> None:

@@ -1,5 +1,6 @@
 """Robots: numbers with their sources, and the MuJoCo models compiled from them."""
 
+from sprintlab.robots.air import AIR_DENSITY, DRAG_AREA, DRAG_AREA_BAND, air_drag
 from sprintlab.robots.description import (
     KneeSpring,
     Link,
@@ -8,12 +9,38 @@ from sprintlab.robots.description import (
     SoftStop,
     robot_fingerprint,
 )
+from sprintlab.robots.foot import (
+    NOMINAL_FOOT,
+    RESTITUTION_BAND,
+    STIFFNESS_BAND,
+    ContactLaw,
+    DropOutcome,
+    FootContact,
+    contact_law,
+    drop_model,
+    drop_outcome,
+    drop_test,
+    effective_leg_mass,
+    expected_drop,
+    pair_parameters,
+    set_foot_contact,
+    set_friction,
+)
 from sprintlab.robots.loader import load_robot, load_robot_file, parameter_table, robot_names
 from sprintlab.robots.model import ModelOptions, build_model, robot_spec
 from sprintlab.robots.stops import soft_stop_torque
 from sprintlab.robots.table import ParameterRow
 
 __all__ = [
+    "AIR_DENSITY",
+    "DRAG_AREA",
+    "DRAG_AREA_BAND",
+    "NOMINAL_FOOT",
+    "RESTITUTION_BAND",
+    "STIFFNESS_BAND",
+    "ContactLaw",
+    "DropOutcome",
+    "FootContact",
     "KneeSpring",
     "Link",
     "Mechanics",
@@ -21,12 +48,22 @@ __all__ = [
     "ParameterRow",
     "RobotDescription",
     "SoftStop",
+    "air_drag",
     "build_model",
+    "contact_law",
+    "drop_model",
+    "drop_outcome",
+    "drop_test",
+    "effective_leg_mass",
+    "expected_drop",
     "load_robot",
     "load_robot_file",
+    "pair_parameters",
     "parameter_table",
     "robot_fingerprint",
     "robot_names",
     "robot_spec",
+    "set_foot_contact",
+    "set_friction",
     "soft_stop_torque",
 ]

@@ -13,15 +13,23 @@ import numpy as np
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, Link, RobotDescription
+from sprintlab.robots.foot import (
+    FRICTION_RATIO,
+    NOMINAL_FOOT,
+    FootContact,
+    add_foot_pair,
+    effective_leg_mass,
+    set_contact_options,
+    set_foot_contact,
+)
 from sprintlab.robots.visuals import add_robot_visuals, add_scenery
 
 COLLISION_MODES = ("feet", "full")
-CONES = {"pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL, "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC}
 INTEGRATORS = {
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
     "euler": mujoco.mjtIntegrator.mjINT_EULER,
 }
-# Stiff from the first tenth of a millimetre: penetration must not store the energy of a stride.
+# Of trunk, thighs and shanks, which have no pads: stiff from the first tenth of a millimetre.
 CONTACT_IMPEDANCE = (0.95, 0.99, 0.001, 0.5, 2.0)
 _SLIDE_ONLY = 3  # contact dimension: normal and two tangents, no torsion or rolling
 
@@ -39,10 +47,11 @@ class ModelOptions:
         timestep: physics step [s].
         collisions: ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs
             and trunk collide with the floor and with other legs).
-        contact_time_constant: time constant of the contacts [s]; at least two time steps, below which MuJoCo
-            would silently soften it.
-        cone: friction cone, ``"pyramidal"`` or ``"elliptic"``.
-        impratio: ratio of friction to normal impedance, at least 1; above 1 lessens creep.
+        foot: stiffness and restitution of the feet on the floor.
+        contact_time_constant: time constant of all other contacts and of joint limits [s]; at least two time
+            steps, below which MuJoCo would silently soften it.
+        impratio: ratio of friction to normal impedance, at least 1: the feet give way along the normal, and
+            must not creep.
         integrator: ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU).
         dry_friction: whether joints have dry friction (MuJoCo ``frictionloss``).
         joint_limits: whether joints and springs have hard limits.
@@ -56,9 +65,9 @@ class ModelOptions:
 
     timestep: float = 0.001
     collisions: str = "feet"
+    foot: FootContact = NOMINAL_FOOT
     contact_time_constant: float = 0.004
-    cone: str = "pyramidal"
-    impratio: float = 1.0
+    impratio: float = FRICTION_RATIO
     integrator: str = "implicitfast"
     dry_friction: bool = True
     joint_limits: bool = True
@@ -69,7 +78,6 @@ class ModelOptions:
         check_positive("timestep", self.timestep, "s")
         check_range("timestep", self.timestep, 1e-5, 0.01, "s")
         check_choice("collisions", self.collisions, COLLISION_MODES)
-        check_choice("cone", self.cone, tuple(CONES))
         check_choice("integrator", self.integrator, tuple(INTEGRATORS))
         check_range("impratio", self.impratio, 1.0, 1000.0)
         check_positive("contact_time_constant", self.contact_time_constant, "s")
@@ -83,8 +91,9 @@ def build_model(robot: RobotDescription, options: ModelOptions | None = None) ->
 
     Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
     between the last two; joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms
-    ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; twelve
-    torque actuators in policy order; keyframe ``stand``.
+    ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
+    of floor and foot a leg, named like the foot, with the pad's contact; twelve torque
+    actuators in policy order; keyframe ``stand``.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
 
     Raises:
@@ -92,14 +101,19 @@ def build_model(robot: RobotDescription, options: ModelOptions | None = None) ->
     """
     options = options or ModelOptions()
     try:
-        return robot_spec(robot, options).compile()
+        model = robot_spec(robot, options).compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise RobotModelError(f"robot {robot.name!r} does not compile: {reason}") from error
+    set_foot_contact(model, options.foot, effective_leg_mass(model))
+    return model
 
 
 def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
-    """The editable form of ``build_model``: for adding sensors, cameras or terrain before compiling."""
+    """The editable form of ``build_model``: for adding sensors, cameras or terrain before compiling.
+
+    The pads' contact depends on compiled quantities: after compiling, call ``set_foot_contact``.
+    """
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
     _set_options(spec, options)
@@ -107,6 +121,8 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
     trunk = _add_trunk(spec, robot, options)
     for index in range(len(robot.leg_names)):
         _add_leg(spec, trunk, robot, index, options)
+    for leg in robot.leg_names:
+        add_foot_pair(spec, f"{leg}_foot", robot.foot_friction)
     for joint in robot.joint_names:
         _add_torque_actuator(spec, joint)
     if options.visuals:
@@ -118,7 +134,7 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
 
 def _set_options(spec: mujoco.MjSpec, options: ModelOptions) -> None:
     spec.option.timestep = options.timestep
-    spec.option.cone = CONES[options.cone]
+    set_contact_options(spec)
     spec.option.impratio = options.impratio
     spec.option.integrator = INTEGRATORS[options.integrator]
     if options.integrator == "euler":
@@ -291,7 +307,6 @@ def _add_leg_collisions(
         pos=(0, 0, -mechanics.shank_length),
     )
     _set_robot_collision(foot, robot, options)
-    foot.priority = 1  # the foot's friction and stiffness decide, so that one number sets them
     if options.collisions == "full":
         # The shank's capsule ends above the foot, which must touch the ground first.
         shank_end = mechanics.shank_length - robot.foot_radius

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +10,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import RobotModelError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from sprintlab.core.reading import read_toml
 
 _LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
 JOINTS = ("abad", "hip", "knee")
@@ -148,12 +143,7 @@ def read_table(path: str | Path) -> ParameterTable:
     Raises:
         RobotModelError: the file cannot be read, is not TOML, or a quantity is missing, unknown or malformed.
     """
-    try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RobotModelError(f"cannot read robot table {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RobotModelError(f"robot table {path} is not valid TOML: {error}") from error
+    document = read_toml(path, what="robot table", error=RobotModelError)
     try:
         return _checked_table(document)
     except RobotModelError as error:

@@ -81,7 +81,12 @@ def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name:
         (slice(STANCE_POINTS, None), _SWING, "swing"),
     ):
         axes.plot(speed[part], torque[part], ".-", color=color, markersize=4, linewidth=0.8, label=label)
-    _label(axes, f"{name.capitalize()} over its envelope", "drive speed [rad/s]", "torque [N m]")
+    _label(
+        axes,
+        f"{name.capitalize()} over its envelope",
+        "drive speed [rad/s]",
+        "joint torque after saturation [N m]",
+    )
     _legend(axes)
 
 

@@ -11,6 +11,7 @@ from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, Unif
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
+from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
 PRECISIONS = ("tf32", "bfloat16")
@@ -40,10 +41,9 @@ class SimulationSettings:
         timestep: physics step [s]; the knee spring rings at 36 Hz and wants 2.5 ms or less. These defaults
             are the cheapest whose running agrees with finer physics: docs/accuracy.md.
         substeps: physics steps in one policy step; ``timestep * substeps`` is 0.02 s.
-        contact_time_constant: of the feet on the floor [s]; soft contact lends 0.5 to 1.7 m/s.
         solver_iterations: Newton iterations a step.
         line_search_iterations: of the solver's line search.
-        max_constraints: rows allocated an environment: four feet, pyramidal, condim 3; the solver works in
+        max_constraints: rows allocated an environment: four feet, three rows each; the solver works in
             blocks of 16, full or not.
         max_contacts: contacts allocated an environment.
         knee_spring: whether the passive knee springs are there.
@@ -59,7 +59,6 @@ class SimulationSettings:
     environments: int = 8192
     timestep: float = 0.0025
     substeps: int = 8
-    contact_time_constant: float = 0.005
     solver_iterations: int = 3
     line_search_iterations: int = 12
     max_constraints: int = 16
@@ -171,6 +170,9 @@ class RandomizationSettings:
 
     Attributes:
         friction: foot friction coefficient.
+        foot_stiffness: of the pads [N/m], drawn with a uniform logarithm.
+        foot_restitution: of the pads in a drop of the leg's effective mass [-].
+        drag_area: drag coefficient times frontal area of the robot in still air [m^2].
         payload: mass added to the trunk [kg].
         center_of_mass: shift of the trunk's centre of mass along each axis [m], symmetric.
         gain: relative change of stiffness and damping, symmetric.
@@ -193,6 +195,9 @@ class RandomizationSettings:
     """
 
     friction: Interval = (0.6, 1.15)
+    foot_stiffness: Interval = STIFFNESS_BAND
+    foot_restitution: Interval = RESTITUTION_BAND
+    drag_area: Interval = DRAG_AREA_BAND
     payload: Interval = (-1.5, 2.0)
     center_of_mass: float = 0.02
     gain: float = 0.08
@@ -210,9 +215,11 @@ class RandomizationSettings:
     push_speed: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("friction", "bus_voltage", "resistance", "dry_friction"):
+        factors = ("friction", "bus_voltage", "resistance", "dry_friction")
+        for name in (*factors, "foot_stiffness", "foot_restitution"):
             low, high = getattr(self, name)
             check_range(f"{name}[0]", low, 0.05, high)
+        check_range("drag_area[0]", self.drag_area[0], 0.0, self.drag_area[1], "m^2")
         check_range("payload[0]", self.payload[0], -15.0, self.payload[1], "kg")
         for name in ("gain", "strength", "center_of_mass"):
             check_range(name, getattr(self, name), 0.0, 0.5)
@@ -224,7 +231,8 @@ class RandomizationSettings:
     def without(self) -> RandomizationSettings:
         """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
         return replace(
-            self, friction=(0.9, 0.9), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
+            self, friction=(0.9, 0.9), foot_stiffness=(80e3, 80e3), foot_restitution=(0.4, 0.4),
+            drag_area=(0.15, 0.15), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
             bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
             delay_jitter=0.0, angular_velocity_noise=0.0, gravity_noise=0.0, joint_position_noise=0.0,
             joint_velocity_noise=0.0, push_speed=0.0,

@@ -23,7 +23,7 @@ from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, TrialSettings
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, set_friction
 
 FloatArray = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class LivePlant(Plant):
 
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
-        self.model.geom_friction[:, 0] = friction
+        set_friction(self.model, friction)
         self.model.opt.gravity[:] = -GRAVITY * math.sin(slope), 0.0, -GRAVITY * math.cos(slope)
         mass = self._trunk_mass + payload
         if self.model.body_mass[self._trunk] != mass:
@@ -166,7 +166,7 @@ class _Samples:
         self.torque.append(np.asarray(drive.motor_torque))
         self.direct_current.append(np.broadcast_to(drive.direct_current, self.joints.shape))
 
-    def watch_feet(self, data: mujoco.MjData) -> None:
+    def watch_step(self, data: mujoco.MjData) -> None:
         """Feet are only watched by an evaluation."""
 
     def take(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -16,19 +16,13 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from pathlib import Path
 from typing import Any, cast
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.reading import read_toml
 
 BETWEEN = ("lines", "phase")
 VOLTAGES = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
@@ -163,12 +157,7 @@ def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
         InvalidValueError: an entry is unknown, has no unit, or says something that is not allowed; the
             message names the file and the entry.
     """
-    try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SprintlabError(f"{path} is not a TOML file: {error}") from error
+    document = read_toml(path, what="data sheet")
     if set(document) != {"datasheet"} or not isinstance(document["datasheet"], dict):
         raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [datasheet]")
     try:

@@ -6,16 +6,18 @@ import gc
 import os
 import time
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.deployment.bus.ends import ControllerEnd
 from sprintlab.deployment.controller import LoopOptions, run_loop
 from sprintlab.deployment.controller.realtime import real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
-from sprintlab.deployment.interface import JointMode, OperatorCommand, Request
+from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotState, message_size
 
 MILLISECOND = 1_000_000
 
@@ -150,6 +152,44 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start):
     data = report.to_dict()
     assert data["microseconds"]["compute"]["count"] == report.steps
     assert data["microseconds"]["policy_step"]["max"] is None
+
+
+class Flood(DirectBus):
+    """A bus on which messages never end."""
+
+    def receive(self):
+        return self._measure()
+
+
+class DamagedFlood(ControllerEnd):
+    """A bus on which damaged bytes never end."""
+
+    peer_left = False
+
+    def _take(self, channel):
+        return bytes(message_size(RobotState))
+
+    def _put(self, channel, content):
+        pass
+
+
+@pytest.mark.parametrize("kind", ["sound", "damaged"])
+def test_a_flood_of_messages_does_not_hold_the_loop(start, kind):
+    controller, bus = start(Sleeper())
+    flood = Flood(bus.simulated) if kind == "sound" else DamagedFlood()
+    report = run_loop(controller, flood, LoopOptions(priority=None, duration=0.2))
+    assert report.steps > 1 and report.end in ("passive", "no robot answers")
+    assert kind == "sound" or report.malformed >= report.steps
+
+
+def test_a_robot_that_obeys_another_is_left_alone(start):
+    controller, bus = start(Riser())
+    measure = bus._measure
+    bus._measure = lambda: msgspec.structs.replace(measure(), session=7)
+    bus._waiting = [bus._measure()]
+    report = run_loop(controller, bus, LoopOptions(lock_step=True, patience=0.5))
+    assert report.end == "another controller drives the robot"
+    assert {command.mode for command in bus.sent} == {JointMode.OFF}
 
 
 def test_an_attended_loop_waits_for_its_operator(start):

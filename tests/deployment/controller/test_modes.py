@@ -162,8 +162,10 @@ def changed_states(**changes):
         {"status": int(RobotStatus.DRIVE_FAULT)},
         {"status": int(RobotStatus.WATCHDOG_EXPIRED)},
         {"command_sequence": 0},
+        {"command_sequence": 2**64 - 1},
+        {"session": 7},
     ],
-    ids=["tilted", "moving", "drive fault", "watchdog expired", "no answer"],
+    ids=["tilted", "moving", "drive fault", "watchdog expired", "no answer", "absurd answer", "not ours"],
 )
 def test_an_unfit_robot_is_not_stood_up(lying, changes):
     lying.on_states = changed_states(**changes)
@@ -189,11 +191,14 @@ def test_a_restarted_robot_is_taken_again_in_passive(lying):
     assert lying.run(0.1).state.sequence <= 100
 
 
-def test_a_new_controller_counts_on_from_the_last_command(lying, sprint_policy, sprint_robot):
+def test_a_new_controller_is_taken_when_the_old_one_has_been_silent(lying, sprint_policy, sprint_robot):
     lying.run(0.5)
     lying.controller = Controller(sprint_policy, sprint_robot, lying.source)
     lying.source.request = Request.STAND
     accepted = lying.simulated.accepted
+    lying.run(0.049)
+    assert lying.simulated.accepted == accepted and lying.controller.robot_obeys_another
+    assert lying.controller.mode.value == "passive"
     lying.run(0.1)
     assert lying.controller.mode.value == "stand-up"
     assert lying.simulated.accepted >= accepted + 98

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.deployment.controller.controller import new_session
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotState, RobotStatus
 from sprintlab.deployment.safety import RESPONSES, Fault, Reaction
 
@@ -155,6 +156,27 @@ def stuck_encoder(rig: Any) -> Stimulus:
 
     rig.on_states = hook
     return stimulus
+
+
+def taken_over(command: Callable[[Any, int], dict[str, Any]]) -> Any:
+    """A robot that checks nothing obeys somebody else; it drops what the controller sends."""
+
+    def install(rig: Any) -> Stimulus:
+        stimulus, simulated = Stimulus(rig), rig.simulated
+        simulated._expired = False
+
+        def drop(own: Any) -> None:
+            stimulus.steps += 1
+            stimulus.present = True
+            push = np.zeros(12)
+            push[2] = 30.0  # N m at a knee
+            foreign = msgspec.structs.replace(own, feedforward_torque=push, **command(own, stimulus.steps))
+            simulated._command, simulated._command_time = foreign, simulated.time
+
+        rig.on_command = drop
+        return stimulus
+
+    return install
 
 
 def rebooted(states: list[RobotState], past: list[RobotState]) -> list[RobotState]:
@@ -385,7 +407,33 @@ STOPPED = {
     "watchdog reported": (Fault.WATCHDOG_EXPIRED, on_every_state(set_flag(RobotStatus.WATCHDOG_EXPIRED))),
     "commands lost, watchdog trips": (Fault.WATCHDOG_EXPIRED, lose_commands_with_watchdog),
     "commands lost, silent robot": (Fault.COMMANDS_UNANSWERED, lose_commands),
+    "another's commands, numbered far above": (
+        Fault.COMMANDS_FOREIGN,
+        taken_over(lambda own, step: {"sequence": own.sequence + 10**6}),
+    ),
+    "another's commands, numbered one above": (
+        Fault.COMMANDS_FOREIGN,
+        taken_over(lambda own, step: {"sequence": own.sequence + 1}),
+    ),
+    "another's commands, of another session": (
+        Fault.COMMANDS_FOREIGN,
+        taken_over(lambda own, step: {"session": own.session ^ 1}),
+    ),
+    "another's old commands": (
+        Fault.COMMANDS_FOREIGN,
+        taken_over(lambda own, step: {"sequence": step}),
+    ),
+    "answer to a command never sent": (
+        Fault.COMMANDS_FOREIGN,
+        on_every_state(set_field("command_sequence", None, 2**64 - 1)),
+    ),
+    "answer falls": (
+        Fault.COMMANDS_FOREIGN,
+        on_every_state(set_field("command_sequence", None, 1)),
+    ),
+    "robot forgets whom it obeys": (Fault.COMMANDS_FOREIGN, on_every_state(set_field("session", None, 0))),
     "policy gives NaN": (Fault.POLICY_INVALID, break_policy(np.full(12, np.nan))),
+    "policy gives 1e308": (Fault.POLICY_INVALID, break_policy(np.full(12, 1e308))),
     "policy gives infinity": (Fault.POLICY_INVALID, break_policy(np.full(12, -np.inf))),
     "policy refuses": (Fault.POLICY_INVALID, break_policy(InvalidValueError("command", 0, "nothing"))),
     "policy crashes": (Fault.POLICY_INVALID, break_policy(RuntimeError("out of memory"))),
@@ -501,6 +549,27 @@ def test_a_sagging_bus_shrinks_what_is_asked_for(running):
     on_every_state(set_field("bus_voltage", None, 45.0))(running)
     running.run(0.3)  # every command is checked against the smaller envelope in Rig.step
     assert running.controller.mode.value == "run"
+
+
+def test_a_stranger_beside_the_controller_moves_nothing_and_is_counted(running):
+    """Numbered above the controller's commands, at the same rate, with a torque at a knee."""
+    stranger = new_session()
+    push = np.zeros(12)
+    push[2] = 30.0
+
+    def both(own):
+        accepted = running.simulated.accepted
+        foreign = msgspec.structs.replace(
+            own, session=stranger, sequence=own.sequence + 10**6, feedforward_torque=push
+        )
+        assert not running.simulated.accept(foreign) and running.simulated.accepted == accepted
+        return own
+
+    running.on_command = both
+    running.run(0.5)
+    assert running.controller.mode.value == "run" and running.speed > 6.0
+    assert running.ticks[-1].state.foreign_commands == 499  # those before the last state was measured
+    assert running.simulated.foreign == 500
 
 
 def test_the_operator_stops_a_run_at_once(running):

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sprintlab.deployment.controller import Controller
-from sprintlab.deployment.interface import JointCommand, JointMode, OperatorCommand, Request, RobotState
+from sprintlab.deployment.interface import (
+    JointCommand,
+    JointMode,
+    OperatorCommand,
+    Request,
+    RobotState,
+    check_command,
+)
 from sprintlab.deployment.safety import CommandGuard, LinkAge, implied_torque
 from sprintlab.deployment.simulator import LinkOptions, SimulatedWorld, SimulatorOptions
 from sprintlab.motors import torque_limits
@@ -167,6 +174,27 @@ def test_the_controller_measures_the_link(sprint_robot, sprint_policy, each_way_
         world.step()
     assert len(ages) > 400
     assert ages[50:] == pytest.approx([2e-3 * each_way_ms] * len(ages[50:]), abs=1e-9)
+
+
+def any_joints() -> st.SearchStrategy:
+    """Every float there is, for all joints alike or for each its own."""
+    return st.floats().map(lambda value: np.full(12, value)) | arrays(np.float64, 12, elements=st.floats())
+
+
+@settings(max_examples=300)
+@given(any_joints(), any_joints(), any_joints(), st.floats(), st.floats(0.0, 1.0))
+def test_whatever_is_given_what_leaves_may_be_acted_on(target, position, velocity, voltage, age):
+    state = state_of(position, velocity, voltage)
+    servo = GUARD.servo(target, BP2.stiffness, BP2.damping, state, age)
+    if servo is not None:
+        check_command(command_of(servo))
+    check_command(command_of(GUARD.damping(BP2.damping, state), JointMode.DAMPING))
+
+
+@pytest.mark.parametrize("target", [np.nan, np.inf, -1e308, 1e308, 1e200])
+def test_an_absurd_target_is_refused(target):
+    still = state_of(np.asarray(BP2.default_pose), np.zeros(12))
+    assert GUARD.servo(np.full(12, target), BP2.stiffness, BP2.damping, still) is None
 
 
 def test_torque_towards_a_limit_fades_in_its_last_zone():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from sprintlab.deployment.interface import (
+    MOST_DAMAGED,
     JointCommand,
     MessageError,
     MessageType,
@@ -16,6 +17,8 @@ from sprintlab.deployment.interface import (
 
 STATE, COMMAND, FIX = "state", "command", "fix"
 """The channels of a robot: its controller writes ``COMMAND``, the robot the others."""
+
+_MOST_FIXES = 4  # that one look takes: ten come a second
 
 
 class BusEnd(ABC):
@@ -36,7 +39,10 @@ class BusEnd(ABC):
         """Send bytes over a channel that this end writes."""
 
     def _next(self, channel: str, kind: type[MessageType]) -> MessageType | None:
-        while (content := self._take(channel)) is not None:
+        for _ in range(MOST_DAMAGED):
+            content = self._take(channel)
+            if content is None:
+                return None
             try:
                 return decode(kind, content)
             except MessageError:
@@ -54,7 +60,10 @@ class ControllerEnd(BusEnd):
     def receive_fix(self) -> PositionFix | None:
         """The newest position fix not yet read, if any."""
         newest = None
-        while (fix := self._next(FIX, PositionFix)) is not None:
+        for _ in range(_MOST_FIXES):
+            fix = self._next(FIX, PositionFix)
+            if fix is None:
+                break
             newest = fix
         return newest
 

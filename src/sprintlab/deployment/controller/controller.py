@@ -7,6 +7,8 @@ It steps at 1 kHz. Every 20 ms it reads the command source and, in ``run``, the 
 
 from __future__ import annotations
 
+import math
+import secrets
 import time as clock
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -84,8 +86,10 @@ class Controller:
         source: where the commanded velocity comes from.
         safety: thresholds.
         limits: bounds of the commanded velocity.
+        session: that its commands carry; drawn at random when left out.
 
     Attributes:
+        session: that its commands carry.
         mode: what it does now.
         fault_counts: how often each fault was noticed.
         stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
@@ -104,13 +108,15 @@ class Controller:
         *,
         safety: SafetySettings | None = None,
         limits: VelocityLimits | None = None,
+        session: int | None = None,
     ) -> None:
+        self.session = new_session() if session is None else session
         self._robot, self._source = robot, source
         self._safety = safety or SafetySettings()
         self._runtime = PolicyRuntime(policy, robot)
         self._states = StateMonitor(robot, self._safety)
         self._body = BodyMonitor(robot, self._safety)
-        self._commands = CommandWriter(robot)
+        self._commands = CommandWriter(robot, self.session)
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
         self._velocity = np.zeros(3)
@@ -127,7 +133,7 @@ class Controller:
         self._gathering = False
         self._start: int | None = None
         self._now = self._next_policy = 0
-        self._answer, self._answered_at = 0, 0.0
+        self._answer, self._answered_at = 0, -math.inf
         self._fix = LastFix(self._safety.fix_timeout)
         self._faults: list[Fault] = []
         self._run_started = 0.0
@@ -146,6 +152,11 @@ class Controller:
     def state(self) -> RobotState | None:
         """The last accepted state."""
         return self._states.last
+
+    @property
+    def robot_obeys_another(self) -> bool:
+        """Whether the robot's last state says that it obeys another controller."""
+        return self._states.last is not None and self._states.last.session not in (0, self.session)
 
     @property
     def commanded_speed(self) -> float:
@@ -241,13 +252,20 @@ class Controller:
         self._note(*faults)
         if self._states.last is not state:
             return
-        if state.command_sequence != self._answer:
-            self._answer, self._answered_at = state.command_sequence, time
-            if self.mode is Mode.PASSIVE:
-                # A robot that obeyed another controller before drops what does not count on from there.
-                self._commands.count_on_from(self._answer)
+        self._take_answer(state, time)
         carried = self.mode in (Mode.STAND, Mode.RUN)
         self._note(*self._body.check(state, time, carried=carried))
+
+    def _take_answer(self, state: RobotState, time: float) -> None:
+        """Which command the robot obeys: one of ours, later than the one before, or somebody else's."""
+        if not self._obeyed_by(state) or state.command_sequence < self._answer:
+            if self.mode in ACTIVE_MODES:
+                self._note(Fault.COMMANDS_FOREIGN)
+        elif state.command_sequence > self._answer:
+            self._answer, self._answered_at = state.command_sequence, time
+
+    def _obeyed_by(self, state: RobotState) -> bool:
+        return self._commands.has_sent(state.session, state.command_sequence)
 
     def _take_fix(self, fix: PositionFix | None, time: float) -> None:
         if fix is not None and not self._fix.take(fix, time):
@@ -371,7 +389,7 @@ class Controller:
         return goal is not Mode.RUN or not (self._held or self._operator.lost(time))
 
     def _ready(self, state: RobotState, time: float) -> bool:
-        answered = time - self._answered_at < self._safety.answer_timeout and state.command_sequence > 0
+        answered = self._obeyed_by(state) and time - self._answered_at < self._safety.answer_timeout
         upright = trunk_tilt(state) < self._safety.start_tilt
         return answered and upright and state.status == RobotStatus.READY and self._at_rest(state)
 
@@ -515,6 +533,11 @@ class Controller:
 
     def _damps_after_sinking(self) -> bool:
         return self.mode is Mode.LIE_DOWN and not self._gathering and self._time >= self._motion.end_time
+
+
+def new_session() -> int:
+    """A random number that tells one controller from every other, 1 to 2**64 - 1."""
+    return secrets.randbelow(2**64 - 1) + 1
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:

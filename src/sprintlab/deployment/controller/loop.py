@@ -20,6 +20,7 @@ PERIOD_NS = 1_000_000
 _STOP_DWELL = 2.0  # s in stop before a run that nobody attends ends
 _STATUS_PERIOD = 0.1  # s
 _POLL = 2e-5  # s between two looks at the bus in lock-step
+_MOST_STATES = 8  # that one step takes: a flood of them must not hold the loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class LoopOptions:
         priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
         duration: end after this time [s], in order; None for no end.
         attended: an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end.
-        patience: how long to wait for the robot's first state [s].
+        patience: how long to wait for the robot's first state, or for another controller to leave it [s].
 
     Raises:
         InvalidValueError: a field is out of range.
@@ -154,6 +155,7 @@ class _Loop:
         self._log, self._interrupted, self._status = log, interrupted, status
         self._next_status = 0.0
         self._was_active = False
+        self._free_at = 0.0
         self._stopped_at: float | None = None
 
     def run(self, steps: Callable[[], None]) -> None:
@@ -197,7 +199,7 @@ class _Loop:
 
     def _drain(self) -> list[RobotState]:
         states: list[RobotState] = []
-        while (state := self._bus.receive()) is not None:
+        while len(states) < _MOST_STATES and (state := self._bus.receive()) is not None:
             states.append(state)
         return states
 
@@ -232,6 +234,7 @@ class _Loop:
         if interruptions or over:
             self._controller.come_down(at_once=interruptions > 1)
         self._was_active = self._was_active or mode in ACTIVE_MODES
+        self._free_at = self._free_at if self._controller.robot_obeys_another else tick.time
         stopped = mode is Mode.STOP
         self._stopped_at = (self._stopped_at or tick.time) if stopped else None
         unattended = not options.attended or interruptions > 0 or over
@@ -239,6 +242,8 @@ class _Loop:
             self.report.end = "the robot is gone"
         elif tick.state is None and tick.time > options.patience:
             self.report.end = "no robot answers"
+        elif mode is Mode.PASSIVE and tick.time - self._free_at > options.patience:
+            self.report.end = "another controller drives the robot"
         elif mode is Mode.PASSIVE and (self._was_active or interruptions > 0 or over) and unattended:
             self.report.end = "passive"
         elif self._stopped_at is not None and unattended and tick.time - self._stopped_at > _STOP_DWELL:

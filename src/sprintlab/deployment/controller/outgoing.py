@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from sprintlab.deployment.interface import FloatArray, JointCommand, JointMode, RobotState
@@ -11,37 +9,40 @@ from sprintlab.deployment.safety import CommandGuard, LinkAge, implied_torque
 from sprintlab.robots import RobotDescription
 
 _LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
-_HIGHEST_START = 2**63  # of the command numbers: what a robot says must not let them overflow
 
 
 class CommandWriter:
     """Writes the commands for one robot. ``state`` is the last one; ``now`` is the monotonic clock [ns].
 
+    Args:
+        robot: to which they go.
+        session: that they carry.
+
     Attributes:
         guard: the gate that every command passes.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, session: int) -> None:
         self.guard = CommandGuard(robot)
-        self._robot = robot
+        self._robot, self._session = robot, session
         self._link = LinkAge()
         self._zeros = np.zeros(len(robot.joint_names))
         self._sequence = 0
         self._last: JointCommand | None = None
 
-    def count_on_from(self, sequence: int) -> None:
-        """Number the next command above ``sequence``, which a robot has obeyed."""
-        self._sequence = min(max(self._sequence, sequence), _HIGHEST_START)
+    def has_sent(self, session: int, sequence: int) -> bool:
+        """Whether a command that a robot names is one of these: they are numbered 1, 2, 3, …"""
+        return session == self._session and 1 <= sequence <= self._sequence
 
     def off(self, now: int, state: RobotState | None) -> JointCommand:
         """No torque."""
         return self._write(now, state, JointMode.OFF, self._zeros, self._zeros, self._zeros, self._zeros)
 
     def servo(self, now: int, state: RobotState, targets: FloatArray) -> JointCommand | None:
-        """The robot's gains about ``targets`` [rad] ``(12,)``, within every limit; None if not finite."""
+        """The robot's gains about ``targets`` [rad] ``(12,)``, within every limit; None if there is none."""
         age = self._link.both_ways(state.command_sequence, now)
         servo = self.guard.servo(targets, self._robot.stiffness, self._robot.damping, state, age)
-        if not all(math.isfinite(float(part.sum())) for part in servo):
+        if servo is None:
             return None
         return self._write(now, state, JointMode.SERVO, *servo)
 
@@ -82,5 +83,6 @@ class CommandWriter:
             damping=damping,
             feedforward_torque=feedforward,
             state_sequence=state.sequence if state else 0,
+            session=self._session,
         )
         return self._last

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState, decode
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import printable, read_bytes
+from sprintlab.deployment.interface import (
+    JOINT_COUNT,
+    JointCommand,
+    MessageError,
+    PositionFix,
+    RobotState,
+    decode,
+)
 from sprintlab.deployment.log.schemas import MESSAGE_TYPES
 from sprintlab.deployment.log.topics import (
     COMMAND,
@@ -27,6 +37,24 @@ from sprintlab.deployment.log.topics import (
 )
 
 FloatArray = NDArray[np.float64]
+
+LOG_LIMIT = 1 << 30
+"""Largest log that is read [bytes]."""
+UNPACKED_LIMIT = 2 << 30
+"""Most bytes to which the chunks of a log may unpack."""
+MOST_MESSAGES = 2_000_000
+"""Most messages of one kind: half an hour at 1 kHz."""
+LONGEST_RUN = 7200.0
+"""Longest log that is read [s]."""
+
+_LARGEST_WINDOW = 64 << 20
+_LARGEST = 1e9  # of any number, in its SI unit
+_NUMBERS = (
+    *(("states", name) for name in ("joint_position", "joint_velocity", "joint_torque", "bus_voltage")),
+    *(("states", name) for name in ("quaternion", "angular_velocity")),
+    *(("fixes", name) for name in ("position", "velocity")),
+    *(("ticks", name) for name in ("velocity", "targets", "compute_time")),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,16 +97,20 @@ def read_log(path: Path) -> RunRecord:
     """Read a log file; one that was cut off is read up to the cut.
 
     Raises:
-        LogError: there is no such file, it is no log of sprintlab, or the package ``mcap`` is missing.
+        LogError: there is no such file, it is no log of sprintlab, it is damaged, larger or longer than what
+            is read, or the package ``mcap`` is missing.
     """
     found: dict[str, list[tuple[float, Any]]] = {STATE: [], COMMAND: [], FIX: [], TICK: []}
-    facts, contract = _read_into(path, found)
+    try:
+        facts, contract = _read_into(path, found)
+    except (MessageError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise LogError(f"{printable(path)} is damaged: {printable(error)}") from error
     if not found[STATE] or not found[TICK]:
-        raise LogError(f"{path} holds no run: no state or no control step was logged")
+        raise LogError(f"{printable(path)} holds no run: no state or no control step was logged")
     state_time, states = _columns(found[STATE])
     command_time, commands = _columns(found[COMMAND])
     fix_time, fixes = _columns(found[FIX])
-    return RunRecord(
+    record = RunRecord(
         facts=facts,
         contract=contract,
         state_time=state_time,
@@ -89,6 +121,30 @@ def read_log(path: Path) -> RunRecord:
         fixes=fixes,
         ticks=_columns(found[TICK])[1],
     )
+    wrong = _impossible(record)
+    if wrong:
+        raise LogError(f"{printable(path)} is damaged: {wrong}")
+    return record
+
+
+def _impossible(record: RunRecord) -> str:
+    """What no run can have logged; empty where there is nothing of the kind."""
+    ticks = np.array([tick.time for tick in record.ticks])
+    for name, time in (("states", record.state_time), ("fixes", record.fix_time), ("control steps", ticks)):
+        if not np.isfinite(time).all() or (np.diff(time) < 0.0).any():
+            return f"the times of its {name} do not rise"
+        if len(time) and not time[-1] - time[0] <= LONGEST_RUN:
+            return f"its {name} span more than {LONGEST_RUN:g} s"
+    for tick in record.ticks:
+        if len(tick.velocity) != 3 or len(tick.targets) != JOINT_COUNT:
+            return f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
+    for topic, field in _NUMBERS:
+        values = record.column(topic, field)
+        if not np.isfinite(values).all() or np.abs(values, out=values).max(initial=0.0) > _LARGEST:
+            return f"{field} holds what no robot measures"
+    if (np.linalg.norm(record.column("states", "quaternion"), axis=1) < 0.5).any():
+        return "an orientation is no unit quaternion"
+    return ""
 
 
 def _read_into(path: Path, found: dict[str, list[tuple[float, Any]]]) -> tuple[dict[str, str], str]:
@@ -101,7 +157,7 @@ def _read_into(path: Path, found: dict[str, list[tuple[float, Any]]]) -> tuple[d
         if isinstance(record, records.Channel):
             topics[record.id] = record.topic
         elif isinstance(record, records.Metadata) and record.name in (FACTS_NAME, END_NAME):
-            facts |= record.metadata
+            facts |= {name: printable(value) for name, value in record.metadata.items()}
         elif isinstance(record, records.Attachment) and record.name == CONTRACT_NAME:
             contract = record.data.decode()
         elif isinstance(record, records.Message) and (topic := topics.get(record.channel_id)) in found:
@@ -109,8 +165,10 @@ def _read_into(path: Path, found: dict[str, list[tuple[float, Any]]]) -> tuple[d
                 decoder.decode(record.data) if topic == TICK else decode(MESSAGE_TYPES[topic], record.data)
             )
             found[topic].append((1e-9 * record.log_time, message))
+            if len(found[topic]) > MOST_MESSAGES:
+                raise LogError(f"{printable(path)} holds more than {MOST_MESSAGES} messages of one kind")
     if "robot" not in facts:
-        raise LogError(f"{path} is no log of sprintlab")
+        raise LogError(f"{printable(path)} is no log of sprintlab")
     return facts, contract
 
 
@@ -123,20 +181,46 @@ def _modules() -> Any:
 
 
 def _records(path: Path) -> Any:
-    """Every record of the file in order, up to where it is cut off."""
+    """Every record of the file in order, up to where it is cut off; chunks unpacked within bounds."""
     from mcap.exceptions import EndOfFile
-    from mcap.stream_reader import StreamReader
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
 
+    content = read_bytes(path, LOG_LIMIT, what="log", error=LogError)
+    reader = StreamReader(BytesIO(content), emit_chunks=True, record_size_limit=len(content))
+    room = UNPACKED_LIMIT
     try:
-        with path.open("rb") as file:
-            try:
-                yield from StreamReader(file).records
-            except (EndOfFile, struct.error):
-                return
-            except Exception as error:  # of the library and of its decompressors
-                raise LogError(f"{path} is no MCAP file, or damaged ({type(error).__name__})") from error
-    except OSError as error:
-        raise LogError(f"cannot read {path}: {error.strerror or error}") from error
+        for record in reader.records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            plain = _unpacked(record, room)
+            room -= len(plain.data)
+            yield from breakup_chunk(plain)
+    except (EndOfFile, struct.error):
+        return
+    except (SprintlabError, msgspec.DecodeError, UnicodeDecodeError):
+        raise
+    except Exception as error:  # of the library and of its decompressors
+        raise LogError(f"{printable(path)} is no MCAP file, or damaged ({type(error).__name__})") from error
+
+
+def _unpacked(chunk: Any, room: int) -> Any:
+    """A chunk without compression; never unpacks more than ``room`` bytes. Raises ``LogError``."""
+    from dataclasses import replace
+
+    if chunk.compression == "":
+        return chunk
+    if chunk.compression != "zstd":
+        raise LogError(f"a log of sprintlab is packed with zstd, not with {printable(chunk.compression, 20)}")
+    import zstandard
+
+    unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    with unpacker.stream_reader(chunk.data) as stream:
+        data = stream.read(room + 1)
+    if len(data) > room:
+        raise LogError(f"the log unpacks to more than {UNPACKED_LIMIT >> 20} MB, the most that is read")
+    return replace(chunk, compression="", data=data)
 
 
 def _columns(messages: Sequence[tuple[float, Any]]) -> tuple[FloatArray, tuple[Any, ...]]:

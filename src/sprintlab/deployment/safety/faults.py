@@ -40,6 +40,7 @@ class Fault(str, Enum):
     DRIVE_FAULT = "drive-fault"
     WATCHDOG_EXPIRED = "watchdog-expired"
     COMMANDS_UNANSWERED = "commands-unanswered"
+    COMMANDS_FOREIGN = "commands-foreign"
     POLICY_INVALID = "policy-invalid"
     POLICY_LATE = "policy-late"
     LOOP_STALLED = "loop-stalled"
@@ -89,6 +90,7 @@ RESPONSES: dict[Fault, Response] = {
     Fault.DRIVE_FAULT: Response(_S, 2 * TICK, "the robot reports a fault of a drive"),
     Fault.WATCHDOG_EXPIRED: Response(_S, 2 * TICK, "the robot damps its joints by itself"),
     Fault.COMMANDS_UNANSWERED: Response(_S, 0.102, "the robot accepts no command for 0.1 s"),
+    Fault.COMMANDS_FOREIGN: Response(_S, 2 * TICK, "the robot obeys a command that was never sent to it"),
     Fault.POLICY_INVALID: Response(_S, TICK, "the policy fails or gives NaN"),
     Fault.POLICY_LATE: Response(_B, 1.0, "ten of the last fifty policy steps came more than 5 ms late"),
     Fault.LOOP_STALLED: Response(_S, TICK, "the control loop itself stood still for 40 ms"),

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from sprintlab.control import pd_torque
-from sprintlab.deployment.interface import FloatArray, JointCommand, JointMode, RobotState
+from sprintlab.deployment.interface import (
+    FloatArray,
+    JointCommand,
+    JointMode,
+    RobotState,
+    within_bounds,
+)
 from sprintlab.motors import torque_limits
 from sprintlab.robots import RobotDescription
 
@@ -79,8 +86,27 @@ class CommandGuard:
         damping: FloatArray,
         state: RobotState,
         age: float = 0.0,
+    ) -> GuardedServo | None:
+        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(12,)``.
+
+        Returns:
+            None where no such command is within ``COMMAND_BOUNDS``: for targets that are not finite, or
+            absurd. What is returned is finite, whatever was given.
+        """
+        if not (_finite(state) and within_bounds("target_position", target)):
+            return None
+        with np.errstate(all="ignore"):
+            servo = self._nearest(target, stiffness, damping, state, age)
+        return servo if _sound(servo) else None
+
+    def _nearest(
+        self,
+        target: FloatArray,
+        stiffness: FloatArray,
+        damping: FloatArray,
+        state: RobotState,
+        age: float,
     ) -> GuardedServo:
-        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(12,)``."""
         lower, upper = self.torque_interval(state, age)
         wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
         allowed = np.minimum(np.maximum(wanted, lower), upper)
@@ -93,14 +119,31 @@ class CommandGuard:
         return GuardedServo(reachable, scaled, damping * scale, carried)
 
     def damping(self, damping: FloatArray, state: RobotState) -> GuardedServo:
-        """As ``servo`` for a command that only damps: no target, no stiffness, no feedforward."""
+        """As ``servo`` for a command that only damps: no target, no stiffness, no feedforward.
+
+        At a state whose speeds say nothing (not finite) it damps with the gains as they are.
+        """
         zeros = np.zeros_like(damping)
-        lower, upper = self.torque_interval(state)
-        wanted = -damping * state.joint_velocity
-        allowed = np.minimum(np.maximum(wanted, np.minimum(lower, 0.0)), np.maximum(upper, 0.0))
-        moving = wanted != 0.0
-        scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
-        return GuardedServo(zeros, zeros, damping * scale, zeros)
+        if not _finite(state):
+            return GuardedServo(zeros, zeros, damping, zeros)
+        with np.errstate(all="ignore"):
+            lower, upper = self.torque_interval(state)
+            wanted = -damping * state.joint_velocity
+            allowed = np.minimum(np.maximum(wanted, np.minimum(lower, 0.0)), np.maximum(upper, 0.0))
+            moving = wanted != 0.0
+            scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
+            servo = GuardedServo(zeros, zeros, damping * scale, zeros)
+        return servo if _sound(servo) else GuardedServo(zeros, zeros, damping, zeros)
+
+
+def _finite(state: RobotState) -> bool:
+    with np.errstate(all="ignore"):
+        total = float(state.joint_position.sum()) + float(state.joint_velocity.sum()) + state.bus_voltage
+    return math.isfinite(total)
+
+
+def _sound(servo: GuardedServo) -> bool:
+    return all(within_bounds(field, part) for field, part in zip(servo._fields, servo, strict=True))
 
 
 def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:

@@ -16,6 +16,7 @@ from sprintlab.plant import MotionRecorder
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
 _SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two states
 _POLL = 2e-5  # [s] between two looks at the bus in lock-step
+_MOST_COMMANDS = 32  # that one step takes: a flood of them must not hold the robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,8 +187,11 @@ class _Run:
         return newest
 
     def _collect(self) -> None:
-        """Take every command that waits on the bus."""
-        while (command := self._endpoint.receive_command()) is not None:
+        """Take the commands that wait on the bus, not more than a step has time for."""
+        for _ in range(_MOST_COMMANDS):
+            command = self._endpoint.receive_command()
+            if command is None:
+                return
             self._commands += 1
             self._answered = max(self._answered, command.state_sequence)
             self._world.hand_over(command)

@@ -35,7 +35,7 @@ class _Blind:
     def sample(self, data: Any, drive: DriveOutput, targets: FloatArray) -> None:
         """Look away."""
 
-    def watch_feet(self, data: Any) -> None:
+    def watch_step(self, data: Any) -> None:
         """Look away."""
 
 
@@ -48,7 +48,9 @@ class SimulatedRobot:
 
     Attributes:
         accepted: commands acted on.
-        dropped: commands refused: old, duplicated, damaged, or a servo command to a latched watchdog.
+        dropped: commands refused: old, duplicated, damaged, of another session, or a servo command to a
+            latched watchdog.
+        foreign: of these, the commands of another session.
         watchdog_trips: how often the watchdog took over from a controller that drove the joints.
         fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
             or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
@@ -60,7 +62,7 @@ class SimulatedRobot:
 
     def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
         self.plant = Plant(robot, options.plant, options.trial)
-        self.accepted = self.dropped = self.watchdog_trips = 0
+        self.accepted = self.dropped = self.foreign = self.watchdog_trips = 0
         self.fall_reason = ""
         self._robot, self._options = robot, options
         self._random = np.random.default_rng(options.seed)
@@ -86,7 +88,13 @@ class SimulatedRobot:
         except MessageError:
             self.dropped += 1
             return False
-        old = self._command is not None and command.sequence <= self._command.sequence
+        last = self._command
+        foreign = last is not None and command.session != last.session
+        if foreign and not self._expired:
+            self.foreign += 1
+            self.dropped += 1
+            return False
+        old = last is not None and not foreign and command.sequence <= last.sequence
         if old or (self._expired and command.mode == JointMode.SERVO):
             self.dropped += 1
             return False
@@ -125,6 +133,8 @@ class SimulatedRobot:
             bus_voltage=self._bus_voltage,
             command_sequence=0 if self._command is None else self._command.sequence,
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
+            session=0 if self._command is None else self._command.session,
+            foreign_commands=self.foreign,
         )
 
     def fix(self, timestamp: int) -> PositionFix | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,14 +11,10 @@ import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.core.reading import read_toml
 from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.loader import load_robot
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +101,7 @@ def read_choices(path: Path) -> dict[str, Any]:
     Raises:
         RobotModelError: the file cannot be read, is no TOML, or has an unknown field.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RobotModelError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RobotModelError(f"{path} is not a TOML file: {error}") from error
+    document = read_toml(path, what="choices", error=RobotModelError)
     joints = document.pop("joint", {})
     _check_names(path, document, {item.name for item in fields(RobotChoices)} - {"joints"})
     _check_names(path, joints, set(JOINTS_PER_LEG), "joint.")

@@ -8,7 +8,6 @@ MuJoCo reads both formats. Meshes are left out: masses and inertias must stand i
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +16,9 @@ import numpy as np
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.description import FloatArray
+from sprintlab.robots.importing.compiling import compiled
 
 JOINTS_OF_A_LEG = 3
-_ROUNDING = 1e-6  # relative; files are written with six or seven digits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +118,7 @@ def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
         RobotModelError: the file cannot be read, or is no quadruped with three hinges a leg; says which joint
             or body is in the way.
     """
-    model, corrected = _compile(path)
+    model, corrected = compiled(path)
     base = _base(model, path)
     data = posed(model, base, {})
     reader = _Reader(path, model, data, base, foot_radius)
@@ -144,86 +143,6 @@ def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.
         data.qpos[model.joint(name).qposadr[0]] = angle
     mujoco.mj_forward(model, data)
     return data
-
-
-def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
-    """The compiled file, and the links whose inertia had to be corrected for it."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise RobotModelError(f"cannot read robot model {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise RobotModelError(f"robot model {path} is no text: {error}") from error
-    try:
-        root = ElementTree.fromstring(text)
-        corrected = possible_inertias(root)
-        if root.tag == "robot":
-            spec = mujoco.MjSpec.from_string(_plain_urdf(root))
-        else:
-            spec = mujoco.MjSpec.from_file(str(path))
-        _drop_meshes(spec)
-        return spec.compile(), corrected
-    except (ElementTree.ParseError, ValueError) as error:
-        raise RobotModelError(f"robot model {path} cannot be used: {' '.join(str(error).split())}") from error
-
-
-def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
-    """Raise inertias of a URDF's links that no body can have, in place: published files hold some.
-
-    A body's principal inertias are not negative, and no two add up to less than the third. Where they do, the
-    same amount is added to all three: the least that helps and keeps the axes.
-
-    Returns:
-        Names of the links that were changed.
-
-    Raises:
-        ValueError: an entry is no number.
-    """
-    changed = []
-    for link in root.findall("link"):
-        entries = link.find("inertial/inertia")
-        if entries is None:
-            continue
-        xx, yy, zz, xy, xz, yz = (
-            float(entries.get(name, 0.0)) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        )
-        low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        lack = max(high - low - middle, -low)
-        if lack > _ROUNDING * abs(high):
-            for name, value in (("ixx", xx), ("iyy", yy), ("izz", zz)):
-                entries.set(name, repr(float(value + (1.0 + _ROUNDING) * lack)))
-            changed.append(link.get("name", "?"))
-    return tuple(changed)
-
-
-def _plain_urdf(root: ElementTree.Element) -> str:
-    """A URDF without meshes whose links stay apart, so that a foot keeps its name and its mass."""
-    for link in root.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
-                link.remove(shape)
-    for joint in root.findall("joint"):
-        if joint.get("type") == "floating":  # the base's: it is found by its legs, and may as well stand
-            joint.set("type", "fixed")
-    for extension in root.findall("mujoco"):
-        root.remove(extension)
-    extension = ElementTree.SubElement(root, "mujoco")
-    # A URDF link without <inertial> weighs nothing: its shapes are not to be weighed as water.
-    settings = {"fusestatic": "false", "balanceinertia": "false", "inertiafromgeom": "false"}
-    ElementTree.SubElement(extension, "compiler", settings)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _drop_meshes(spec: mujoco.MjSpec) -> None:
-    """Take out mesh shapes where the body's inertia does not depend on them, then meshes nobody uses."""
-    for body in spec.bodies:
-        for geom in list(body.geoms):
-            if geom.type == mujoco.mjtGeom.mjGEOM_MESH and body.explicitinertial:
-                spec.delete(geom)
-    used = {geom.meshname for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH}
-    for mesh in list(spec.meshes):
-        if mesh.name not in used:
-            spec.delete(mesh)
 
 
 def _base(model: mujoco.MjModel, path: Path) -> int:

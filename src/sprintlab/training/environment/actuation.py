@@ -13,6 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS
+from sprintlab.robots import AIR_DENSITY
 
 wp.set_module_options({"enable_backward": False})  # no gradients: half the code to compile
 
@@ -279,3 +280,17 @@ def joint_torque_kernel(
         heat = heats[joint]
         end = heat.ambient + heat.thermal_resistance * copper_loss(now, motor, voltage[environment], model)
         winding_temperature[environment, joint] = end + (temperature - end) * heat.decay
+
+
+@wp.kernel
+def air_drag_kernel(
+    drag_area: wp.array(dtype=float),
+    velocity: wp.array2d(dtype=float),
+    trunk: int,
+    force: wp.array2d(dtype=wp.spatial_vector),
+):
+    """Force of still air on every trunk: ``robots.air.air_drag``."""
+    robot = wp.tid()
+    v = wp.vec3(velocity[robot, 0], velocity[robot, 1], velocity[robot, 2])
+    drag = -0.5 * wp.static(AIR_DENSITY) * drag_area[robot] * wp.length(v) * v
+    force[robot, trunk] = wp.spatial_vector(drag, wp.vec3(0.0))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 
+from sprintlab.robots import effective_leg_mass, pair_parameters
+from sprintlab.training.environment.feet import contact_laws
 from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.settings import RandomizationSettings
 
@@ -20,11 +24,9 @@ def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> t
     """
     n, device = simulation.environments, simulation.device
     friction = _uniform(n, *settings.friction, device)
-    model = simulation.mj_model
-    feet = [model.geom(f"{leg}_foot").id for leg in simulation.robot.leg_names]
-    # MuJoCo takes the larger of the two coefficients of a pair: the floor's must stay below.
-    simulation.fields["geom_friction"][:, :, 0] = 0.01
-    simulation.fields["geom_friction"][:, feet, 0] = friction[:, None]
+    simulation.fields["pair_friction"][:, :, :2] = friction[:, None, None]
+    _randomize_feet(simulation, settings)
+    simulation.drag_area.copy_(_uniform(n, *settings.drag_area, device))
     _randomize_trunk(simulation, settings)
     for gain in (simulation.stiffness, simulation.damping):
         gain.mul_(_uniform(n, 1 - settings.gain, 1 + settings.gain, device, gain.shape[1]))
@@ -35,6 +37,21 @@ def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> t
     simulation.friction_factor.copy_(_uniform(n, *settings.dry_friction, device))
     simulation.mean_delay.copy_(_uniform(n, *settings.delay, device) / simulation.settings.timestep)
     return friction
+
+
+def _randomize_feet(simulation: BatchSimulation, settings: RandomizationSettings) -> None:
+    """Stiffness and restitution of the pads, alike on a robot's four feet."""
+    n, model = simulation.environments, simulation.mj_model
+    low, high = settings.foot_stiffness
+    stiffness = _uniform(n, math.log(low), math.log(high), "cpu").exp().double().numpy()
+    restitution = _uniform(n, *settings.foot_restitution, "cpu").double().numpy()
+    timestep = simulation.settings.timestep
+    law = contact_laws(stiffness, restitution, effective_leg_mass(model), timestep)
+    for pair, geom in enumerate(model.pair_geom2):
+        inverse_weight = float(model.body_invweight0[model.geom_bodyid[geom], 0])
+        for name, values in pair_parameters(law, inverse_weight, timestep)._asdict().items():
+            field = simulation.fields[f"pair_{name}"]
+            field[:, pair] = torch.as_tensor(values, dtype=field.dtype, device=field.device)
 
 
 def _randomize_trunk(simulation: BatchSimulation, settings: RandomizationSettings) -> None:

@@ -14,13 +14,19 @@ import torch
 import warp as wp
 
 from sprintlab.motors import phase_voltage_limit
-from sprintlab.robots import ModelOptions, RobotDescription, build_model
-from sprintlab.training.environment.actuation import MODEL_CODES, JointDrive, joint_torque_kernel
+from sprintlab.robots import DRAG_AREA, ModelOptions, RobotDescription, build_model
+from sprintlab.training.environment.actuation import (
+    MODEL_CODES,
+    JointDrive,
+    air_drag_kernel,
+    joint_torque_kernel,
+)
 from sprintlab.training.environment.supply import Supply
 from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
 
-RANDOMIZED_FIELDS = ("geom_friction", "body_mass", "body_subtreemass", "body_ipos")
+PAIR_FIELDS = ("pair_friction", "pair_solref", "pair_solreffriction", "pair_solimp")
+RANDOMIZED_FIELDS = (*PAIR_FIELDS, "body_mass", "body_subtreemass", "body_ipos")
 NOT_NEEDED = (
     mujoco.mjtDisableBit.mjDSBL_SENSOR,
     mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
@@ -37,8 +43,7 @@ def training_model(robot: RobotDescription, settings: SimulationSettings) -> muj
     options = ModelOptions(
         timestep=settings.timestep,
         collisions="feet",
-        contact_time_constant=settings.contact_time_constant,
-        cone="pyramidal",
+        contact_time_constant=2.0 * settings.timestep,
         integrator="euler",
         dry_friction=False,
         joint_limits=False,
@@ -89,7 +94,8 @@ class BatchSimulation:
         mean_delay: about which it varies ``(n,)``.
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
-        stiffness, damping, strength, resistance_factor, friction_factor, voltage: randomized, writable.
+        stiffness, damping, strength, resistance_factor, friction_factor, voltage,
+            drag_area: randomized, writable.
     """
 
     def __init__(
@@ -159,6 +165,7 @@ class BatchSimulation:
         self.friction_factor = torch.ones(n, device=self.device)
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
+        self.drag_area = torch.full((n,), DRAG_AREA, device=self.device)
         drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
 
         def arrays(*tensors: torch.Tensor) -> list[Any]:
@@ -193,6 +200,15 @@ class BatchSimulation:
             "device": self._warp_device,
         }
 
+        trunk = int(self.mj_model.body("trunk").id)
+        self._air = {
+            "kernel": air_drag_kernel,
+            "dim": n,
+            "inputs": [*arrays(self.drag_area), self.data.qvel, trunk],
+            "outputs": [self.data.xfrc_applied],
+            "device": self._warp_device,
+        }
+
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""
         if not self._warp_device.is_cuda:
@@ -205,9 +221,10 @@ class BatchSimulation:
         return capture.graph
 
     def actuate(self, substep: int) -> None:
-        """Bus voltages, then the torque on every joint, for one substep of a policy step."""
+        """Bus voltages, the torque on every joint and the air's force, for one substep of a policy step."""
         self.supply.launch(substep)
         wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
+        wp.launch(**self._air)
 
     def _substeps(self, watch: Callable[[int], None] = lambda _: None) -> None:
         for substep in range(self.settings.substeps):
@@ -235,7 +252,7 @@ class BatchSimulation:
         names = (
             "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
             "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor",
-            "voltage",
+            "voltage", "drag_area",
         )  # fmt: skip
         supply = ("state_of_charge", "winding_temperature")
         return {

@@ -161,7 +161,7 @@ class _Blind:
     def sample(self, data: Any, drive: DriveOutput, targets: FloatArray) -> None:
         """Look away."""
 
-    def watch_feet(self, data: Any) -> None:
+    def watch_step(self, data: Any) -> None:
         """Look away."""
 
 

@@ -1,0 +1,600 @@
+"""What a policy's network will take, known before it is loaded: every tensor's size, from the file alone.
+
+An ONNX file is a program: it may loop for ever, ask for 40 GB, read other files. A policy is a network of
+known operators whose sizes follow from its own numbers, so they are worked out here, for one robot, without
+running anything: what cannot be followed is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_NUMBERS = 1 << 24
+"""Most numbers of one tensor, and of all that one step makes."""
+MOST_PRODUCTS = 1 << 30
+"""Most multiplications of one step: beyond, no step would fit into its 20 ms."""
+_MOST_NODES = 5000
+_MOST_FIELDS = 200_000
+_MOST_KNOWN = 4096  # numbers of a tensor whose values are followed: shapes, indices
+
+Shape = tuple[int, ...]
+Value = npt.NDArray[Any] | None
+
+# Types of tensors that a policy may hold: ONNX's number, and NumPy's type.
+_TYPES: dict[int, str] = {1: "<f4", 2: "u1", 3: "i1", 6: "<i4", 7: "<i8", 9: "?", 11: "<f8"}
+_FLOAT = 1
+
+
+class GraphError(ValueError):
+    """A network that no policy has; the message completes "its network ..."."""
+
+
+class _Tensor(NamedTuple):
+    """A tensor: its shape with one robot, and its values where they are few and known."""
+
+    shape: Shape
+    value: Value = None
+
+
+class _Attribute(NamedTuple):
+    number: int
+    numbers: tuple[int, ...]
+    text: bytes
+    tensor: _Tensor | None
+
+
+class _Node(NamedTuple):
+    operator: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    attributes: Mapping[str, _Attribute]
+
+    def number(self, name: str, default: int) -> int:
+        return self.attributes[name].number if name in self.attributes else default
+
+
+@dataclass
+class _Costs:
+    """What one step takes."""
+
+    products: int = 0
+    numbers: int = 0
+
+
+@dataclass(frozen=True)
+class _Graph:
+    nodes: list[_Node] = field(default_factory=list["_Node"])
+    tensors: dict[str, _Tensor] = field(default_factory=dict[str, _Tensor])
+    inputs: dict[str, Shape] = field(default_factory=dict[str, Shape])
+
+
+def check_graph(content: bytes) -> None:
+    """Refuse an ONNX file whose network could do more than a policy does.
+
+    Raises:
+        GraphError: it is damaged; holds an operator that a policy does not need, a subgraph, a function or
+            data in other files; or one step of it would take more memory or multiplications than is allowed.
+    """
+    try:
+        graph = _read_model(content)
+        _follow(graph)
+    except (IndexError, struct.error, UnicodeDecodeError, OverflowError, TypeError) as error:
+        raise GraphError("is damaged") from error
+
+
+# --- the file's bytes: protocol buffers -------------------------------------------------------------------
+
+
+class _Wire:
+    """Reads messages of the protocol buffers' wire format; counts fields: no file keeps it busy."""
+
+    def __init__(self) -> None:
+        self._fields = 0
+
+    def fields(self, data: memoryview) -> dict[int, list[Any]]:
+        """Values by field number: whole numbers, or the bytes of everything else."""
+        found: dict[int, list[Any]] = {}
+        at = 0
+        while at < len(data):
+            self._fields += 1
+            if self._fields > _MOST_FIELDS:
+                raise GraphError(f"has more than {_MOST_FIELDS} entries")
+            key, at = _varint(data, at)
+            kind = key & 7
+            if kind == 0:
+                value, at = _varint(data, at)
+            elif kind in (1, 2, 5):
+                length, at = (8, at) if kind == 1 else (4, at) if kind == 5 else _varint(data, at)
+                if at + length > len(data):
+                    raise GraphError("is cut off")
+                value, at = data[at : at + length], at + length
+            else:
+                raise GraphError("is damaged")
+            found.setdefault(key >> 3, []).append(value)
+        return found
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        byte = data[at]
+        value |= (byte & 127) << shift
+        at += 1
+        if byte < 128:
+            return value & (1 << 64) - 1, at
+    raise GraphError("is damaged")
+
+
+def _signed(value: Any) -> int:
+    if not isinstance(value, int):
+        raise GraphError("is damaged")
+    return value - (1 << 64) if value >> 63 else value
+
+
+def _text(value: Any) -> str:
+    return bytes(value).decode("utf-8")
+
+
+def _single(fields: Mapping[int, list[Any]], number: int, default: Any = None) -> Any:
+    """The value of a field that must not come twice: readers differ in what they make of the second."""
+    values = fields.get(number, [default])
+    if len(values) > 1:
+        raise GraphError("is damaged: an entry comes twice")
+    return values[0]
+
+
+def _whole_numbers(values: Sequence[Any]) -> tuple[int, ...]:
+    """A repeated whole number, packed or not."""
+    numbers: list[int] = []
+    for value in values:
+        if isinstance(value, int):
+            numbers.append(_signed(value))
+            continue
+        at = 0
+        while at < len(value):
+            number, at = _varint(value, at)
+            numbers.append(_signed(number))
+            if len(numbers) > _MOST_FIELDS:
+                raise GraphError(f"has more than {_MOST_FIELDS} entries")
+    return tuple(numbers)
+
+
+def _read_model(content: bytes) -> _Graph:
+    wire = _Wire()
+    model = wire.fields(memoryview(content))
+    if 25 in model:
+        raise GraphError("defines functions of its own")
+    if 20 in model:
+        raise GraphError("holds a training")
+    if 7 not in model:
+        raise GraphError("is missing")
+    fields = wire.fields(_single(model, 7))
+    if 15 in fields:
+        raise GraphError("holds sparse tensors")
+    graph = _Graph()
+    for item in fields.get(5, []):
+        name, tensor = _read_tensor(wire, item)
+        graph.tensors[name] = tensor
+    for item in fields.get(11, []):
+        name, shape = _read_input(wire, item)
+        if name not in graph.tensors:
+            graph.inputs[name] = shape
+    if len(fields.get(1, [])) > _MOST_NODES:
+        raise GraphError(f"has more than {_MOST_NODES} operators")
+    graph.nodes.extend(_read_node(wire, item) for item in fields.get(1, []))
+    return graph
+
+
+def _read_tensor(wire: _Wire, data: memoryview) -> tuple[str, _Tensor]:
+    fields = wire.fields(data)
+    if 13 in fields or _single(fields, 14, 0) != 0:
+        raise GraphError("keeps numbers in other files")
+    kind = _single(fields, 2, 0)
+    if kind not in _TYPES:
+        raise GraphError("holds a tensor of a type that no policy has")
+    shape = _checked(_whole_numbers(fields.get(1, [])))
+    count = math.prod(shape)
+    raw = _single(fields, 9)
+    values: Value = None
+    if raw is not None:
+        if len(raw) != count * np.dtype(_TYPES[kind]).itemsize:
+            raise GraphError("holds a tensor whose size is not that of its shape")
+        if count <= _MOST_KNOWN:
+            values = np.frombuffer(raw, dtype=_TYPES[kind]).reshape(shape)
+    else:
+        values = _listed(fields, kind, count)
+        values = None if values is None else values.reshape(shape)
+    return _text(_single(fields, 8, b"")), _Tensor(shape, values)
+
+
+def _listed(fields: Mapping[int, list[Any]], kind: int, count: int) -> Value:
+    """Values that stand in the field of their type instead of in raw bytes."""
+    number = {1: 4, 2: 5, 3: 5, 6: 5, 7: 7, 9: 5, 11: 10}[kind]
+    found = fields.get(number, [])
+    if kind in (1, 11):
+        text = b"".join(bytes(value) for value in found)
+        size = 4 if kind == 1 else 8
+        if len(text) != count * size:
+            raise GraphError("holds a tensor whose size is not that of its shape")
+        return np.frombuffer(text, dtype=_TYPES[kind]) if count <= _MOST_KNOWN else None
+    numbers = _whole_numbers(found)
+    if len(numbers) != count:
+        raise GraphError("holds a tensor whose size is not that of its shape")
+    return np.array(numbers, dtype=np.int64)
+
+
+def _read_input(wire: _Wire, data: memoryview) -> tuple[str, Shape]:
+    """Name and shape of an input; a dimension without a number is the batch, here one robot."""
+    fields = wire.fields(data)
+    kind = wire.fields(_single(fields, 2, memoryview(b"")))
+    tensor = wire.fields(_single(kind, 1, memoryview(b"")))
+    shape: list[int] = []
+    for item in wire.fields(_single(tensor, 2, memoryview(b""))).get(1, []):
+        dimension = wire.fields(item)
+        shape.append(_signed(_single(dimension, 1)) if 1 in dimension else 1)
+    return _text(_single(fields, 1, b"")), _checked(tuple(shape))
+
+
+def _read_node(wire: _Wire, data: memoryview) -> _Node:
+    fields = wire.fields(data)
+    domain = _text(_single(fields, 7, b""))
+    operator = _text(_single(fields, 4, b""))
+    if domain not in ("", "ai.onnx") or operator not in _OPERATORS:
+        known = f"{domain}.{operator}" if domain else operator
+        raise GraphError(f"uses the operator {known[:60]!r}, which is none of those that a policy may use")
+    attributes: dict[str, _Attribute] = {}
+    for item in fields.get(5, []):
+        inner = wire.fields(item)
+        if {6, 10, 11, 14, 15, 21, 22, 23} & inner.keys():
+            raise GraphError(f"holds a network within its operator {operator}")
+        tensor = _read_tensor(wire, _single(inner, 5))[1] if 5 in inner else None
+        name = _text(_single(inner, 1, b""))
+        attributes[name] = _Attribute(
+            _signed(_single(inner, 3, 0)),
+            _whole_numbers(inner.get(8, [])),
+            bytes(_single(inner, 4, b"")),
+            tensor,
+        )
+    return _Node(
+        operator,
+        tuple(_text(value) for value in fields.get(1, [])),
+        tuple(_text(value) for value in fields.get(2, [])),
+        attributes,
+    )
+
+
+# --- sizes ------------------------------------------------------------------------------------------------
+
+
+def _checked(shape: Sequence[int]) -> Shape:
+    """A shape that is one, of a tensor that is not too large."""
+    if any(size < 0 for size in shape) or len(shape) > 16:
+        raise GraphError("holds a tensor without a shape")
+    if math.prod(max(size, 1) for size in shape) > MOST_NUMBERS:
+        raise GraphError(f"needs a tensor of {' x '.join(map(str, shape))} numbers, more than {MOST_NUMBERS}")
+    return tuple(int(size) for size in shape)
+
+
+def _follow(graph: _Graph) -> None:
+    """Work out every tensor in the order of the nodes, which ONNX demands to be that of the computation."""
+    tensors = dict(graph.tensors)
+    tensors |= {name: _Tensor(shape) for name, shape in graph.inputs.items()}
+    costs = _Costs()
+    for node in graph.nodes:
+        inputs: list[_Tensor | None] = []
+        for name in node.inputs:
+            if name and name not in tensors:
+                raise GraphError(f"uses the tensor {name[:60]!r} before it is made")
+            inputs.append(tensors[name] if name else None)
+        try:
+            made = _OPERATORS[node.operator](node, inputs, costs)
+        except GraphError:
+            raise
+        except (ValueError, KeyError, IndexError, AttributeError, ZeroDivisionError) as error:
+            raise GraphError(f"holds an operator {node.operator} whose sizes do not fit") from error
+        for name, tensor in zip(node.outputs, made, strict=False):
+            tensors[name] = _Tensor(_checked(tensor.shape), tensor.value)
+            costs.numbers += math.prod(tensor.shape)
+        if len(node.outputs) > len(made):
+            raise GraphError(f"uses an output of {node.operator} that no policy uses")
+        if costs.products > MOST_PRODUCTS or costs.numbers > MOST_NUMBERS:
+            raise GraphError("takes more than a policy's step may: it would not fit into its 20 ms")
+
+
+Inputs = list[_Tensor | None]
+_Rule = Callable[[_Node, Inputs, _Costs], list[_Tensor]]
+
+
+def _given(inputs: Inputs, index: int) -> _Tensor:
+    tensor = inputs[index]
+    if tensor is None:
+        raise ValueError("an input is missing")
+    return tensor
+
+
+def _known(inputs: Inputs, index: int) -> npt.NDArray[Any]:
+    """Values of an input that decides about sizes."""
+    value = _given(inputs, index).value
+    if value is None:
+        raise GraphError("computes sizes from what the robot measures")
+    return value
+
+
+def _kept(shape: Shape, values: Sequence[Value], function: Callable[[list[Any]], Any]) -> _Tensor:
+    """A tensor, with its values where all that it is made from is known and it is small.
+
+    Args:
+        shape: of the tensor.
+        values: that it is made from.
+        function: of these values, gives its own.
+    """
+    if any(value is None for value in values) or math.prod(shape) > _MOST_KNOWN:
+        return _Tensor(shape)
+    with np.errstate(all="ignore"):
+        return _Tensor(shape, np.asarray(function(list(values))))
+
+
+def _same(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    return [_Tensor(_given(inputs, 0).shape)]
+
+
+def _alike(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    first = _given(inputs, 0)
+    whole = node.operator == "Cast" and node.number("to", 1) in (6, 7)
+    return [_kept(first.shape, [first.value], lambda v: v[0].astype(np.int64) if whole else v[0])]
+
+
+def _broadcast(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    given = [tensor for tensor in inputs if tensor is not None]
+    shape = _checked(np.broadcast_shapes(*(tensor.shape for tensor in given)))
+    function = _ARITHMETIC.get(node.operator)
+    if function is None:
+        return [_Tensor(shape)]
+    return [_kept(shape, [tensor.value for tensor in given], lambda v: function(*v))]
+
+
+def _division(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """As ONNX divides: whole numbers toward zero."""
+    if a.dtype.kind in "iu" and b.dtype.kind in "iu":
+        if (b == 0).any():
+            raise ValueError("division by zero")
+        return np.asarray(np.trunc(a / b)).astype(np.int64)
+    return np.asarray(a / b)
+
+
+_ARITHMETIC: dict[str, Callable[..., Any]] = {
+    "Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": _division,
+    "Equal": np.equal, "Where": np.where,
+}  # fmt: skip
+
+
+def _product(rows: Shape, columns: Shape, costs: _Costs) -> Shape:
+    """Shape of a matrix product as NumPy makes it; its multiplications are counted."""
+    left, right = (1, *rows) if len(rows) == 1 else rows, (*columns, 1) if len(columns) == 1 else columns
+    if not rows or not columns or left[-1] != right[-2]:
+        raise ValueError("shapes do not fit")
+    stack = np.broadcast_shapes(left[:-2], right[:-2])
+    full = _checked((*stack, left[-2], right[-1]))
+    costs.products += math.prod(full) * left[-1]
+    kept = list(full)
+    if len(columns) == 1:
+        kept.pop()
+    if len(rows) == 1:
+        kept.pop(len(stack))
+    return tuple(kept)
+
+
+def _matmul(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    return [_Tensor(_product(_given(inputs, 0).shape, _given(inputs, 1).shape, costs))]
+
+
+def _gemm(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    a, b = _given(inputs, 0).shape, _given(inputs, 1).shape
+    if len(a) != 2 or len(b) != 2:
+        raise ValueError("matrices")
+    a, b = a[::-1] if node.number("transA", 0) else a, b[::-1] if node.number("transB", 0) else b
+    return [_Tensor(_product(a, b, costs))]
+
+
+def _constant(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    (name,) = node.attributes
+    attribute = node.attributes[name]
+    if name == "value" and attribute.tensor is not None:
+        return [attribute.tensor]
+    if name == "value_int":
+        return [_Tensor((), np.array(attribute.number))]
+    if name == "value_ints":
+        return [_Tensor((len(attribute.numbers),), np.array(attribute.numbers, dtype=np.int64))]
+    if name == "value_float":
+        return [_Tensor(())]
+    raise GraphError("holds a constant of a kind that no policy has")
+
+
+def _shape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    if node.attributes:
+        raise GraphError("uses the operator Shape in a form that no policy uses")
+    shape = _given(inputs, 0).shape
+    return [_Tensor((len(shape),), np.array(shape, dtype=np.int64))]
+
+
+def _gather(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data, index = _given(inputs, 0), _given(inputs, 1)
+    axis = _axis(node.number("axis", 0), len(data.shape))
+    shape = _checked((*data.shape[:axis], *index.shape, *data.shape[axis + 1 :]))
+    return [_kept(shape, [data.value, index.value], lambda v: np.take(v[0], v[1].astype(np.int64), axis))]
+
+
+def _axis(axis: int, rank: int) -> int:
+    if not -rank <= axis < rank:
+        raise ValueError("axis")
+    return axis % rank
+
+
+def _axes(node: _Node, inputs: Inputs, default: Sequence[int] = ()) -> tuple[int, ...]:
+    """Axes, which older operators have as an attribute, newer ones as an input."""
+    if "axes" in node.attributes:
+        return node.attributes["axes"].numbers
+    if len(inputs) > 1 and inputs[1] is not None:
+        return tuple(int(value) for value in _known(inputs, 1).reshape(-1))
+    return tuple(default)
+
+
+def _unsqueeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data, axes = _given(inputs, 0), _axes(node, inputs)
+    rank = len(data.shape) + len(axes)
+    places = {_axis(axis, rank) for axis in axes}
+    if rank > 16 or len(places) != len(axes):
+        raise ValueError("axes")
+    sizes = iter(data.shape)
+    shape = tuple(1 if place in places else next(sizes) for place in range(rank))
+    return [_kept(shape, [data.value], lambda v: v[0].reshape(shape))]
+
+
+def _squeeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data = _given(inputs, 0)
+    rank = len(data.shape)
+    places = {
+        _axis(axis, rank) for axis in _axes(node, inputs, [i for i in range(rank) if data.shape[i] == 1])
+    }
+    if any(data.shape[place] != 1 for place in places):
+        raise ValueError("axes")
+    shape = tuple(size for place, size in enumerate(data.shape) if place not in places)
+    return [_kept(shape, [data.value], lambda v: v[0].reshape(shape))]
+
+
+def _concat(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    given = [_given(inputs, index) for index in range(len(inputs))]
+    axis = _axis(node.number("axis", 0), len(given[0].shape))
+    others = {(*tensor.shape[:axis], *tensor.shape[axis + 1 :]) for tensor in given}
+    if len(others) != 1:
+        raise ValueError("shapes do not fit")
+    total = sum(tensor.shape[axis] for tensor in given)
+    shape = _checked((*given[0].shape[:axis], total, *given[0].shape[axis + 1 :]))
+    return [_kept(shape, [tensor.value for tensor in given], lambda v: np.concatenate(v, axis))]
+
+
+def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    shape = _checked([int(size) for size in _known(inputs, 0).reshape(-1)])
+    given = node.attributes["value"].tensor if "value" in node.attributes else None
+    value = np.zeros(1) if given is None else given.value
+    return [_kept(shape, [value], lambda v: np.full(shape, v[0].reshape(-1)[0]))]
+
+
+def _expand(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data = _given(inputs, 0)
+    wanted = _checked([int(size) for size in _known(inputs, 1).reshape(-1)])
+    shape = _checked(np.broadcast_shapes(data.shape, wanted))
+    return [_kept(shape, [data.value], lambda v: np.broadcast_to(v[0], shape))]
+
+
+def _tile(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data, repeats = _given(inputs, 0), [int(count) for count in _known(inputs, 1).reshape(-1)]
+    shape = _checked([size * count for size, count in zip(data.shape, repeats, strict=True)])
+    return [_kept(shape, [data.value], lambda v: np.tile(v[0], repeats))]
+
+
+def _slice(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data = _given(inputs, 0)
+    starts, ends = _known(inputs, 1).reshape(-1), _known(inputs, 2).reshape(-1)
+    axes = _known(inputs, 3).reshape(-1) if len(inputs) > 3 and inputs[3] else np.arange(len(starts))
+    steps = _known(inputs, 4).reshape(-1) if len(inputs) > 4 and inputs[4] else np.ones(len(starts), int)
+    parts = [slice(None)] * len(data.shape)
+    shape = list(data.shape)
+    for start, end, axis, step in zip(starts, ends, axes, steps, strict=True):
+        place = _axis(int(axis), len(shape))
+        low = -data.shape[place] - 1
+        stop: int | None = None if step < 0 and end < low else int(end)
+        parts[place] = slice(int(start), stop, int(step))
+        shape[place] = len(range(*parts[place].indices(data.shape[place])))
+    return [_kept(tuple(shape), [data.value], lambda v: v[0][tuple(parts)])]
+
+
+def _reshape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    data, wanted = _given(inputs, 0), [int(size) for size in _known(inputs, 1).reshape(-1)]
+    if not node.number("allowzero", 0):
+        wanted = [data.shape[place] if size == 0 else size for place, size in enumerate(wanted)]
+    count, rest = math.prod(data.shape), math.prod(size for size in wanted if size != -1)
+    if wanted.count(-1) == 1 and rest > 0 and count % rest == 0:
+        wanted[wanted.index(-1)] = count // rest
+    shape = _checked(wanted)
+    if math.prod(shape) != count:
+        raise ValueError("sizes do not fit")
+    return [_kept(shape, [data.value], lambda v: v[0].reshape(shape))]
+
+
+def _flatten(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    shape, axis = _given(inputs, 0).shape, node.number("axis", 1)
+    axis = axis if axis >= 0 else axis + len(shape)
+    return [_Tensor((math.prod(shape[:axis]), math.prod(shape[axis:])))]
+
+
+def _transpose(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    shape = _given(inputs, 0).shape
+    order = node.attributes["perm"].numbers if "perm" in node.attributes else range(len(shape))[::-1]
+    if sorted(order) != list(range(len(shape))):
+        raise ValueError("perm")
+    return [_Tensor(tuple(shape[place] for place in order))]
+
+
+def _split(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    shape, parts = _given(inputs, 0).shape, len(node.outputs)
+    axis = _axis(node.number("axis", 0), len(shape))
+    if len(inputs) > 1 and inputs[1] is not None:
+        sizes = [int(size) for size in _known(inputs, 1).reshape(-1)]
+    elif "split" in node.attributes:
+        sizes = list(node.attributes["split"].numbers)
+    else:
+        size = -(-shape[axis] // parts)
+        sizes = [min(size, shape[axis] - size * part) for part in range(parts)]
+    if sum(sizes) != shape[axis] or len(sizes) != parts:
+        raise ValueError("split")
+    return [_Tensor((*shape[:axis], size, *shape[axis + 1 :])) for size in sizes]
+
+
+def _reduce(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    shape = _given(inputs, 0).shape
+    places = {_axis(axis, len(shape)) for axis in _axes(node, inputs, range(len(shape)))}
+    if node.number("keepdims", 1):
+        return [_Tensor(tuple(1 if place in places else size for place, size in enumerate(shape)))]
+    return [_Tensor(tuple(size for place, size in enumerate(shape) if place not in places))]
+
+
+_ONE_FOR_ONE = (
+    "Abs Celu Clip Cos Elu Erf Exp Gelu HardSigmoid HardSwish LayerNormalization LeakyRelu Log LogSoftmax "
+    "Mish Neg Not Reciprocal Relu Selu Sigmoid Sign Sin Softmax Softplus Softsign Sqrt Tanh Floor Ceil Round "
+    "BatchNormalization"
+)
+_TOGETHER = (
+    "Add Sub Mul Div Pow Min Max Sum Mean Where Equal Less Greater LessOrEqual GreaterOrEqual And Or PRelu"
+)
+_OPERATORS: dict[str, _Rule] = {
+    **dict.fromkeys(_ONE_FOR_ONE.split(), _same),
+    **dict.fromkeys(("Identity", "Cast"), _alike),
+    **dict.fromkeys(_TOGETHER.split(), _broadcast),
+    **dict.fromkeys(("ReduceMean", "ReduceSum", "ReduceMax", "ReduceMin"), _reduce),
+    "MatMul": _matmul,
+    "Gemm": _gemm,
+    "Constant": _constant,
+    "Shape": _shape,
+    "Gather": _gather,
+    "Unsqueeze": _unsqueeze,
+    "Squeeze": _squeeze,
+    "Concat": _concat,
+    "ConstantOfShape": _filled,
+    "Expand": _expand,
+    "Tile": _tile,
+    "Slice": _slice,
+    "Reshape": _reshape,
+    "Flatten": _flatten,
+    "Transpose": _transpose,
+    "Split": _split,
+}
+OPERATORS = tuple(sorted(_OPERATORS))
+"""Operators that a policy's network may use."""

@@ -1,0 +1,84 @@
+"""Arrays of an npz archive from elsewhere, without NumPy's loader: nothing is unpickled or over-allocated."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import printable, read_bytes
+
+Array = npt.NDArray[Any]
+
+ARCHIVE_LIMIT = 512 << 20
+"""Most bytes that an archive, packed or unpacked, may have."""
+_MOST_MEMBERS = 10_000
+_DAMAGED = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, TypeError, OverflowError,
+    NotImplementedError, RuntimeError, AttributeError, IndexError, SyntaxError, MemoryError, OSError,
+)  # fmt: skip
+
+
+def read_arrays(
+    path: str | os.PathLike[str],
+    names: Collection[str] | None = None,
+    *,
+    wanted: str = "no npz archive",
+    limit: int = ARCHIVE_LIMIT,
+) -> dict[str, Array]:
+    """Arrays of an npz archive by name: numbers, truth values and texts.
+
+    Args:
+        path: the file.
+        names: which ones; those that are not there are left out of the answer. None for all.
+        wanted: completes the sentence that refuses what is no such file.
+        limit: most bytes that the file, and all arrays that are taken from it, may have.
+
+    Raises:
+        SprintlabError: missing, no regular file, no archive, damaged, or larger than ``limit``.
+    """
+    content = read_bytes(path, limit, what="archive")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if len(archive.infolist()) > _MOST_MEMBERS:
+                raise ValueError("too many members")
+            found = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            taken = {name: entry for name, entry in found.items() if names is None or name in names}
+            if sum(entry.file_size for entry in taken.values()) > limit:
+                raise SprintlabError(
+                    f"{printable(path)} unpacks to more than {limit >> 20} MB, the most that is read"
+                )
+            return {name: _array(archive.read(entry)) for name, entry in taken.items()}
+    except _DAMAGED as error:
+        raise SprintlabError(f"{printable(path)} is {wanted}") from error
+
+
+def _array(content: bytes) -> Array:
+    """One member; raises ``ValueError`` and others where it is none."""
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        header = np.lib.format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        header = np.lib.format.read_array_header_2_0(stream)
+    else:
+        raise ValueError(f"version {version} is unknown")
+    shape, fortran, kind = header
+    if kind.kind not in "biufU" or any(size < 0 for size in shape):
+        raise ValueError("no numbers and no text")
+    rest = content[stream.tell() :]
+    count = 1
+    for size in shape:
+        count *= size
+    if count * kind.itemsize != len(rest):
+        raise ValueError("its size is not that of its shape")
+    values = np.frombuffer(rest, dtype=kind) if rest else np.empty(0, dtype=kind)
+    return values.reshape(shape, order="F" if fortran else "C").copy()

@@ -1,0 +1,175 @@
+"""Reading of files that come from elsewhere: regular files of bounded size, refused in one sentence.
+
+A pipe would wait for ever, a device never ends, and a short file can say that it is a long one. Whatever a
+stranger may have written goes through one of these functions.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import sys
+from collections.abc import Callable
+from typing import Any, cast
+
+from sprintlab.core.errors import SprintlabError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+TEXT_LIMIT = 256 << 10
+"""Largest table (TOML) that is read [bytes]."""
+JSON_LIMIT = 64 << 20
+"""Largest JSON file that is read [bytes]."""
+_DEEPEST = 40  # tables within tables
+_WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
+_LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
+
+ErrorType = Callable[[str], SprintlabError]
+
+
+def read_bytes(
+    path: str | os.PathLike[str],
+    limit: int,
+    *,
+    what: str = "file",
+    error: ErrorType = SprintlabError,
+) -> bytes:
+    """Content of a regular file.
+
+    Args:
+        path: of the file; a link to a regular file is followed.
+        limit: most bytes that it may have.
+        what: kind of file, for the sentence.
+        error: class of the error that is raised.
+
+    Raises:
+        SprintlabError: or what ``error`` makes: missing, unreadable, no regular file (a folder, a pipe, a
+            device), or larger than ``limit``.
+    """
+    try:
+        # Asked before it is opened too: to open some devices does something.
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise error(f"cannot read {what} {printable(path)}: it is no regular file")
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise error(f"cannot read {what} {printable(path)}: it is no regular file")
+            content = file.read(limit + 1)
+    except (OSError, ValueError) as reason:  # ValueError: a zero byte in the name
+        said = getattr(reason, "strerror", None) or str(reason)
+        raise error(f"cannot read {what} {printable(path)}: {said}") from reason
+    if len(content) > limit:
+        raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
+    return content
+
+
+def read_text(
+    path: str | os.PathLike[str],
+    limit: int = TEXT_LIMIT,
+    *,
+    what: str = "file",
+    error: ErrorType = SprintlabError,
+) -> str:
+    """Content of a regular file of UTF-8 text; a byte order mark is left out. Raises as ``read_bytes``."""
+    try:
+        return read_bytes(path, limit, what=what, error=error).decode("utf-8-sig")
+    except UnicodeDecodeError as reason:
+        raise error(f"{what} {printable(path)} is no text in UTF-8: {reason.reason}") from reason
+
+
+def read_toml(
+    path: str | os.PathLike[str],
+    *,
+    what: str = "file",
+    error: ErrorType = SprintlabError,
+) -> dict[str, Any]:
+    """Document of a TOML file, whose whole numbers have at most 64 bits, as TOML has them.
+
+    Raises:
+        SprintlabError: or what ``error`` makes: as ``read_bytes``, or not TOML, or nested too deeply.
+    """
+    text = read_text(path, what=what, error=error)
+    try:
+        return parse_toml(text)
+    except ValueError as reason:
+        raise error(f"{what} {printable(path)} is not a TOML file: {reason}") from reason
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """A TOML document; raises ``ValueError`` for anything else, or for what is nested too deeply."""
+    if any(len(line) > _LONGEST_LINE for line in text.splitlines()):
+        raise ValueError(f"a line has more than {_LONGEST_LINE} characters")
+    try:
+        document = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    _check_tree(document, 0)
+    return document
+
+
+def read_json(
+    path: str | os.PathLike[str],
+    limit: int = JSON_LIMIT,
+    *,
+    what: str = "file",
+    error: ErrorType = SprintlabError,
+) -> Any:
+    """Content of a JSON file, whose whole numbers have at most 64 bits.
+
+    Raises:
+        SprintlabError: or what ``error`` makes: as ``read_bytes``, or not JSON, or nested too deeply.
+    """
+    text = read_text(path, limit, what=what, error=error)
+    try:
+        return parse_json(text)
+    except ValueError as reason:
+        raise error(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
+
+
+def parse_json(text: str | bytes) -> Any:
+    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply."""
+    try:
+        return json.loads(text, parse_int=_whole_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def printable(text: object, longest: int = 300) -> str:
+    """Text of a stranger as it may stand on a terminal: no control characters, no turned writing, not long.
+
+    What a terminal would obey instead of show (escape sequences, carriage returns, writing from right to
+    left) appears as its code, e.g. ``\\x1b``.
+    """
+    plain = "".join(
+        sign if sign.isprintable() else sign.encode("unicode_escape").decode()
+        for sign in str(text)[: longest + 1]
+    )
+    return plain if len(plain) <= longest else plain[:longest] + "..."
+
+
+def _check_tree(value: Any, depth: int) -> None:
+    """Refuse whole numbers of more than 64 bits, and what is nested too deeply. Raises ``ValueError``."""
+    if depth > _DEEPEST:
+        raise ValueError("it is nested too deeply")
+    if isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
+        raise ValueError("a whole number has more than 64 bits")
+    children: list[Any] = []
+    if isinstance(value, dict):
+        children = list(cast("dict[str, Any]", value).values())
+    elif isinstance(value, list):
+        children = cast("list[Any]", value)
+    for child in children:
+        _check_tree(child, depth + 1)
+
+
+def _whole_number(digits: str) -> int:
+    if len(digits) > 20 or not -_WHOLE <= int(digits) < 2 * _WHOLE:
+        raise ValueError("a whole number has more than 64 bits")
+    return int(digits)
+
+
+def _size(count: int) -> str:
+    return f"{count >> 20} MB" if count >= 1 << 20 else f"{count >> 10} kB"

@@ -1,0 +1,169 @@
+"""One lap of a standard track in lane 1: time, lane, energy, heat."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, SprintProfile, Track, path_yaw_rate
+from sprintlab.control import Policy
+from sprintlab.core.checks import check_range
+from sprintlab.evaluation.metrics import bus_power
+from sprintlab.evaluation.quantities import json_ready
+from sprintlab.evaluation.results import TrialResult
+from sprintlab.evaluation.trial import TrialRequest, run_course
+from sprintlab.plant import BaseState
+from sprintlab.robots import RobotDescription
+
+_SLOWEST_USEFUL_SHARE = 0.5  # a lap slower than this share of its command is given up
+
+
+@dataclass(frozen=True, kw_only=True)
+class LapResult:
+    """One lap.
+
+    Attributes:
+        distance: length of the lap on the measured line [m].
+        time: from the first non-zero command to the end of the lap [s]; ``nan`` when it was not reached.
+        outward: farthest from the measured line, away from the kerb [m].
+        inward: farthest from the measured line, towards the kerb [m].
+        energy: drawn from the bus until the end of the lap [J].
+        hottest_winding: [degC]; ``None`` where windings do not warm up.
+        trial: the run itself; its hold is the whole run.
+    """
+
+    distance: float
+    time: float
+    outward: float
+    inward: float
+    energy: float
+    hottest_winding: float | None
+    trial: TrialResult
+
+    @property
+    def finished(self) -> bool:
+        """Whether the lap was run to its end."""
+        return math.isfinite(self.time)
+
+    @property
+    def lane_kept(self) -> bool:
+        """Whether the trunk's centre stayed within lane 1: its kerb inside, the next lane's line outside."""
+        return self.inward <= KERB_DISTANCE and self.outward <= LANE_WIDTH - KERB_DISTANCE
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready numbers; what is not defined becomes null."""
+        return json_ready(
+            {
+                "distance_m": self.distance,
+                "time_s": self.time,
+                "finished": self.finished,
+                "lane_kept": self.lane_kept,
+                "farthest_outward_m": self.outward,
+                "farthest_inward_m": self.inward,
+                "energy_J": self.energy,
+                "hottest_winding_degC": self.hottest_winding,
+                "fall_reason": self.trial.fall_reason,
+                "top_speed_command_m_s": self.trial.top_speed,
+                "self_paced": self.trial.self_paced,
+            }
+        )
+
+
+class LapCourse:
+    """Rise and hold until the lap is run, then brake and stand for a second; follows the track.
+
+    The distance counts along the track, so cutting a bend gains what it gains in a race: nothing beyond the
+    shorter way.
+    """
+
+    def __init__(self, track: Track, top_speed: float) -> None:
+        self.track = track
+        self.profile = SprintProfile(top_speed=top_speed)
+        self.finish_time: float | None = None
+        self._tracker = _Progress(track)
+
+    @property
+    def latest_finish(self) -> float:
+        """Who has not run the lap by now has failed [s]."""
+        slowest = self.track.length / (_SLOWEST_USEFUL_SHARE * self.profile.top_speed)
+        return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
+
+    @property
+    def longest(self) -> float:
+        """The run lasts no longer [s]."""
+        return self.profile.end_time(self.latest_finish) + self.profile.stand
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        """Commanded speed [m/s]; ``None`` at the end. Asked once in every policy step."""
+        progress = self._tracker.advance(base.distance, base.lateral_offset)
+        if self.finish_time is None and progress >= self.track.length:
+            self.finish_time = time
+        end = self.latest_finish
+        if self.finish_time is not None:
+            end = self.profile.end_time(self.finish_time) + self.profile.stand
+        return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
+
+    def steer(self, base: BaseState, speed: float) -> float:
+        """Yaw-rate command [rad/s] along the track."""
+        point = self.track.locate(base.distance, base.lateral_offset)
+        return path_yaw_rate(point, base.heading, speed)
+
+
+class _Progress:
+    """Arc length that goes on counting over the start line."""
+
+    def __init__(self, track: Track) -> None:
+        self._track, self._last, self._sum = track, 0.0, 0.0
+
+    def advance(self, x: float, y: float) -> float:
+        now, length = self._track.locate(x, y).progress, self._track.length
+        self._sum += (now - self._last + 0.5 * length) % length - 0.5 * length
+        self._last = now
+        return self._sum
+
+
+def run_lap(
+    policy: Policy, robot: RobotDescription, request: TrialRequest, track: Track | None = None
+) -> LapResult:
+    """Run one lap with the request's command; errors as in ``run_trial``.
+
+    Raises:
+        InvalidValueError: the command is below 1 m/s: the lap would take minutes of simulation.
+    """
+    check_range("lap.top_speed", request.top_speed, 1.0, 30.0, "m/s")
+    course = LapCourse(track or Track(), request.top_speed)
+    trial = run_course(policy, robot, request, course, course.steer)
+    assert trial.trajectory is not None
+    return lap_result(trial, robot, course.track)
+
+
+def lap_result(trial: TrialResult, robot: RobotDescription, track: Track) -> LapResult:
+    """The lap's numbers from a recorded run."""
+    recorded = trial.trajectory
+    assert recorded is not None
+    progress, offset = _along(track, recorded.qpos[:, :2] - recorded.qpos[0, :2])
+    done = progress >= track.length
+    last = int(done.argmax()) if done.any() else len(done) - 1
+    start = float(recorded.time[int((recorded.profile_speed > 0.0).argmax())])
+    duration = float(recorded.time[last] - recorded.time[0])
+    return LapResult(
+        distance=track.length,
+        time=float(recorded.time[last]) - start if done.any() else math.nan,
+        outward=float(np.max(-offset[: last + 1])),
+        inward=float(np.max(offset[: last + 1])),
+        energy=float(bus_power(recorded, robot)[: last + 1].mean()) * duration,
+        hottest_winding=trial.metrics.hottest_winding,
+        trial=trial,
+    )
+
+
+def _along(track: Track, places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Progress [m] and offset [m] ``(T,)`` of places ``(T, 2)`` [m] in the frame of the start."""
+    tracker = _Progress(track)
+    progress = np.array([tracker.advance(x, y) for x, y in places.tolist()])
+    offset = np.array([track.locate(x, y).offset for x, y in places.tolist()])
+    return progress, offset

@@ -1,0 +1,361 @@
+"""The foot on the ground: stiffness and restitution as physical numbers, and how MuJoCo gets to show them.
+
+A foot pad is a spring with a dashpot, ``f = k x + b v`` while that is positive: a foot does not stick. The
+two numbers are those of a drop test: the leg's effective mass hits the floor without gravity, ``stiffness``
+is force over deflection where the deflection is greatest (the dashpot gives nothing there), ``restitution``
+is speed after over speed before.
+
+Why these numbers. Stiffness: a rubber hemisphere of 30 mm radius and a modulus of 1.2 to 5 MPa (Shore A 35 to
+65) pressed with 1 kN, 2.8 body weights of BP2, deflects 7.5 to 19 mm after Hertz: 51 to 133 kN/m.
+Restitution: the square root of the rebound resilience, from 4 % (damping rubber) to 36 % (common compounds).
+
+In MuJoCo a contact's stiffness and damping are per unit of the regularization ``R``, which is ``(1 - d) / d``
+times the inverse mass at the foot for an impedance ``d``, and ``1 / R`` acts as a mass that the contact adds
+to the foot. So ``d`` is chosen for the smallest added mass with which the time step is stable even for the
+lightest foot, and stiffness and damping are given directly. A coarse step and the added mass both shift what
+a drop shows; ``contact_law`` corrects for it.
+"""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_positive, check_range
+
+FloatArray = NDArray[np.float64]
+
+STIFFNESS_BAND = (40e3, 160e3)
+"""Of a foot pad that its maker has not stated [N/m]: the range above, a fifth more to either side."""
+RESTITUTION_BAND = (0.2, 0.6)
+"""Restitution of a foot pad that its maker has not stated [-]."""
+DROP_SPEEDS = (2.0, 4.0)
+"""Speeds of the drop test [m/s]."""
+
+FRICTION_RATIO = 1000.0
+"""MuJoCo's ``impratio``: the normal direction is soft, friction must not be."""
+_FRICTION_RATE = 0.5  # of the slip that a time step may take away; 1 is all of it
+_LIGHTEST_FOOT = 0.15  # [kg] vertical inertia at the foot of a bent leg on its knee spring
+_LEAST_ADDED = 0.02  # of the dropped mass: what MuJoCo's regularization cannot do without
+_SAFETY = 1.1  # above the least added mass at which the time step is stable
+_CORRECTIONS, _RELAXATION, _CLOSE_ENOUGH = 30, 0.7, 0.01
+_PHASES = 16  # where between two time steps a dropped foot touches down
+
+
+@dataclass(frozen=True, kw_only=True)
+class FootContact:
+    """A foot pad on the ground.
+
+    Attributes:
+        stiffness: [N/m], 5e3 to 1e6.
+        restitution: of the leg's effective mass, 0.15 to 0.95 [-].
+
+    Raises:
+        InvalidValueError: a field is out of range.
+    """
+
+    stiffness: float = 80e3
+    restitution: float = 0.4
+
+    def __post_init__(self) -> None:
+        check_range("foot.stiffness", self.stiffness, 5e3, 1e6, "N/m")
+        check_range("foot.restitution", self.restitution, 0.15, 0.95)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping over critical damping that gives ``restitution``: more than for a foot that sticks."""
+        low, high = 0.0, 0.999
+        while high - low > 1e-9:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _restitution(middle) > self.restitution else (low, middle)
+        return low
+
+    def damping(self, mass: float) -> float:
+        """Damping of the pad [N s/m] under a leg of effective ``mass`` [kg]."""
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
+
+
+NOMINAL_FOOT = FootContact()
+"""Of every published number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DropOutcome:
+    """What a drop shows.
+
+    Attributes:
+        stiffness: force over deflection where the deflection is greatest [N/m].
+        restitution: speed after over speed before [-].
+        deflection: the greatest [m].
+        contact_time: from touchdown to the end of the force [s].
+    """
+
+    stiffness: float
+    restitution: float
+    deflection: float
+    contact_time: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactLaw:
+    """Spring, dashpot and added mass with which a time-stepping engine shows a pad's numbers.
+
+    Attributes:
+        stiffness: [N/m]; a number or one an environment, like the others.
+        damping: [N s/m].
+        added_mass: [kg].
+    """
+
+    stiffness: float | FloatArray
+    damping: float | FloatArray
+    added_mass: float | FloatArray
+
+
+def expected_drop(foot: FootContact, mass: float, speed: float) -> DropOutcome:
+    """The drop test in closed form, for any engine to be held against (no gravity, exact integration).
+
+    Args:
+        foot: the pad.
+        mass: that falls [kg].
+        speed: of the fall [m/s].
+    """
+    ratio, frequency = foot.damping_ratio, math.sqrt(foot.stiffness / mass)
+    root = math.sqrt(1.0 - ratio**2)
+    return DropOutcome(
+        stiffness=foot.stiffness,
+        restitution=foot.restitution,
+        deflection=speed / frequency * math.exp(-ratio / root * math.atan2(root, ratio)),
+        contact_time=_contact_angle(ratio) / (frequency * root),
+    )
+
+
+def drop_outcome(
+    timestep: float, deflection: FloatArray, velocity: FloatArray, force: FloatArray
+) -> DropOutcome:
+    """Read a drop's numbers off its course; any engine's.
+
+    Args:
+        timestep: between the samples [s].
+        deflection: of the pad, positive in contact ``(samples,)`` [m].
+        velocity: of the mass, negative downward, at the same instants ``(samples,)`` [m/s].
+        force: on the mass, upward, at the same instants ``(samples,)`` [N].
+    """
+    after = int(np.argmax(velocity >= 0.0))
+    before = after - 1
+    share = -velocity[before] / (velocity[after] - velocity[before])
+    deepest = deflection[before] + share * (deflection[after] - deflection[before])
+    there = force[before] + share * (force[after] - force[before])
+    return DropOutcome(
+        stiffness=float(there / deepest),
+        restitution=float(velocity[-1] / -velocity[0]),
+        deflection=float(deepest),
+        contact_time=float(timestep * np.count_nonzero(force > 0.0)),
+    )
+
+
+def contact_law(foot: FootContact, mass: float, timestep: float) -> ContactLaw:
+    """Spring and dashpot that show ``foot``'s numbers at a time step, on average over the touchdown's phase.
+
+    Args:
+        foot: the pad.
+        mass: the leg's effective mass [kg].
+        timestep: of an engine that takes the force from a step's start (semi-implicit Euler) [s].
+    """
+    check_positive("mass", mass, "kg")
+    check_positive("timestep", timestep, "s")
+    return _contact_law(foot, round(mass, 6), timestep)
+
+
+@lru_cache(maxsize=256)
+def _contact_law(foot: FootContact, mass: float, timestep: float) -> ContactLaw:
+    """Fixed-point iteration on the logarithms of stiffness and damping; the best of its points."""
+    stiff, damped = math.log(foot.stiffness), math.log(foot.damping(mass))
+    first = (stiff, damped)
+    wanted = math.log(foot.restitution)
+    best, least = _stable_law(foot.stiffness, foot.damping(mass), mass, timestep), math.inf
+    for _ in range(_CORRECTIONS):
+        law = _stable_law(math.exp(stiff), math.exp(damped), mass, timestep)
+        bounce, shown = (math.log(max(number, 1e-3)) for number in _stepped_drop(law, mass, timestep))
+        error = math.hypot(bounce - wanted, shown - math.log(foot.stiffness))
+        if error < least:
+            best, least = law, error
+        if error < _CLOSE_ENOUGH:
+            break
+        # Restitution is about exp(-damping): its logarithm grows in proportion to the damping.
+        stiff += _RELAXATION * (math.log(foot.stiffness) - shown)
+        damped += _RELAXATION * math.log(min(max(wanted / min(bounce, -0.05), 0.5), 2.0))
+        stiff, damped = (
+            min(max(now, start - 1.0), start + 1.0) for now, start in zip((stiff, damped), first, strict=True)
+        )
+    return best
+
+
+def _stable_law(stiffness: float, damping: float, mass: float, timestep: float) -> ContactLaw:
+    """The law with the least added mass at which a step is stable for the lightest foot."""
+    needed = _SAFETY * (stiffness * timestep**2 + 2.0 * damping * timestep) / 4.0 - _LIGHTEST_FOOT
+    return ContactLaw(stiffness=stiffness, damping=damping, added_mass=max(_LEAST_ADDED * mass, needed))
+
+
+def _stepped_drop(law: ContactLaw, mass: float, timestep: float) -> tuple[float, float]:
+    """Mean restitution and median stiffness [N/m] of drops with a time step, over the touchdown's phase."""
+    height = (np.arange(_PHASES) + 0.5) / _PHASES * timestep
+    velocity = -np.ones(_PHASES)
+    period = 2.0 * math.pi * math.sqrt((mass + law.added_mass) / law.stiffness)
+    courses = []
+    for _ in range(int(2.0 * period / timestep) + 8):
+        push = (-law.stiffness * height - law.damping * velocity) / (1.0 + law.added_mass / mass)
+        force = np.where(height < 0.0, np.maximum(push, 0.0), 0.0)
+        courses.append((-height, velocity, force))
+        velocity = velocity + timestep * force / mass
+        height = height + timestep * velocity
+    columns = np.array(courses)
+    drops = [drop_outcome(timestep, *columns[:, :, phase].T) for phase in range(_PHASES)]
+    return float(np.mean([d.restitution for d in drops])), float(np.median([d.stiffness for d in drops]))
+
+
+def _restitution(ratio: float) -> float:
+    """Restitution of a spring and dashpot that lets go where its force ends (Schwager and Poeschel 2007)."""
+    return math.exp(-ratio / math.sqrt(1.0 - ratio**2) * _contact_angle(ratio))
+
+
+def _contact_angle(ratio: float) -> float:
+    """Damped angular frequency times the time until the force ends [rad]."""
+    return math.atan2(2.0 * ratio * math.sqrt(1.0 - ratio**2), 2.0 * ratio**2 - 1.0)
+
+
+class PairParameters(NamedTuple):
+    """What MuJoCo wants to know of a pair; each with the law's shape in front."""
+
+    solref: FloatArray
+    solreffriction: FloatArray
+    solimp: FloatArray
+
+
+def pair_parameters(law: ContactLaw, inverse_weight: float, timestep: float) -> PairParameters:
+    """MuJoCo's parameters of a foot's pair with the floor.
+
+    Args:
+        law: of the contact; each field a number or an array.
+        inverse_weight: ``body_invweight0`` (translation) of the foot's body [1/kg].
+        timestep: [s].
+    """
+    added = np.asarray(law.added_mass) * inverse_weight
+    impedance = added / (1.0 + added)
+    # In MuJoCo's direct format the reference acceleration is (solref[1] v + solref[0] x) / d.
+    per_mass = impedance / law.added_mass
+    slip_rate = _FRICTION_RATE / timestep * impedance
+
+    def columns(*values: FloatArray | float) -> FloatArray:
+        return np.stack([np.broadcast_to(value, impedance.shape) for value in values], axis=-1)
+
+    return PairParameters(
+        solref=columns(-law.stiffness * per_mass, -law.damping * per_mass),
+        solreffriction=columns(-1.0, -slip_rate),
+        solimp=columns(impedance, impedance, 0.001, 0.5, 2.0),
+    )
+
+
+def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> None:
+    """Give every explicit pair of a compiled model the contact of ``foot``.
+
+    Args:
+        model: whose pairs are all of a foot and the floor.
+        foot: the pad.
+        mass: the leg's effective mass [kg].
+    """
+    timestep = float(model.opt.timestep)
+    law = contact_law(foot, mass, timestep)
+    for pair in range(model.npair):
+        body = model.geom_bodyid[model.pair_geom2[pair]]
+        parameters = pair_parameters(law, float(model.body_invweight0[body, 0]), timestep)
+        for name, values in parameters._asdict().items():
+            getattr(model, f"pair_{name}")[pair] = values
+
+
+def effective_leg_mass(model: mujoco.MjModel) -> float:
+    """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops.
+
+    Args:
+        model: with explicit pairs of floor and feet, and the keyframe ``stand``.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    inertia, jacobian = np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
+    masses = []
+    for geom in model.pair_geom2:
+        mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
+        vertical = jacobian[2, rigid]
+        masses.append(1.0 / (vertical @ np.linalg.solve(inertia[np.ix_(rigid, rigid)], vertical)))
+    return float(np.mean(masses))
+
+
+def set_friction(model: mujoco.MjModel, friction: float) -> None:
+    """Give all geoms and all pairs of a compiled model one sliding friction coefficient [-]."""
+    model.geom_friction[:, 0] = friction
+    model.pair_friction[:, :2] = friction
+
+
+def drop_model(foot: FootContact, mass: float, timestep: float) -> mujoco.MjModel:
+    """A ball of ``mass`` [kg] with a foot's contact on a floor, without gravity, radius 0.03 m."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity = timestep, (0.0, 0.0, 0.0)
+    set_contact_options(spec)
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
+    ball = spec.worldbody.add_body(name="ball", pos=(0, 0, 0.03), mass=mass, inertia=(1e-3, 1e-3, 1e-3))
+    ball.explicitinertial = True
+    ball.add_freejoint(name="fall")
+    ball.add_geom(name="foot", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.03, 0, 0))
+    add_foot_pair(spec, "foot", 0.8)
+    model = spec.compile()
+    set_foot_contact(model, foot, mass)
+    return model
+
+
+def set_contact_options(spec: mujoco.MjSpec) -> None:
+    """What the feet need of the solver: elliptic cones, friction much stiffer than the normal."""
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = FRICTION_RATIO
+
+
+def add_foot_pair(spec: mujoco.MjSpec, foot: str, friction: float) -> None:
+    """An explicit pair of ``floor`` and a foot: only pairs have a ``solreffriction`` of their own."""
+    pair = spec.add_pair(name=foot, geomname1="floor", geomname2=foot)
+    pair.condim = 3
+    pair.friction[:2] = friction
+
+
+def drop_test(
+    foot: FootContact, mass: float, speed: float, timestep: float, phase: float = 0.5
+) -> DropOutcome:
+    """Drop ``mass`` on the floor in MuJoCo C, without gravity.
+
+    Args:
+        foot: the pad.
+        mass: [kg].
+        speed: [m/s].
+        timestep: [s].
+        phase: of a time step between start and touchdown, 0 to 1.
+    """
+    model = drop_model(foot, mass, timestep)
+    data = mujoco.MjData(model)
+    data.qpos[2] += phase * timestep * speed
+    data.qvel[2] = -speed
+    contact = expected_drop(foot, mass, speed).contact_time
+    course = []
+    for _ in range(int(3.0 * contact / timestep) + 8):
+        mujoco.mj_forward(model, data)
+        course.append((0.03 - data.qpos[2], data.qvel[2], mass * data.qacc[2]))
+        mujoco.mj_step(model, data)
+    return drop_outcome(timestep, *np.array(course).T)

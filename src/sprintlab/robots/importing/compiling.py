@@ -1,0 +1,185 @@
+"""A model file from elsewhere, compiled in a process of its own that may not take long nor much.
+
+A few lines of MJCF can ask for two million bodies, or for a terrain of 40 GB; MuJoCo would try. The process
+has a limit of time, memory and file size, and works in an empty folder; back comes MuJoCo's own binary.
+"""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sprintlab.core.errors import RobotModelError, SprintlabError
+from sprintlab.core.reading import printable, read_text
+
+MODEL_LIMIT = 16 << 20
+"""Largest model file that is read [bytes]."""
+LONGEST = 9.0
+"""Time that the compilation of a model may take [s]."""
+_MEMORY = 6 << 30
+_BINARY = 256 << 20
+_MOST_BODIES = 500
+_ROUNDING = 1e-6  # relative; files are written with six or seven digits
+_READY = "ready"
+_CHILD = (
+    "import sys; sys.path[:] = sys.argv[3:]; from sprintlab.robots.importing import compiling; "
+    "compiling.child(sys.argv[1], sys.argv[2])"
+)
+
+
+def compiled(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """The compiled file, and the links whose inertia had to be corrected for it.
+
+    Raises:
+        RobotModelError: the file cannot be read, MuJoCo refuses it, or it would take longer than ``LONGEST``
+            or more memory than a robot does.
+    """
+    read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
+    with tempfile.TemporaryDirectory(prefix="sprintlab-") as folder:
+        binary = Path(folder) / "model.mjb"
+        answer = _answer(path, binary)
+        if "refused" in answer:
+            raise RobotModelError(f"robot model {path} cannot be used: {printable(answer['refused'])}")
+        try:
+            return mujoco.MjModel.from_binary_path(str(binary)), tuple(answer["corrected"])
+        except (ValueError, KeyError, mujoco.FatalError) as error:
+            raise RobotModelError(f"robot model {path} cannot be used: {printable(error)}") from error
+
+
+def _answer(path: Path, binary: Path) -> dict[str, list[str] | str]:
+    """What the process says: names of corrected links, or why it refuses."""
+    command = [sys.executable, "-c", _CHILD, str(path.resolve()), str(binary), *filter(None, sys.path)]
+    process = subprocess.Popen(
+        command,
+        cwd=binary.parent,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    with process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()  # it has started: a busy machine does not count as a slow model
+            process.wait(timeout=LONGEST)
+            return json.loads(binary.with_suffix(".json").read_bytes())
+        except subprocess.TimeoutExpired:
+            return {"refused": f"it takes more than {LONGEST:g} s to compile"}
+        except (OSError, ValueError):  # it was stopped at a limit, or MuJoCo ended it
+            return {"refused": f"it takes more than {LONGEST:g} s or {_MEMORY >> 30} GB to compile"}
+        finally:
+            process.kill()
+
+
+def child(path: str, binary: str) -> None:
+    """The process's work: compile ``path`` into ``binary``; how it went stands beside it as JSON."""
+    import resource
+
+    print(_READY, flush=True)
+    spent = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
+    for kind, limit in (
+        (resource.RLIMIT_CPU, spent + int(LONGEST)),
+        (resource.RLIMIT_AS, _MEMORY),
+        (resource.RLIMIT_FSIZE, _BINARY),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        resource.setrlimit(kind, (limit, limit))
+    try:
+        model, corrected = _compile(Path(path))
+        if model.nbody > _MOST_BODIES:
+            raise ValueError(f"it has {model.nbody} bodies, more than {_MOST_BODIES}")
+        mujoco.mj_saveModel(model, binary, None)
+        answer: dict[str, list[str] | str] = {"corrected": list(corrected)}
+    except (ElementTree.ParseError, ValueError, SprintlabError, mujoco.FatalError) as error:
+        answer = {"refused": " ".join(str(error).split()) or type(error).__name__}
+    except (MemoryError, RecursionError) as error:
+        answer = {"refused": f"it is larger than a robot ({type(error).__name__})"}
+    Path(binary).with_suffix(".json").write_text(json.dumps(answer), encoding="utf-8")
+    os._exit(0)
+
+
+def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    text = read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise ValueError("it defines entities, which no robot needs")
+    root = ElementTree.fromstring(text)
+    corrected = possible_inertias(root)
+    if root.tag == "robot":
+        spec = mujoco.MjSpec.from_string(_plain_urdf(root))
+    else:
+        spec = mujoco.MjSpec.from_file(str(path))
+    _drop_meshes(spec)
+    return spec.compile(), corrected
+
+
+def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
+    """Raise inertias of a URDF's links that no body can have, in place: published files hold some.
+
+    A body's principal inertias are not negative, and no two add up to less than the third. Where they do, the
+    same amount is added to all three: the least that helps and keeps the axes.
+
+    Returns:
+        Names of the links that were changed.
+
+    Raises:
+        ValueError: an entry is no number.
+    """
+    changed = []
+    for link in root.findall("link"):
+        entries = link.find("inertial/inertia")
+        if entries is None:
+            continue
+        xx, yy, zz, xy, xz, yz = (
+            float(entries.get(name, 0.0)) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        )
+        if not all(abs(value) < 1e12 for value in (xx, yy, zz, xy, xz, yz)):
+            raise ValueError(f"link {link.get('name', '?')} has an inertia that is no finite number")
+        low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        lack = max(high - low - middle, -low)
+        if lack > _ROUNDING * abs(high):
+            for name, value in (("ixx", xx), ("iyy", yy), ("izz", zz)):
+                entries.set(name, repr(float(value + (1.0 + _ROUNDING) * lack)))
+            changed.append(link.get("name", "?"))
+    return tuple(changed)
+
+
+def _plain_urdf(root: ElementTree.Element) -> str:
+    """A URDF without meshes whose links stay apart, so that a foot keeps its name and its mass."""
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
+                link.remove(shape)
+    for joint in root.findall("joint"):
+        if joint.get("type") == "floating":  # the base's: it is found by its legs, and may as well stand
+            joint.set("type", "fixed")
+    for extension in root.findall("mujoco"):
+        root.remove(extension)
+    extension = ElementTree.SubElement(root, "mujoco")
+    # A URDF link without <inertial> weighs nothing: its shapes are not to be weighed as water.
+    settings = {"fusestatic": "false", "balanceinertia": "false", "inertiafromgeom": "false"}
+    ElementTree.SubElement(extension, "compiler", settings)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _drop_meshes(spec: mujoco.MjSpec) -> None:
+    """Take out mesh shapes where the body's inertia does not depend on them, then meshes nobody uses."""
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            if geom.type == mujoco.mjtGeom.mjGEOM_MESH and body.explicitinertial:
+                spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH}
+    for mesh in list(spec.meshes):
+        if mesh.name not in used:
+            spec.delete(mesh)

@@ -1,0 +1,28 @@
+"""The stopwatch of a run: zero while the robot still stands, halted at the finish."""
+
+import numpy as np
+import pytest
+
+from sprintlab.commands import SprintProfile, command_start, race_clock
+
+TIME = np.arange(0.0, 12.0, 0.002)
+
+
+def test_the_clock_leaves_out_the_second_of_standing():
+    speed = SprintProfile(top_speed=12.0).command(TIME)
+    assert command_start(TIME, speed) == pytest.approx(1.0, abs=0.0021)
+    clock = race_clock(TIME, speed, finish=11.24)
+    assert not clock[TIME <= 1.0].any()
+    assert clock[-1] == pytest.approx(10.24, abs=0.0021)
+    assert np.all(np.diff(clock) >= 0.0)
+
+
+def test_a_held_heading_is_no_command_to_move():
+    command = np.zeros((len(TIME), 3))
+    command[:, 2] = 0.01
+    command[1000:, 0] = 1.0
+    assert command_start(TIME, command) == TIME[1000]
+
+
+def test_a_robot_that_is_never_sent_counts_from_the_first_sample():
+    assert command_start(TIME, np.zeros(len(TIME))) == 0.0

@@ -1,0 +1,108 @@
+"""Files from elsewhere: what is no regular file, too large, or no text is refused in one sentence."""
+
+import os
+import zipfile
+
+import numpy as np
+import pytest
+
+from sprintlab.core.archives import read_arrays
+from sprintlab.core.errors import RobotModelError, SprintlabError
+from sprintlab.core.reading import (
+    parse_json,
+    parse_toml,
+    printable,
+    read_bytes,
+    read_json,
+    read_text,
+    read_toml,
+)
+
+
+def test_link_to_a_file_is_followed(tmp_path):
+    (tmp_path / "a").write_text("x = 1\n")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    assert read_toml(tmp_path / "b") == {"x": 1}
+
+
+def test_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(SprintlabError, match="no regular file"):
+        read_bytes(tmp_path / "pipe", 100)
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/", "no such file", "with\0zero"])
+def test_what_is_no_file_is_refused(path):
+    with pytest.raises(RobotModelError, match="cannot read robot"):
+        read_bytes(path, 100, what="robot", error=RobotModelError)
+
+
+def test_larger_than_the_limit(tmp_path):
+    (tmp_path / "a").write_bytes(bytes(101))
+    with pytest.raises(SprintlabError, match="larger than"):
+        read_bytes(tmp_path / "a", 100)
+    assert len(read_bytes(tmp_path / "a", 101)) == 101
+
+
+def test_endless_sparse_file_is_not_read(tmp_path):
+    with open(tmp_path / "a", "wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(SprintlabError, match="larger than"):
+        read_text(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    "text", ["x = " + "1" * 5000, "x = " + "9" * 400, "x = " + "[" * 5000, "x = ", "a." * 100_000 + "a = 1"]
+)
+def test_toml_that_is_none(tmp_path, text):
+    with pytest.raises(ValueError):
+        parse_toml(text)
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(SprintlabError, match="not a TOML file"):
+        read_toml(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("text", ["9" * 5000, "9" * 21, "[" * 100_000, "{", ""])
+def test_json_that_is_none(tmp_path, text):
+    with pytest.raises(ValueError):
+        parse_json(text)
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(SprintlabError, match="not a JSON file"):
+        read_json(tmp_path / "a.json")
+
+
+def test_terminal_codes_are_shown_not_obeyed():
+    assert printable("\x1b[2Jabc\r\n‮") == "\\x1b[2Jabc\\r\\n\\u202e"
+    assert printable("x" * 1000) == "x" * 300 + "..."
+    assert printable("ordinary name, µ") == "ordinary name, µ"
+
+
+def test_arrays_come_back(tmp_path):
+    given = {"a": np.arange(6.0).reshape(2, 3), "b": np.asfortranarray(np.eye(3)), "c": np.array("text")}
+    np.savez_compressed(tmp_path / "a.npz", **given)
+    read = read_arrays(tmp_path / "a.npz", ("a", "b", "c", "d"))
+    assert read.keys() == given.keys()
+    for name, value in given.items():
+        assert np.array_equal(read[name], value) and read[name].dtype == value.dtype
+
+
+def test_objects_are_not_unpickled(tmp_path):
+    np.savez(tmp_path / "a.npz", a=np.array([print], dtype=object))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))
+
+
+def test_bomb_is_refused_before_it_unpacks(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.npy", bytes(3 << 20))
+    with pytest.raises(SprintlabError, match="unpacks to more than"):
+        read_arrays(tmp_path / "a.npz", ("a",), limit=1 << 20)
+
+
+def test_shape_that_claims_40_gigabytes(tmp_path):
+    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
+    text = b"{'descr': '<f4', 'fortran_order': False, 'shape': (10000000000,), }"
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", header + text.ljust(117) + b"\n" + bytes(40))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))

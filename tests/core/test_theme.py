@@ -1,0 +1,52 @@
+"""A figure is written in the format that its name says, or refused before work is done."""
+
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.files import check_figure_path
+from sprintlab.core.theme import LIGHT, save_figure, themed_figure
+
+FIRST_BYTES = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+def drawing():
+    figure, (axis,) = themed_figure(LIGHT, (2.0, 1.5), 1, 1)
+    axis.plot([0.0, 1.0], [1.0, 0.0])
+    axis.set_xlabel("speed [rad/s]")
+    return figure
+
+
+@pytest.mark.parametrize("ending", FIRST_BYTES)
+def test_the_ending_means_the_format(tmp_path, ending):
+    path = tmp_path / f"motor.{ending}"
+    save_figure(path, drawing())
+    assert path.read_bytes().startswith(FIRST_BYTES[ending])
+
+
+def test_capital_endings_are_the_same_formats(tmp_path):
+    save_figure(tmp_path / "motor.PDF", drawing())
+    assert (tmp_path / "motor.PDF").read_bytes().startswith(FIRST_BYTES["pdf"])
+
+
+@pytest.mark.parametrize("ending", ["pdf", "svg"])
+def test_the_same_drawing_gives_the_same_bytes(tmp_path, ending):
+    for name in ("one", "two"):
+        save_figure(tmp_path / f"{name}.{ending}", drawing())
+    assert (tmp_path / f"one.{ending}").read_bytes() == (tmp_path / f"two.{ending}").read_bytes()
+
+
+def test_text_stays_text_in_svg(tmp_path):
+    save_figure(tmp_path / "motor.svg", drawing())
+    assert "speed [rad/s]" in (tmp_path / "motor.svg").read_text()
+
+
+@pytest.mark.parametrize("name", ["motor.jpg", "motor.xyz", "motor"])
+def test_unknown_endings_are_refused(tmp_path, name):
+    with pytest.raises(InvalidValueError, match=r"\.png, \.pdf, \.svg"):
+        check_figure_path(tmp_path / name)
+
+
+def test_a_missing_folder_is_refused_and_not_made(tmp_path):
+    with pytest.raises(InvalidValueError, match="there is no folder"):
+        check_figure_path(tmp_path / "plots" / "motor.png")
+    assert not (tmp_path / "plots").exists()

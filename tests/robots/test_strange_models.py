@@ -1,0 +1,54 @@
+"""Model files that would keep MuJoCo busy for ever, or eat the memory: refused in one sentence, in time."""
+
+import os
+import time
+
+import pytest
+
+from sprintlab.core.errors import RobotModelError
+from sprintlab.robots.importing import compiling, read_source
+
+BODY = '<body name="b"><joint/><geom size="0.1"/></body>'
+STRANGE = {
+    "replicate": f'<mujoco><worldbody><replicate count="2000000" euler="0 0 1">{BODY}</replicate></worldbody>'
+    "</mujoco>",
+    "nested": "<mujoco><worldbody>"
+    + '<replicate count="100" euler="0 0 1">' * 6
+    + BODY
+    + "</replicate>" * 6
+    + "</worldbody></mujoco>",
+    "hfield": '<mujoco><asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'
+    '<worldbody><geom type="hfield" hfield="h"/></worldbody></mujoco>',
+    "texture": '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="200000" '
+    f'height="200000"/></asset><worldbody>{BODY}</worldbody></mujoco>',
+    "laughs": '<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    "<mujoco><worldbody/></mujoco>",
+    "deep": "<mujoco><worldbody>"
+    + '<body pos="0 0 1">' * 20000
+    + "</body>" * 20000
+    + "</worldbody></mujoco>",
+    "include": '<mujoco><include file="pipe"/></mujoco>',
+    "nan": '<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="nan" ixy="0" ixz="0"'
+    ' iyy="1" iyz="0" izz="1"/></inertial></link></robot>',
+    "empty": "",
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_refused_in_time(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(compiling, "LONGEST", 4.0)  # of 9: the test's time, not another way
+    os.mkfifo(tmp_path / "pipe")
+    path = tmp_path / "robot.xml"
+    path.write_text(STRANGE[name], encoding="utf-8")
+    started = time.monotonic()
+    with pytest.raises(RobotModelError) as refusal:
+        read_source(path)
+    assert time.monotonic() - started < 60.0  # the process starts when the machine lets it
+    assert "\n" not in str(refusal.value)
+    assert sorted(os.listdir(tmp_path)) == ["pipe", "robot.xml"]
+
+
+def test_pipe_for_a_model(tmp_path):
+    os.mkfifo(tmp_path / "pipe.xml")
+    with pytest.raises(RobotModelError, match="no regular file"):
+        read_source(tmp_path / "pipe.xml")
