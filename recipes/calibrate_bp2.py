@@ -1,8 +1,8 @@
 """Calibrate the BP2 surrogate: its speed limits over motor, gears, spring and leg, before any training.
 
-    python recipes/calibrate_bp2.py                    about 40 minutes of one core; goes on where it stopped
+    python recipes/calibrate_bp2.py                    about 20 CPU minutes; goes on where it stopped
 
-Every cell is a robot of the family ``sprintlab.robots.surrogate``. Its fastest stride of at most 5.5 Hz with a
+Every cell is a robot of the family ``sprintlab.robots.surrogate``. Its fastest stride of at most 5.5 Hz and a
 duty of at least 0.12 is searched under three motor models: ``refined``, ``simplified-dc`` (no inductance) and
 ``square`` (peak torque at every speed). The grid is walked coarse to fine: few starts everywhere, many where
 the rules may hold. All numbers land in one file, results/speed_limit/bp2.json.
@@ -11,7 +11,6 @@ the rules may hold. All numbers land in one file, results/speed_limit/bp2.json.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -22,12 +21,12 @@ from typing import Any
 
 import numpy as np
 import tyro
-from rich.progress import Progress, track
+from rich.progress import Progress
 
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import no_load_speed
 from sprintlab.robots import RobotDescription
-from sprintlab.robots.surrogate import Surrogate, surrogate_robot
+from sprintlab.robots.surrogate import EDITIONS, Surrogate, surrogate_robot
 from sprintlab.speed_limit import (
     Fastest,
     Runner,
@@ -44,6 +43,18 @@ SETTINGS = SearchSettings(max_stride=5.5, min_duty=0.12)
 SCREEN_STARTS, FINE_STARTS = 1, 8
 STACKS = (1.4, 1.6, 1.8, 2.0)
 HIP_GEARS, KNEE_GEARS = (7.0, 7.5, 8.0, 8.5), (7.0, 8.0, 9.0)
+FINE = (
+    "1.5/7.75/7/800/1",
+    "1.5/8/7/800/1",
+    "1.5/8.25/7/800/1",
+    "1.6/7.75/7/800/1",
+    "1.6/8/7/800/1",
+    "1.6/8/7.5/800/1",
+    "1.6/8.25/7/800/1",
+    "1.7/7.75/7/800/1",
+)
+"""Where the coarse grid says that all rules may just hold."""
+SPRINGS_AND_LEGS = ("1.6/8/7/400/1", "1.6/8/7/1600/1", "1.6/8/7/800/0.95", "1.6/8/7/800/1.05")
 RESULT = Path("results/speed_limit/bp2.json")
 FACTS = ("frequency", "duty", "peak_force", "hip_full", "knee_full", "mechanical_power", "copper_loss")
 
@@ -68,8 +79,7 @@ class Job:
 def key_of(choice: Surrogate) -> str:
     """``stack/hip gear/knee gear/spring/leg``."""
     return "/".join(
-        f"{value:g}"
-        for value in (choice.stack, choice.hip_gear, choice.knee_gear, choice.spring, choice.leg)
+        f"{value:g}" for value in (choice.stack, choice.hip_gear, choice.knee_gear, choice.spring, choice.leg)
     )
 
 
@@ -121,7 +131,10 @@ def joint_facts(robot: RobotDescription) -> dict[str, list[float]]:
     """What the joints of hip and knee can do: peak torque [N m] and no-load speed [rad/s]."""
     peak = runner_from_robot(robot).peak_torque
     speed = np.asarray(no_load_speed(robot.motors, robot.bus_voltage)) / np.asarray(robot.gear.ratio)
-    return {"peak_torque": [round(float(v), 1) for v in peak], "no_load": [round(float(v), 2) for v in speed[1:3]]}
+    return {
+        "peak_torque": [round(float(v), 1) for v in peak],
+        "no_load": [round(float(v), 2) for v in speed[1:3]],
+    }
 
 
 # --- the walk over the grid ---------------------------------------------------------------------------------
@@ -199,3 +212,21 @@ class Calibration:
         text = json.dumps(head, indent=1)[:-2] + ',\n "cells": {\n' + ",\n".join(lines) + "\n}}\n"
         self.path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write_text(self.path, text)
+
+
+def main(workers: int = 2, result: Path = RESULT) -> None:
+    """The whole walk: the grid with one start, the cells at its edge of the rules with eight.
+
+    Args:
+        workers: processes.
+        result: file to go on with and to write.
+    """
+    calibration = Calibration(result, workers)
+    near = sorted(coarse(), key=lambda choice: distance(choice, EDITIONS["bp2"]))
+    calibration.add(near, SCREEN_STARTS)
+    calibration.add([choice_of(key) for key in FINE], FINE_STARTS, lift=True)
+    calibration.add([choice_of(key) for key in SPRINGS_AND_LEGS], FINE_STARTS)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

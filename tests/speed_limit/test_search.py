@@ -47,7 +47,7 @@ def test_facts_describe_a_run(bp2, fastest):
     assert facts.hip_speed < 1.05 and facts.knee_speed < 1.1
 
 
-@pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("gear ratio", 0.5)])
+@pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("bus voltage", 0.7)])
 def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, quantity, factor):
     slower = fastest_stride(scalings(bp2)[quantity](factor), QUICK, near=fastest)
     assert slower.speed < 0.97 * fastest.speed

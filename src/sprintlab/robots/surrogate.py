@@ -12,6 +12,7 @@ legs leave of the total.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -90,6 +91,47 @@ class Surrogate:
         check_range("gear_efficiency", self.gear_efficiency, 0.5, 1.0)
 
 
+_NOMINAL = Surrogate(stack=1.6, hip_gear=8.0, knee_gear=7.0)
+
+EDITIONS: dict[str, Surrogate] = {
+    TEMPLATE: _NOMINAL,
+    "bp2-weak": replace(
+        _NOMINAL,
+        hip_gear=8.24,
+        knee_gear=7.21,
+        spring=800.0 * 1.6,
+        total_mass=38.0,
+        resistance=1.10,
+        inductance=1.15,
+        flux=1.04,
+        peak_torque=0.92,
+        rotor_inertia=1.2,
+        saturation=0.20,
+        gear_efficiency=0.935,
+        leg_inertia=1.2,
+    ),
+    "bp2-strong": replace(
+        _NOMINAL,
+        hip_gear=7.76,
+        knee_gear=6.79,
+        spring=800.0 / 1.6,
+        resistance=0.90,
+        inductance=0.85,
+        flux=0.96,
+        peak_torque=1.08,
+        rotor_inertia=0.8,
+        saturation=0.10,
+        gear_efficiency=0.965,
+        leg_inertia=0.8,
+    ),
+}
+"""The choice, from results/speed_limit/bp2.json by the rules of docs/speed-limit.md, and the two ends.
+
+An end takes every uncertain number to the middle between its nominal value and the end of its stated
+uncertainty, all to the same side at once: about 1.4 times what independent errors of that size add up to.
+"""
+
+
 def surrogate_robot(choice: Surrogate, name: str = TEMPLATE) -> RobotDescription:
     """The robot of a choice; ``name`` is the name it carries."""
     return describe_table(surrogate_table(choice, name))
@@ -98,8 +140,12 @@ def surrogate_robot(choice: Surrogate, name: str = TEMPLATE) -> RobotDescription
 def surrogate_table(choice: Surrogate, name: str = TEMPLATE) -> ParameterTable:
     """Its parameter table: the template's rows with the numbers that follow from the choice."""
     rows = dict(read_table(robot_table_path(TEMPLATE)).rows)
+    nominal = surrogate_values(EDITIONS[TEMPLATE])
     for quantity, value in surrogate_values(choice).items():
-        rows[quantity] = replace(rows[quantity], value=_rounded(value))
+        basis = re.sub(r"stack x [\d.]+", f"stack x {choice.stack:g}", rows[quantity].basis)
+        if name in EDITIONS and _rounded(value) != _rounded(nominal[quantity]):
+            basis += f"; here the {name.rpartition('-')[2]} end"
+        rows[quantity] = replace(rows[quantity], value=_rounded(value), basis=basis)
     return ParameterTable(name=name, rows=rows)
 
 

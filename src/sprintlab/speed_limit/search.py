@@ -90,7 +90,7 @@ class Fastest:
 
     @property
     def spread(self) -> float:
-        """Distance from the best to the third best start [m/s]: what one more run of the search may change."""
+        """From the best to the third best start [m/s]: what one more run of the search may change."""
         ranked = sorted(self.found, reverse=True)
         return ranked[0] - ranked[min(2, len(ranked) - 1)] if ranked else 0.0
 
