@@ -100,7 +100,7 @@ def drive(address: str, minutes: float, speed: float, urgent: bool) -> tuple[Loo
     source = SprintSource(speed, distance=1e9, pace=False)
     controller = Controller(policy, robot, source)
     options = LoopOptions(priority=CONTROLLER_PRIORITY if urgent else None, duration=60.0 * minutes)
-    bus = wait_for_robot(address)
+    bus = wait_for_robot(address, controller.session)
     try:
         with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty()) as progress:
             task = progress.add_task("running", total=60.0 * minutes)
@@ -121,12 +121,12 @@ def quiet(controller: Controller, report: LoopReport) -> None:
     """Show nothing."""
 
 
-def wait_for_robot(address: str) -> Any:
+def wait_for_robot(address: str, session: int) -> Any:
     """The bus, once the robot is on it."""
     deadline = time.monotonic() + 60.0
     while True:
         try:
-            return open_bus(address)
+            return open_bus(address, session=session)
         except BusError:
             if time.monotonic() > deadline:
                 raise

@@ -1,4 +1,4 @@
-"""The methods side by side: the paper's Table II and ours, mean and spread over seeds."""
+"""The methods side by side: the paper's Table II and ours, interquartile means with their intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.results import EstimateBand
-from sprintlab.evaluation.tables import Spread, number_text, spread
+from sprintlab.evaluation.tables import number_text
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import (
     COLLAPSE_SPEED,
@@ -22,6 +22,7 @@ from studies.paper.record import (
     number,
     plain,
 )
+from studies.paper.statistics import Interval, improvement, interquartile_mean
 
 Records = Mapping[str, Sequence[EvaluationRecord]]
 
@@ -35,10 +36,11 @@ class MethodRow:
         seeds: number of policies.
         collapsed: how many of them collapsed.
         max_velocity: raw command [m/s].
+        reference_faster: probability that a seed of the reference method is faster, raw.
         max_velocity_self_paced: [m/s].
         peak_speed: 0.5 s mean, raw [m/s].
         angular_cost: J at the method's own max velocity, raw [rad^2/s].
-        normalized_cost: J over the mean J of the reference method.
+        normalized_cost: J over that of the reference method.
         common_cost: J at the speed that every method's policies passed [rad^2/s].
         sprint_time: raw [s], over the seeds that reached the line.
         sprint_time_self_paced: [s], likewise.
@@ -52,19 +54,20 @@ class MethodRow:
     method: str
     seeds: int
     collapsed: int
-    max_velocity: Spread
-    max_velocity_self_paced: Spread
-    peak_speed: Spread
-    angular_cost: Spread
-    normalized_cost: Spread
-    common_cost: Spread
-    sprint_time: Spread
-    sprint_time_self_paced: Spread
-    cost_of_transport: Spread
-    falls: Spread
+    max_velocity: Interval
+    reference_faster: Interval
+    max_velocity_self_paced: Interval
+    peak_speed: Interval
+    angular_cost: Interval
+    normalized_cost: Interval
+    common_cost: Interval
+    sprint_time: Interval
+    sprint_time_self_paced: Interval
+    cost_of_transport: Interval
+    falls: Interval
     audit_passed: int
     honest: int
-    duty_factor: Spread
+    duty_factor: Interval
 
 
 def collapsed(record: EvaluationRecord) -> bool:
@@ -90,38 +93,55 @@ def method_rows(records: Records, reference: str = REFERENCE_METHOD) -> list[Met
 
     Args:
         records: method name to the evaluations of its seeds.
-        reference: the method whose mean J is 1; ``normalized_cost`` is undefined where it is missing.
+        reference: the method whose J is 1; ``normalized_cost`` is undefined where it is missing.
     """
     running = [record for group in records.values() for record in group]
     common = common_speed(running)
-    unit = spread([record.raw.angular_cost for record in _running(records.get(reference, ()))]).mean
-    return [_row(method, group, unit, common) for method, group in records.items()]
+    unit = interquartile_mean(
+        [record.raw.angular_cost for record in _running(records.get(reference, ()))]
+    ).center
+    fastest = _speeds(records.get(reference, ()))
+    return [_row(method, group, unit, common, fastest) for method, group in records.items()]
+
+
+def _speeds(group: Sequence[EvaluationRecord]) -> list[float]:
+    """Max velocity of every seed, raw [m/s]; 0 of one that collapsed."""
+    return [0.0 if collapsed(record) else record.raw.max_velocity for record in group]
 
 
 def _running(group: Sequence[EvaluationRecord]) -> list[EvaluationRecord]:
     return [record for record in group if not collapsed(record)]
 
 
-def _row(method: str, group: Sequence[EvaluationRecord], unit: float, common: float | None) -> MethodRow:
+def _row(
+    method: str,
+    group: Sequence[EvaluationRecord],
+    unit: float,
+    common: float | None,
+    reference: Sequence[float],
+) -> MethodRow:
     running = _running(group)
     best = [speed for record in running if (speed := record.raw.best) is not None]
     return MethodRow(
         method=method,
         seeds=len(group),
         collapsed=len(group) - len(running),
-        max_velocity=spread([record.raw.max_velocity for record in running]),
-        max_velocity_self_paced=spread([record.self_paced.max_velocity for record in running]),
-        peak_speed=spread([record.raw.peak_speed for record in running]),
-        angular_cost=spread([record.raw.angular_cost for record in running]),
-        normalized_cost=spread([record.raw.angular_cost / unit if unit else math.nan for record in running]),
-        common_cost=spread([_cost_at(record, common) for record in running]),
-        sprint_time=spread([_time(record.sprint) for record in running]),
-        sprint_time_self_paced=spread([_time(record.sprint_self_paced) for record in running]),
-        cost_of_transport=spread([number(speed.cost_of_transport) for speed in best]),
-        falls=spread([speed.falls for speed in best]),
+        max_velocity=interquartile_mean([record.raw.max_velocity for record in running]),
+        reference_faster=improvement(reference, _speeds(group)),
+        max_velocity_self_paced=interquartile_mean([record.self_paced.max_velocity for record in running]),
+        peak_speed=interquartile_mean([record.raw.peak_speed for record in running]),
+        angular_cost=interquartile_mean([record.raw.angular_cost for record in running]),
+        normalized_cost=interquartile_mean(
+            [record.raw.angular_cost / unit if unit else math.nan for record in running]
+        ),
+        common_cost=interquartile_mean([_cost_at(record, common) for record in running]),
+        sprint_time=interquartile_mean([_time(record.sprint) for record in running]),
+        sprint_time_self_paced=interquartile_mean([_time(record.sprint_self_paced) for record in running]),
+        cost_of_transport=interquartile_mean([number(speed.cost_of_transport) for speed in best]),
+        falls=interquartile_mean([speed.falls for speed in best]),
         audit_passed=sum(record.raw.audit_passed for record in running),
         honest=sum(record.honest for record in running),
-        duty_factor=spread([_mean_duty(speed.duty_factor) for speed in best]),
+        duty_factor=interquartile_mean([_mean_duty(speed.duty_factor) for speed in best]),
     )
 
 
@@ -145,6 +165,7 @@ TABLE_COLUMNS = (
     "commands",
     "paper: speed",
     "ours: raw",
+    "sprint faster",
     "ours: self-paced",
     "paper: J_norm",
     "ours: J_norm",
@@ -165,6 +186,7 @@ def table_cells(row: MethodRow) -> tuple[str, ...]:
         "-" if paper is None else paper.commands,
         "-" if paper is None else _paper_text(paper.max_velocity, 1),
         velocity_text(row, row.max_velocity),
+        "-" if row.method == REFERENCE_METHOD else row.reference_faster.text(2),
         velocity_text(row, row.max_velocity_self_paced),
         "-" if paper is None else _paper_text(paper.normalized_cost, 3),
         row.normalized_cost.text(3),
@@ -187,7 +209,7 @@ def _paper_text(value: float | None, digits: int) -> str:
     return "collapse" if value is None else f"{value:.{digits}f}"
 
 
-def velocity_text(row: MethodRow, velocity: Spread) -> str:
+def velocity_text(row: MethodRow, velocity: Interval) -> str:
     """The speed, or that the method collapsed, or how many of its seeds did."""
     if not row.seeds:
         return "-"
@@ -199,7 +221,7 @@ def velocity_text(row: MethodRow, velocity: Spread) -> str:
 
 def order_text(rows: Sequence[MethodRow]) -> str:
     """The methods by max velocity, in the paper and here; empty with fewer than two of ours."""
-    ours = {row.method: row.max_velocity.mean for row in rows if math.isfinite(row.max_velocity.mean)}
+    ours = {row.method: row.max_velocity.center for row in rows if math.isfinite(row.max_velocity.center)}
     paper = {method: speed for method, row in PAPER_TABLE.items() if (speed := row.max_velocity) is not None}
     if len(ours) < 2:
         return ""
@@ -330,7 +352,7 @@ def method_estimates(group: Sequence[EvaluationRecord]) -> tuple[EstimateBand, .
 
 
 def table_numbers(records: Records) -> dict[str, Any]:
-    """The table as JSON-ready values: a mean and a deviation for every number."""
+    """The table as JSON-ready values: an interquartile mean and the ends of its interval for every number."""
     everything = [record for group in records.values() for record in group]
     return {
         "common_speed_m_s": common_speed(everything),
@@ -346,8 +368,8 @@ def _row_numbers(row: MethodRow) -> dict[str, Any]:
         "paper_J_norm": None if paper is None else paper.normalized_cost,
     }
     for name, value in vars(row).items():
-        if isinstance(value, Spread):
-            values[name] = {"mean": plain(value.mean), "deviation": plain(value.deviation)}
+        if isinstance(value, Interval):
+            values[name] = {key: plain(end) for key, end in vars(value).items()}
         elif name != "method":
             values[name] = value
     return values

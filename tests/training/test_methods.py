@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rsl_rl")
 
+from sprintlab.commands import initial_state
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.training.methods import METHODS, method_settings
-from sprintlab.training.settings import PpoSettings, TrainingSettings
+from sprintlab.training.methods import LITERAL_ACS, METHODS, method_settings, paper_rewards, preset_settings
+from sprintlab.training.settings import PpoSettings, RewardSettings, RewardWeight, TrainingSettings
 
 BASE = TrainingSettings(ppo=PpoSettings(steps=7), seed=11)
 
@@ -54,3 +56,55 @@ def test_every_method_has_its_own_digest() -> None:
 def test_an_unknown_method_is_refused_by_name() -> None:
     with pytest.raises(InvalidValueError, match=r"gallop.*sprint"):
         method_settings("gallop")
+
+
+PRINTED = {
+    "vertical_velocity": (-2.0, -2.0), "joint_power": (-1e-6, -1e-6), "action_rate": (-0.01, -0.01),
+    "smoothness": (-0.005, -0.005), "joint_limit": (-10.0, -10.0), "roll_pitch_rate": (-0.02, -0.5),
+    "orientation": (-5.0, -100.0), "base_height": (-10.0, -20.0), "joint_acceleration": (-2.5e-7, -1e-7),
+    "abduction": (-1.0, 0.0), "collision": (-1.0, 0.0), "foot_slip": (0.0, -0.01), "yaw_rate": (0.0, -0.5),
+    "foot_clearance": (-0.2, 0.0), "abduction_mirror": (0.0, -0.5),
+}  # fmt: skip
+"""The paper's Table I, penalties: stage I and stage II, zero where it prints N/A."""
+
+
+def test_the_papers_rewards_are_those_of_its_table_and_no_others() -> None:
+    rewards = paper_rewards()
+    assert (rewards.linear_tracking, rewards.angular_tracking, rewards.progress) == (1.0, 0.5, 0.0)
+    weights = {name: (weight.first, weight.second) for name, weight in rewards.penalties().items()}
+    assert {name: pair for name, pair in weights.items() if pair != (0.0, 0.0)} == PRINTED
+
+
+def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_method() -> None:
+    for name in METHODS:
+        settings = method_settings(name, preset_settings("paper"))
+        assert settings.rewards == paper_rewards() and settings.ppo.quiet_share == 0.0
+        assert settings.episodes.clone_share == settings.episodes.fast_start_share == 0.0
+        assert settings.stages.second_top == 12.0
+    assert preset_settings("sprintlab", BASE) == BASE
+
+
+def test_a_preset_that_decides_the_rewards_refuses_others() -> None:
+    changed_rewards = RewardSettings(orientation=RewardWeight(first=-1.0, second=-1.0))
+    with pytest.raises(InvalidValueError, match=r"settings\.rewards"):
+        preset_settings("paper", TrainingSettings(rewards=changed_rewards))
+    with pytest.raises(InvalidValueError, match=r"preset.*sprintlab.*paper"):
+        preset_settings("table")
+
+
+def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:
+    schedule = method_settings(LITERAL_ACS).schedule
+    random = np.random.default_rng(0)
+    count = 64
+    state = initial_state(count, random.random(count))
+    speed = np.full(count, 3.0)
+    commands = []
+    for _ in range(400):
+        state = schedule.advance(
+            state, speed=speed, dt=0.02, lower=-2.0, upper=12.0, friction=0.8,
+            fresh=np.zeros(count, dtype=bool), random=random.random((count, 8)),
+        )  # fmt: skip
+        commands.append(np.asarray(state.command[:, 0]))
+    given = np.concatenate(commands[20:])
+    assert given.min() >= 2.0 and given.max() <= 4.0 and abs(given.mean() - 3.0) < 0.05
+    assert np.ptp(np.asarray(state.target_speed)) > 3.0  # targets exist, and nobody is drawn to them

@@ -116,3 +116,13 @@ def test_aggregation(mode: str, expected: list[float]) -> None:
     settings = replace(SETTINGS, aggregation=mode, penalty_scale=0.5)
     rate = aggregate(torch.full((2,), 1.5), torch.tensor([-1.0, -4.0]), settings)
     assert rate.tolist() == pytest.approx(expected)
+
+
+def test_bare_squares_are_what_the_paper_prints() -> None:
+    bare = replace(SETTINGS, bare_squares=True)
+    turning = still(angular_velocity=row(0, 0, 3))._replace(command=row(0, 0, 1))
+    assert PENALTIES["yaw_rate"](turning, SETTINGS).item() == pytest.approx(4.0)
+    assert PENALTIES["yaw_rate"](turning, bare).item() == pytest.approx(9.0)
+    high = still(foot_height=row(0.21, 0.11, 0.11, 0.11))
+    assert PENALTIES["foot_clearance"](high, SETTINGS).item() == 0.0
+    assert PENALTIES["foot_clearance"](high, bare).item() == pytest.approx(0.01)

@@ -10,13 +10,26 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from sprintlab.cli.main import main
+from sprintlab.commands import Track, command_start
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import ModelOptions, build_model, load_robot, robot_names
 from sprintlab.viewer.envelope_plot import EnvelopePlot
-from sprintlab.viewer.replay import ReplayText, load_arrays, render_replay, torque_share
+from sprintlab.viewer.replay import (
+    WORLD_RECORDS,
+    ReplayRun,
+    ReplayText,
+    is_lap,
+    load_arrays,
+    render_replay,
+    torque_share,
+)
 
 MISCHIEF = '</script><b>"x" & y'
 GO_TO = "moment => { replay.setPlaying(false); replay.goTo(moment); }"
+
+
+def start_of(arrays):
+    return command_start(arrays["time"], arrays["command"])
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +95,7 @@ def test_browser_computes_the_poses_that_mujoco_computes(tab, page_file, recorde
     middle = len(recorded["time"]) // 8 * 4  # a sample that is a frame of the page
     data.qpos[:] = recorded["qpos"][middle]
     mujoco.mj_kinematics(model, data)
-    tab.evaluate(GO_TO, float(recorded["time"][middle]))
+    tab.evaluate(GO_TO, float(recorded["time"][middle] - start_of(recorded)))
     for leg in robot.leg_names:
         shown = tab.evaluate("name => replay.bodyPosition(name)", f"{leg}_shank")
         assert_allclose(shown, data.body(f"{leg}_shank").xpos, atol=2e-4)
@@ -94,7 +107,7 @@ def test_page_plays_scrubs_and_slows_down(tab, page_file):
     assert tab.locator("#failure").is_hidden()
     tab.click("#play")
     tab.locator("#scrub").fill("0.5")
-    half = tab.evaluate("replay.duration") / 2
+    half = tab.evaluate("replay.start + replay.duration / 2")
     assert tab.evaluate("replay.state.now") == pytest.approx(half, abs=0.02)
     tab.select_option("#rate", "0.1")
     assert tab.evaluate("replay.state.rate") == 0.1
@@ -132,6 +145,68 @@ def test_every_window_shows_numbers_robot_and_knobs_without_a_network(
     assert len(tops) == 1
     assert asked == [page_file.as_uri()]
     context.close()
+
+
+# --- clock and ghosts -----------------------------------------------------------------------------------
+
+
+def shown(tab, name):
+    return float(tab.locator(f"#{name}").text_content())
+
+
+def test_the_clock_starts_with_the_command_and_stops_at_the_finish(tab, recorded, robot, tmp_path):
+    distance = 1.0
+    way = recorded["qpos"][:, 0] - recorded["qpos"][0, 0]
+    reached = float(np.interp(distance, way, recorded["time"])) - start_of(recorded)
+    path = tmp_path / "short.html"
+    path.write_text(render_replay(recorded, robot, ReplayText(title="x", distance=distance)))
+    tab.goto(path.as_uri())
+    tab.wait_for_function("window.replay !== undefined")
+    for moment, clock in ((-0.5, 0.0), (0.5, 0.5), (reached + 1.0, reached)):
+        tab.evaluate(GO_TO, moment)
+        tab.wait_for_function(
+            f"Math.abs(Number(document.getElementById('clock').textContent) - {clock}) < 0.011"
+        )
+    assert shown(tab, "way") == pytest.approx(distance, abs=0.06)
+
+
+@pytest.fixture(scope="module")
+def ghosts(recorded, robot, tmp_path_factory):
+    """The same run against itself, a tenth of a second later, and against the record."""
+    late = {**recorded, "command": recorded["command"].copy()}
+    late["command"][recorded["time"] < start_of(recorded) + 0.1] = 0.0
+    ghost = ReplayRun(arrays=late, robot=robot, name="late")
+    text = ReplayText(title="two", runner="first", distance=1.0)
+    path = tmp_path_factory.mktemp("ghosts") / "ghosts.html"
+    path.write_text(render_replay(recorded, robot, text, [ghost], WORLD_RECORDS[100.0]))
+    return path
+
+
+def test_ghosts_run_on_neighbouring_lanes_with_live_gaps(tab, ghosts, recorded):
+    tab.goto(ghosts.as_uri())
+    tab.wait_for_function("window.replay !== undefined")
+    assert tab.locator("#failure").is_hidden()
+    tab.evaluate(GO_TO, 0.5)
+    places = [np.array(tab.evaluate("who => replay.bodyPosition('trunk', who)", who)) for who in (0, 1)]
+    moments = start_of(recorded) + np.array([0.5, 0.6])
+    expected = [np.interp(moments, recorded["time"], recorded["qpos"][:, axis]) for axis in (0, 1)]
+    assert_allclose([place[0] for place in places], expected[0], atol=2e-3)
+    assert_allclose([places[0][1], places[1][1] + 1.22], expected[1], atol=2e-3)
+    first, second, record = tab.evaluate("replay.gaps()")
+    assert not record.startswith("\u2212"), "at half a second the record leads"
+    behind = [float(text.removeprefix("\u2212").split(" m")[0]) for text in (first, second)]
+    assert behind[0] - behind[1] == pytest.approx(float(expected[0][1] - expected[0][0]), abs=0.11)
+    tab.evaluate(GO_TO, 1e9)
+    assert tab.evaluate("replay.gaps()")[0].endswith(" s")
+
+
+def test_a_run_round_the_track_is_seen_as_one(recorded):
+    assert not is_lap(recorded)
+    track = Track()
+    angle = np.linspace(0.0, np.pi, 50)
+    bend = np.zeros((50, 7))
+    bend[:, 0], bend[:, 1] = track.radius * np.sin(angle), track.radius * (1.0 - np.cos(angle))
+    assert is_lap({"qpos": bend})
 
 
 # --- command ------------------------------------------------------------------------------------------------
@@ -218,3 +293,25 @@ def test_trajectory_of_another_robot_is_refused(recorded, robot):
     shorter = {**recorded, "qpos": recorded["qpos"][:, :-4]}
     with pytest.raises(SprintlabError, match="coordinates"):
         render_replay(shorter, robot, ReplayText(title="x"))
+
+
+def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, capsys):
+    out = tmp_path / "ghosts.html"
+    arguments = [
+        "replay",
+        str(trajectory_file),
+        str(trajectory_file),
+        "--world-record",
+        "--names",
+        "one",
+        "two",
+    ]
+    assert main([*arguments, "--out", str(out), "--json"]) == 0
+    page = out.read_text(encoding="utf-8")
+    assert "one against two against the world record" in page
+    assert json.loads(capsys.readouterr().out)["bytes"] < 1_500_000
+
+
+def test_one_name_for_each_run(trajectory_file, capsys):
+    assert main(["replay", str(trajectory_file), "--names", "one", "two"]) == 2
+    assert "one name for each of 1 runs" in capsys.readouterr().err

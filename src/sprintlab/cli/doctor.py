@@ -16,7 +16,7 @@ from typing import Literal
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
+from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console, styled
 
 State = Literal["ok", "missing", "broken"]
 LEAST_DISK = 1e9
@@ -100,7 +100,7 @@ class Doctor:
 def _print_findings(found: list[Finding]) -> None:
     table = plain_table("sprintlab doctor", "what", "state", "found", "for")
     for finding in found:
-        state = f"[{COLOURS[finding.state]}]{finding.state}[/]"
+        state = styled(f"[{COLOURS[finding.state]}]{finding.state}[/]")
         table.add_row(finding.name, state, finding.found, finding.needed_for)
     console = stdout_console()
     console.print(table)

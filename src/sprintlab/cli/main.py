@@ -17,6 +17,7 @@ import tyro
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
+from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
@@ -26,10 +27,12 @@ from sprintlab.cli.replay import Replay
 from sprintlab.cli.report import Report
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
+from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import printable
 
 REFUSED = 2
 INTERRUPTED = 130
@@ -39,6 +42,7 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
     | Annotated[Run, tyro.conf.subcommand(name="run")]
@@ -90,13 +94,14 @@ def run(arguments: Sequence[str]) -> int:
 
 def one_sentence(error: BaseException) -> str:
     """The message of an error on one line."""
-    return f"sprintlab: {' '.join(str(error).split())}"
+    return f"sprintlab: {printable(' '.join(str(error).split()), longest=2000)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; no expected failure shows a traceback."""
     try:
-        status = run(sys.argv[1:] if arguments is None else arguments)
+        with tidy_termination():
+            status = run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
         return status
     except SprintlabError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from sprintlab.cli.motor_source import ChosenMotor, chosen_motor
-from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.output import plain_table, print_json, stdout_console, styled
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -125,7 +125,7 @@ def _draw(path: Path, chosen: ChosenMotor, operated: OperatingPoints | None) -> 
 def _print(title: str, numbers: dict[str, Any], figure: Path | None) -> None:
     console = stdout_console()
     console.print(_limits_table(title, numbers["rows"]))
-    console.print("[dim]driving torque, braking torque below it; negative speeds mirror both[/]\n")
+    console.print(styled("[dim]driving torque, braking torque below it; negative speeds mirror both[/]\n"))
     console.print(_models_table(numbers))
     console.print()
     console.print(_cost_table(numbers["d_axis_cost"]))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.output import plain_table, print_json, stdout_console, styled
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -140,7 +140,7 @@ def _sources(actuator: LibraryMotor) -> Table:
     table = plain_table(actuator.title, "quantity", "value", "unit", "", "source", numbers=("value",))
     table.columns[-1].overflow = "fold"
     for name, item in actuator.values.items():
-        mark = "[yellow]estimated[/]" if item.estimated else ""
+        mark = styled("[yellow]estimated[/]") if item.estimated else ""
         table.add_row(name, f"{item.value:.5g}", _UNITS[name], mark, item.source)
     return table
 

@@ -9,34 +9,25 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-PIPED_WIDTH = 140  # columns of a table that goes to a file
+from sprintlab.api.tables import PLAIN_WIDTH, PlainConsole
+from sprintlab.api.tables import plain_table as plain_table
+from sprintlab.api.tables import styled as styled
 
 
 def stdout_console() -> Console:
     """A console for results; wide when piped, so that tables keep their columns."""
-    return Console(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False)
+    return PlainConsole(width=None if sys.stdout.isatty() else PLAIN_WIDTH, highlight=False, markup=False)
 
 
 def stderr_console() -> Console:
     """A console for progress and remarks."""
-    return Console(stderr=True, highlight=False)
+    return PlainConsole(stderr=True, highlight=False, markup=False)
 
 
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:
-    """A table with quiet lines; columns named in ``numbers`` are aligned to the right."""
-    table = Table(
-        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0)
-    )
-    for column in columns:
-        table.add_column(column, justify="right" if column in numbers else "left", header_style="dim")
-    return table
 
 
 @contextmanager
@@ -54,7 +45,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], 
     console = stderr_console()
     bar = Progress(
         SpinnerColumn(),
-        TextColumn("{task.description:<34}"),
+        TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
         console=console,

@@ -28,11 +28,13 @@ class Sweep:
     """Train methods x seeds x settings, several at a time; start it again and it goes on.
 
     Every run gets <out>/<method>/seed-<k>/ with checkpoint.pt, log.jsonl, curve.csv, run.json, policy.onnx:
-    what "sprintlab ablate <out>" evaluates. With --vary there is a folder of that kind for each combination.
+    what "python -m studies.paper table <out>" evaluates. With --vary there is a folder of that kind for each
+    combination.
 
     Attributes:
         out: folder of the sweep.
         methods: to train; all six of the paper when left out.
+        preset: sprintlab, or paper: the paper's reward table to the letter.
         seeds: number of seeds a method, from 0.
         set: a setting of every run that differs from the default, e.g. ppo.steps=16.
         vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
@@ -52,6 +54,7 @@ class Sweep:
 
     out: tyro.conf.Positional[Path]
     methods: tuple[str, ...] = ()
+    preset: str = "sprintlab"
     seeds: int = 3
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     vary: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
@@ -80,7 +83,7 @@ class Sweep:
             return 0
         if importlib.util.find_spec("submitit") is None:
             raise SprintlabError(MISSING)
-        from sprintlab.cli.train import require_training
+        from sprintlab.api.training import require_training
         from sprintlab.training.runs.sweep import Sweep as Training
         from sprintlab.training.runs.sweep import summary
 
@@ -113,6 +116,7 @@ class Sweep:
             environments=self.environments,
             device=self.device,
             save_seconds=self.save_seconds,
+            preset=self.preset,
         )
 
     def _cluster(self) -> Cluster:

@@ -26,6 +26,7 @@ Duties of the robot's end, whatever robot it is:
 from __future__ import annotations
 
 import enum
+import secrets
 import struct
 import zlib
 from typing import Any, Protocol, TypeVar
@@ -269,6 +270,11 @@ def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> Mes
         return layout.unpack(content)
     except ValueError as error:
         raise MessageError(f"a {kind.__name__} holds a value that is not defined: {error}") from error
+
+
+def new_session() -> int:
+    """A random number that tells one controller from every other, 1 to 2**64 - 1."""
+    return secrets.randbelow(2**64 - 1) + 1
 
 
 COMMAND_BOUNDS: dict[str, tuple[float, float]] = {

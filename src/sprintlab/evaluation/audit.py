@@ -18,6 +18,8 @@ from sprintlab.evaluation.results import LANE_WIDTH, REST_SPEED, AuditItem, Audi
 CLOCK_ITEM = "stride period from policy clock"
 """Name of the item that marks a gait timed by the policy's clock; other clocks tell whether that matters."""
 
+_ROUNDING = 1e-9  # relative: ten samples of 2 ms are 20 ms
+
 _POSITIVE = (
     "stance_periods",
     "touchdowns_per_stride",
@@ -103,7 +105,8 @@ class _Check:
     def item(self, trials: Sequence[TrialMetrics], limits: AuditThresholds) -> AuditItem:
         value = self._together([self.value(trial, limits) for trial in trials])
         limit = self.limit(limits)
-        missed = value < limit if self.at_least else value > limit
+        slack = _ROUNDING * abs(limit)
+        missed = value < limit - slack if self.at_least else value > limit + slack
         return AuditItem(
             name=self.name,
             value=value,

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import desaturate, torque_limits
+from sprintlab.core.reading import printable
+from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 from sprintlab.robots import RobotDescription
 
@@ -23,6 +23,7 @@ _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envel
 _NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope
 _NEEDED = ("joint_velocity", "joint_torque")
 _CLOUD_FORMAT = 1
+_CLOUD_FACTS = ("robot", "motor_model", "format")
 _CLOUD_MARGIN = 5e-3  # share of the peak torque: clouds are kept in half precision
 _CLOUD_SHAPES = {
     "time": "T",
@@ -86,8 +87,12 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         InvalidValueError: no joint was chosen, or a value is not finite.
     """
     wanted = f"no recorded trajectory: it must be the trajectory.npz of a race, with {' and '.join(_NEEDED)}"
-    with _archive(path, wanted) as archive:
-        arrays = {name: np.asarray(archive[name], dtype=float) for name in _NEEDED}
+    arrays = _floats(path, read_arrays(path, _NEEDED, wanted=wanted), _NEEDED, wanted)
+    shape = arrays[_NEEDED[0]].shape
+    if len(shape) != 2 or any(array.shape != shape for array in arrays.values()) or not all(shape):
+        raise SprintlabError(f"{path} is {wanted}")
+    if joints and not 0 <= min(joints) <= max(joints) < shape[1]:
+        raise SprintlabError(f"{path} holds {shape[1]} joints: it is another robot's")
     if not joints:
         raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
     speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
@@ -96,16 +101,13 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
     return OperatingPoints(speed=speed, torque=torque)
 
 
-@contextmanager
-def _archive(path: Path, wanted: str) -> Generator[Any]:
-    """Arrays of a file by name; ``wanted`` completes the sentence that refuses what is not such a file."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            yield archive
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise SprintlabError(f"{path} is {wanted}") from error
+def _floats(
+    path: Path, found: dict[str, NDArray[Any]], names: Sequence[str], wanted: str
+) -> dict[str, FloatArray]:
+    """The named arrays as doubles; refuses where one is missing or holds texts."""
+    if any(name not in found or found[name].dtype.kind not in "biuf" for name in names):
+        raise SprintlabError(f"{path} is {wanted}")
+    return {name: found[name].astype(float) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +141,8 @@ class TrainingCloud:
 
     def motor_torque(self, robot: RobotDescription) -> FloatArray:
         """Motor torque before saturation ``(T, n, 12)`` [N m], as recorded runs have it."""
-        gain = np.asarray(robot.gear.ratio) * np.asarray(robot.gear.efficiency) * self.motor_strength
-        return np.asarray(desaturate(robot.motors, self.joint_torque / gain))
+        shaft = shaft_torque(robot.gear, self.joint_torque / self.motor_strength, self.joint_velocity)
+        return np.asarray(desaturate(robot.motors, shaft))
 
     def impossible(self, robot: RobotDescription) -> NDArray[np.bool_]:
         """Where the refined model, at the robot's own bus and resistance, forbids it ``(T, n, 12)``."""
@@ -162,12 +164,12 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     """
     needed = ", ".join((*_CLOUD_SHAPES, "robot", "motor_model", "format"))
     wanted = f"no cloud of a training, or is damaged: it must be the cloud.npz of a run, with {needed}"
-    with _archive(path, wanted) as archive:
-        arrays: dict[str, NDArray[Any]] = {
-            name: np.asarray(archive[name], dtype=float) for name in _CLOUD_SHAPES
-        }
-        robot, motor_model = str(archive["robot"]), str(archive["motor_model"])
-        version = int(archive["format"])
+    found = read_arrays(path, (*_CLOUD_SHAPES, *_CLOUD_FACTS), wanted=wanted)
+    arrays = _floats(path, found, tuple(_CLOUD_SHAPES), wanted)
+    if any(name not in found or found[name].size != 1 for name in _CLOUD_FACTS):
+        raise SprintlabError(f"{path} is {wanted}")
+    robot, motor_model, version = (found[name].item() for name in _CLOUD_FACTS)
+    robot, motor_model = printable(robot, 80), printable(motor_model, 80)
     if version != _CLOUD_FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
     _check_cloud(path, arrays)

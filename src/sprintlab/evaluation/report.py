@@ -81,7 +81,7 @@ def make_pictures(
     Raises:
         SimulationError: a trajectory is missing or holds NaN.
     """
-    return draw_pictures(_plan(result, robot), progress)
+    return draw_pictures(planned_figures(result, robot), progress)
 
 
 def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: None) -> tuple[Picture, ...]:
@@ -101,6 +101,7 @@ def render_report(
     facts: Sequence[tuple[str, str]] = (),
     video: bytes | None = None,
     video_message: str = "",
+    replay: str = "",
 ) -> str:
     """The HTML text: everything inside, nothing loaded from elsewhere.
 
@@ -111,6 +112,7 @@ def render_report(
         facts: name and value pairs that say how to repeat it (command, versions, policy).
         video: MP4 file, embedded when given.
         video_message: one line that stands where the video would, when there is none.
+        replay: name of the interactive page beside the report; no link when left out.
     """
     return page_template("report.html.j2").render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
@@ -130,10 +132,11 @@ def render_report(
         facts=[*facts, *(("note", note) for note in result.notes)],
         video=None if video is None else _base64(video),
         video_message=video_message,
+        replay=replay,
     )
 
 
-def _plan(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
+def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
     """Every figure in the order of the report."""
     raw, paced = representative(result.raw), representative(result.self_paced)
     yield (

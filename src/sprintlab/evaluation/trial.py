@@ -15,10 +15,11 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.audit import AuditThresholds, audit_trials
 from sprintlab.evaluation.clock import PolicyClock
+from sprintlab.evaluation.disturbances import Disturbances
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
-from sprintlab.plant import BaseState, Plant, PlantOptions, TrialSettings
+from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
 PACE_WINDOW = 1.0
@@ -33,7 +34,7 @@ class TrialRequest:
 
     Attributes:
         top_speed: v* of the profile [m/s].
-        settings: friction, payload, initial joint noise.
+        settings: what differs from trial to trial: friction, payload, noise, pushes and the like.
         self_paced: hold the command within 1 m/s of the measured speed.
         distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
         hold: duration of the profile's hold [s].
@@ -191,7 +192,7 @@ def _simulate(
 def _drive(
     policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course, steering: Steering
 ) -> _Run:
-    plant = Plant(robot, request.plant, request.settings)
+    plant = open_plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
     # The last action's period, drawn long, may reach past the end.
@@ -206,6 +207,7 @@ def _drive(
         motor_rate=request.plant.motor_rate,
     )
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
+    disturbances = Disturbances(robot, request.settings, request.plant.motor_rate)
     upright = True
     while upright:
         base = plant.base_state()
@@ -214,9 +216,12 @@ def _drive(
             break
         recorder.profile_speed = asked
         recorder.command = _command(asked, base, request.self_paced, steering)
-        targets = runtime.step(plant.measurement(), recorder.command)
+        targets = runtime.step(disturbances.measured(plant.measurement()), recorder.command)
         recorder.estimate = runtime.last_estimate
-        upright = plant.advance(np.asarray(targets, dtype=float), next(periods), recorder)
+        period = next(periods)
+        disturbances.push(plant, period)
+        for held, steps in disturbances.delivered(np.asarray(targets, dtype=float), period):
+            upright = upright and plant.advance(held, steps, recorder)
     return _Run(
         trajectory=recorder.trajectory(),
         fall_reason=plant.fall_reason,

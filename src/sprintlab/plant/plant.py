@@ -36,6 +36,9 @@ from sprintlab.robots import (
 
 FloatArray = NDArray[np.float64]
 
+ENGINES = ("mujoco", "drake")
+"""Physics engines that a robot can be measured in."""
+
 _LOWEST_UPRIGHT = math.cos(math.radians(60.0))
 _FALLS = ("", "trunk contact", "knee contact")
 
@@ -45,6 +48,8 @@ class PlantOptions:
     """How the robot is simulated.
 
     Attributes:
+        engine: ``"mujoco"`` for every published number, or ``"drake"``, the second engine (``on_engine`` sets
+            the time step that suits it).
         timestep: physics step [s]; a whole number of them makes one motor step. A running robot's feet come
             down at several m/s: with 1 ms steps and the stiffest contact they allow (2 ms) they sink 11 mm,
             with 0.25 ms and 0.5 ms less than 3 mm.
@@ -64,6 +69,7 @@ class PlantOptions:
         InvalidValueError: a field is out of range, or the rates do not divide.
     """
 
+    engine: str = "mujoco"
     timestep: float = 0.00025
     motor_rate: float = 1000.0
     record_rate: float = 500.0
@@ -78,6 +84,7 @@ class PlantOptions:
     winding_temperature: float = 25.0
 
     def __post_init__(self) -> None:
+        check_choice("plant.engine", self.engine, ENGINES)
         check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
         check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
         check_range("plant.drag_area", self.drag_area, 0.0, 2.0, "m^2")
@@ -93,6 +100,8 @@ class PlantOptions:
     def remarks(self) -> tuple[str, ...]:
         """One remark for each choice of drive that makes numbers differ from the published ones."""
         remarks: list[str] = []
+        if self.engine != "mujoco":
+            remarks.append(f"engine: {self.engine}")
         if self.motor_model != "refined":
             remarks.append(f"motor model: {self.motor_model}")
         if self.battery is not None:
@@ -176,7 +185,8 @@ class Plant:
     Args:
         robot: what to simulate.
         options: how.
-        settings: friction, payload and initial joint noise of this trial.
+        settings: friction, payload, centre of mass, strength and initial joint noise of this trial; whoever
+            steps the plant sees to its other fields.
 
     Raises:
         RobotModelError: the robot's model does not compile.
@@ -186,6 +196,7 @@ class Plant:
         self.robot = robot
         self.options = options
         self.fall_reason = ""
+        self._strength = settings.strength
         self.model = build_model(robot, options.model_options())
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
@@ -206,6 +217,10 @@ class Plant:
     def time(self) -> float:
         """Simulated time [s]."""
         return float(self.data.time)
+
+    def push(self, change: FloatArray) -> None:
+        """Change the trunk's velocity at once by ``(2,)`` along the world's x and y [m/s]."""
+        self._velocity[:2] += change
 
     def measurement(self) -> Measurement:
         """What the robot's own sensors say now: gyro, gravity direction, encoders on the motor side.
@@ -280,6 +295,8 @@ class Plant:
             What the motors gave.
         """
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
+        if self._strength != 1.0:
+            drive = drive._replace(torque=self._strength * drive.torque)
         self.data.ctrl[:] = drive.torque
         self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self.options.drag_area)
         self._begin_step()
@@ -308,7 +325,7 @@ class Plant:
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
         position = self._position[self._joint_position]
-        if np.all((position > self._free_lower) & (position < self._free_upper)):
+        if ((position > self._free_lower) & (position < self._free_upper)).all():
             torque = 0.0
         else:
             velocity = self._velocity[self._joint_velocity]
@@ -330,7 +347,9 @@ class Plant:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         set_friction(model, settings.friction)
         # The payload sits at the trunk's centre of mass, so its moments of inertia stay.
-        model.body_mass[model.body("trunk").id] += settings.payload
+        trunk = model.body("trunk").id
+        model.body_mass[trunk] += settings.payload
+        model.body_ipos[trunk] += settings.center_of_mass
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def _bind(self) -> None:

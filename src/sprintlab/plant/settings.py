@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sprintlab.core.checks import check_range
+import numpy as np
+
+from sprintlab.core.checks import check_positive, check_range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,6 +18,13 @@ class TrialSettings:
         joint_noise: half-width of the uniform initial joint noise [rad], 0 to 0.3.
         friction: sliding friction of feet and floor, 0.1 to 2.
         payload: mass added to the trunk [kg], -5 to 20.
+        center_of_mass: shift of the trunk's centre of mass, forward, left, up [m], each -0.2 to 0.2.
+        strength: torque that the drives deliver over what their currents should give, 0.5 to 1.5.
+        delay: from the policy's reading to the joints' new targets [s], 0 to 0.02; in whole motor steps.
+        joint_offset: half-width of the errors of the encoders' zeros, drawn once a trial [rad], 0 to 0.2.
+        sensor_noise: uniform noise on each reading, over that of ``SENSOR_NOISE``, 0 to 10.
+        push_speed: by which a push changes the trunk's velocity, in a random direction [m/s], 0 to 5.
+        push_interval: mean time between two pushes [s].
 
     Raises:
         InvalidValueError: a field is outside its range.
@@ -25,9 +34,23 @@ class TrialSettings:
     joint_noise: float = 0.0
     friction: float = 0.85
     payload: float = 0.0
+    center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    strength: float = 1.0
+    delay: float = 0.0
+    joint_offset: float = 0.0
+    sensor_noise: float = 0.0
+    push_speed: float = 0.0
+    push_interval: float = 3.0
 
     def __post_init__(self) -> None:
         check_range("trial.seed", self.seed, 0, 2**32 - 1)
         check_range("trial.joint_noise", self.joint_noise, 0.0, 0.3, "rad")
         check_range("trial.friction", self.friction, 0.1, 2.0)
         check_range("trial.payload", self.payload, -5.0, 20.0, "kg")
+        check_range("trial.center_of_mass", np.asarray(self.center_of_mass), -0.2, 0.2, "m")
+        check_range("trial.strength", self.strength, 0.5, 1.5)
+        check_range("trial.delay", self.delay, 0.0, 0.02, "s")
+        check_range("trial.joint_offset", self.joint_offset, 0.0, 0.2, "rad")
+        check_range("trial.sensor_noise", self.sensor_noise, 0.0, 10.0)
+        check_range("trial.push_speed", self.push_speed, 0.0, 5.0, "m/s")
+        check_positive("trial.push_interval", self.push_interval, "s")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import read_json
 from sprintlab.motors import Gear, copper_loss, desaturate
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
@@ -341,14 +342,14 @@ def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
     found = []
     for path in sorted([*folder.rglob("result.json"), *folder.rglob("evaluation.json")]):
         try:
-            result = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            result = read_json(path)
+            ours = isinstance(result, dict) and result.get("robot") == robot
+            speed = _held_speed(result) if ours else None
+        except (SprintlabError, AttributeError, TypeError):
             continue
-        if isinstance(result, dict) and result.get("robot") == robot:
-            speed = _held_speed(result)
-            if speed is not None:
-                policy = str(result.get("policy", result.get("method")))
-                found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
+        if speed is not None:
+            policy = str(result.get("policy", result.get("method")))
+            found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
     best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
     return tuple(sorted(best.values(), key=lambda item: -item.speed))
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import base64
 import json
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -24,7 +23,9 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from numpy.typing import NDArray
 
-from sprintlab.core.checks import check_range
+from sprintlab.commands import Track, command_start
+from sprintlab.core.archives import read_arrays
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import electrical_power
@@ -37,6 +38,9 @@ FRAME_RATE = 125.0
 """Frames a second in the page [Hz]; between them it interpolates."""
 
 JOINT_ARRAYS = ("joint_velocity", "motor_torque", "torque_lower", "torque_upper")
+COLORS = ("#0b6bcb", "#d9480f", "#0e9384", "#7a5af8", "#b45309", "#be185d")
+"""Of the runs, in the order of their lanes."""
+PACE_COLOR = "#d4a72c"
 NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
@@ -47,10 +51,66 @@ class ReplayText:
     Attributes:
         title: heading of the page.
         subtitle: one line below it.
+        distance: where the clock stops [m].
+        runner: name of the first run where it runs against others; the robot's when left out.
+
+    Raises:
+        InvalidValueError: the distance is not positive.
     """
 
     title: str
     subtitle: str = ""
+    distance: float = 100.0
+    runner: str = ""
+
+    def __post_init__(self) -> None:
+        check_positive("replay.distance", self.distance, "m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayRun:
+    """One recorded run of a page.
+
+    Attributes:
+        arrays: of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
+        robot: the robot that ran.
+        name: what the page calls it where it runs against others.
+    """
+
+    arrays: Mapping[str, Array]
+    robot: RobotDescription
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pace:
+    """A pace that nobody recorded, as a runner on a lane of its own.
+
+    Attributes:
+        name: what the page calls it.
+        splits: time since the start [s] and way [m], ``(n, 2)``, both rising.
+    """
+
+    name: str
+    splits: Sequence[tuple[float, float]]
+
+
+WORLD_RECORDS = {
+    100.0: Pace(
+        name="world record, 9.58 s",
+        splits=tuple(
+            zip(
+                (0.0, 0.146, 1.89, 2.88, 3.78, 4.64, 5.47, 6.29, 7.10, 7.92, 8.75, 9.58),
+                (0.0, 0.0, *range(10, 110, 10)),
+                strict=True,
+            )
+        ),
+    ),
+    400.0: Pace(name="world record, 43.03 s, even pace", splits=((0.0, 0.0), (43.03, 400.0))),
+}
+"""By distance [m]: the men's records. 100 m: Bolt, Berlin 2009, reaction 0.146 s, ten-metre splits of the
+biomechanical analysis (Graubner & Nixdorf, New Studies in Athletics 26:1/2, 2011); 400 m: van Niekerk, Rio de
+Janeiro 2016, of which the page knows the time only."""
 
 
 def load_arrays(path: Path) -> dict[str, Array]:
@@ -60,14 +120,11 @@ def load_arrays(path: Path) -> dict[str, Array]:
         SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples, or an array
             does not fit the others or holds what is no number.
     """
-    try:
-        with np.load(path) as archive:
-            missing = [name for name in NEEDED_ARRAYS if name not in archive]
-            arrays = {name: archive[name] for name in NEEDED_ARRAYS if name in archive}
-    except FileNotFoundError:
-        raise SprintlabError(f"{path} does not exist; a race writes it") from None
-    except (OSError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SprintlabError(f"{path} is no trajectory: it cannot be read as an npz archive") from error
+    if not path.exists():
+        raise SprintlabError(f"{path} does not exist; a race writes it")
+    wanted = "no trajectory: it cannot be read as an npz archive"
+    arrays = read_arrays(path, NEEDED_ARRAYS, wanted=wanted)
+    missing = [name for name in NEEDED_ARRAYS if name not in arrays]
     if missing:
         raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
     if arrays["time"].size < 2:
@@ -91,7 +148,14 @@ def _check_array(path: Path, name: str, values: Array, samples: int) -> None:
         raise SprintlabError(f"{path} is no trajectory: {name} holds what is no finite number")
 
 
-def write_replay(path: Path, arrays: Mapping[str, Array], robot: RobotDescription, text: ReplayText) -> None:
+def write_replay(
+    path: Path,
+    arrays: Mapping[str, Array],
+    robot: RobotDescription,
+    text: ReplayText,
+    ghosts: Sequence[ReplayRun] = (),
+    pace: Pace | None = None,
+) -> None:
     """Write the page.
 
     Args:
@@ -99,16 +163,72 @@ def write_replay(path: Path, arrays: Mapping[str, Array], robot: RobotDescriptio
         arrays: of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
         robot: the robot that ran.
         text: what the page says about it.
+        ghosts: further runs, each on the next lane; all clocks start with the first command.
+        pace: a pace on the last lane.
 
     Raises:
         SprintlabError: the trajectory is another robot's, or the file cannot be written.
     """
-    atomic_write_text(path, render_replay(arrays, robot, text))
+    atomic_write_text(path, render_replay(arrays, robot, text, ghosts, pace))
 
 
-def render_replay(arrays: Mapping[str, Array], robot: RobotDescription, text: ReplayText) -> str:
+def render_replay(
+    arrays: Mapping[str, Array],
+    robot: RobotDescription,
+    text: ReplayText,
+    ghosts: Sequence[ReplayRun] = (),
+    pace: Pace | None = None,
+) -> str:
     """The page as HTML text; arguments and errors as for ``write_replay``."""
-    model = build_model(robot, ModelOptions(visuals=True))
+    runs = (ReplayRun(arrays=arrays, robot=robot, name=text.runner or robot.name), *ghosts)
+    robots: dict[str, RobotDescription] = {run.robot.name: run.robot for run in runs}
+    models = {name: build_model(one, ModelOptions(visuals=True)) for name, one in robots.items()}
+    lap = any(is_lap(run.arrays) for run in runs)
+    scene = {
+        "course": "lap" if lap else "straight",
+        "distance": text.distance,
+        "models": [_model(models[name], one) for name, one in robots.items()],
+        "runs": [
+            {
+                "name": run.name,
+                "color": COLORS[index % len(COLORS)],
+                "model": list(robots).index(run.robot.name),
+                **_run(run, models[run.robot.name], text.distance, lap),
+            }
+            for index, run in enumerate(runs)
+        ],
+        "pace": None if pace is None else _pace(pace),
+    }
+    # No text inside may end the script element it stands in.
+    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    folder = resources.files("sprintlab.viewer") / "templates"
+    template = _environment().from_string((folder / "replay.html.j2").read_text(encoding="utf-8"))
+    script = (folder / "replay.js").read_text(encoding="utf-8")
+    return template.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
+
+
+def is_lap(arrays: Mapping[str, Array]) -> bool:
+    """Whether a run went round a track: it came more than 30 m away from the line of its start."""
+    return bool(np.abs(arrays["qpos"][:, 1] - arrays["qpos"][0, 1]).max() > 30.0)
+
+
+def _model(model: mujoco.MjModel, robot: RobotDescription) -> dict[str, Any]:
+    """What all runs of one robot share: tree, meshes, names of the joints."""
+    return {
+        "names": [name.replace("_", " ") for name in robot.joint_names],
+        "coordinates": int(model.nq),
+        "bodies": _bodies(model),
+        **_packed_surfaces(robot_surfaces(model), _body_numbers(model)),
+    }
+
+
+def _run(run: ReplayRun, model: mujoco.MjModel, distance: float, lap: bool) -> dict[str, Any]:
+    """One run, its clock counted from its first command.
+
+    Raises:
+        SprintlabError: the trajectory is another robot's.
+    """
+    arrays, robot = run.arrays, run.robot
     if arrays["qpos"].shape[1] != model.nq:
         raise SprintlabError(
             f"the trajectory has {arrays['qpos'].shape[1]} coordinates, robot {robot.name} has {model.nq}: "
@@ -119,18 +239,42 @@ def render_replay(arrays: Mapping[str, Array], robot: RobotDescription, text: Re
             joints = f"{arrays[name].shape[1]} joints, robot {robot.name} has {len(robot.joint_names)}"
             raise SprintlabError(f"{name} of the trajectory has {joints}")
     frames = _frames(arrays["time"])
-    scene = {
-        "names": [name.replace("_", " ") for name in robot.joint_names],
-        "bodies": _bodies(model),
-        **_packed_surfaces(robot_surfaces(model), _body_numbers(model)),
-        **_recording({name: values[frames] for name, values in arrays.items()}, robot),
+    start = command_start(arrays["time"], arrays["command"])
+    way = _way(arrays["qpos"], lap)
+    kept = {name: values[frames] for name, values in arrays.items() if name in NEEDED_ARRAYS}
+    kept["time"] = kept["time"] - start
+    return {
+        "finish": _finish(arrays["time"] - start, way, distance),
+        "way": _packed(way[frames], np.float32),
+        **_recording(kept, robot),
     }
-    # No text inside may end the script element it stands in.
-    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    folder = resources.files("sprintlab.viewer") / "templates"
-    template = _environment().from_string((folder / "replay.html.j2").read_text(encoding="utf-8"))
-    script = (folder / "replay.js").read_text(encoding="utf-8")
-    return template.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
+
+
+def _way(qpos: Array, lap: bool) -> Array:
+    """Way of the base along the track ``(T,)`` [m], zero at its first sample."""
+    if not lap:
+        return qpos[:, 0] - qpos[0, 0]
+    track = Track()
+    places = (qpos[:, :2] - qpos[0, :2]).tolist()
+    progress = np.array([track.locate(x, y).progress for x, y in places])
+    way = np.unwrap(progress, period=track.length)
+    return way - way[0]
+
+
+def _finish(time: Array, way: Array, distance: float) -> float | None:
+    """When the distance was reached [s], between samples; ``None`` when it never was."""
+    reached = way >= distance
+    after = int(reached.argmax())
+    if not reached.any() or after == 0:
+        return None
+    share = (distance - way[after - 1]) / (way[after] - way[after - 1])
+    return float(time[after - 1] + share * (time[after] - time[after - 1]))
+
+
+def _pace(pace: Pace) -> dict[str, Any]:
+    """A pace as the page takes it; it stops at the finish."""
+    time, way = (list(map(float, column)) for column in zip(*pace.splits, strict=True))
+    return {"name": pace.name, "color": PACE_COLOR, "time": time, "way": way, "finish": time[-1]}
 
 
 def _environment() -> Environment:

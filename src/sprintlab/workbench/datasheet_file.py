@@ -14,11 +14,11 @@ Nothing is assumed: a missing unit or convention is an error that lists what may
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import pi
 from typing import Any, cast
 
 from sprintlab.core.errors import InvalidValueError
@@ -30,7 +30,7 @@ CURRENTS = ("line amplitude", "line rms", "phase amplitude", "phase rms", "dc")
 SIDES = ("motor", "output")
 CONNECTIONS = ("star", "delta")
 
-_RPM = 2.0 * pi / 60.0
+_RPM = 2.0 * math.pi / 60.0
 _OHM = {"ohm": 1.0, "mohm": 1e-3}
 _HENRY = {"H": 1.0, "mH": 1e-3, "uH": 1e-6}
 _AMPERE = {"A": 1.0, "mA": 1e-3}
@@ -100,6 +100,7 @@ ENTRIES: dict[str, EntryKind] = {
 """Entries with a unit, by name."""
 
 _PLAIN = ("name", "source", "connection", "poles", "pole_pairs", "saturation", "gear_ratio", "flux_from")
+_LONGEST_TEXT = 100  # characters of an entry
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 
 
@@ -202,13 +203,16 @@ def parse_quantity(name: str, text: object) -> float:
     allowed = f"write a number and its unit: {', '.join(units)}"
     if isinstance(text, str) and "," in text:
         allowed += "; decimals stand behind a point"
-    match = _NUMBER.fullmatch(text) if isinstance(text, str) else None
+    match = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_TEXT else None
     if match is None:
         raise InvalidValueError(name, text, allowed)
     factor = {_plain_unit(unit): factor for unit, factor in units.items()}.get(_plain_unit(match[2]))
     if factor is None:
         raise InvalidValueError(name, text, allowed)
-    return float(match[1]) * factor
+    value = float(match[1]) * factor
+    if not math.isfinite(value):
+        raise InvalidValueError(name, text, allowed)
+    return value
 
 
 def datasheet_template() -> str:

@@ -8,6 +8,8 @@ import pytest
 
 from sprintlab.deployment.interface import JointCommand, JointMode, PositionFix, RobotState
 
+SESSION = 77
+
 
 @pytest.fixture
 def bus_name(request: pytest.FixtureRequest) -> str:
@@ -43,6 +45,7 @@ def make_joint_command() -> Callable[[int], JointCommand]:
             damping=np.full(12, 4.0),
             feedforward_torque=np.zeros(12),
             state_sequence=sequence,
+            session=SESSION,
         )
 
     return build

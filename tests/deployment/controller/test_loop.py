@@ -177,9 +177,18 @@ class DamagedFlood(ControllerEnd):
 def test_a_flood_of_messages_does_not_hold_the_loop(start, kind):
     controller, bus = start(Sleeper())
     flood = Flood(bus.simulated) if kind == "sound" else DamagedFlood()
+    flood.session = controller.session
     report = run_loop(controller, flood, LoopOptions(priority=None, duration=0.2))
     assert report.steps > 1 and report.end in ("passive", "no robot answers")
     assert kind == "sound" or report.malformed >= report.steps
+
+
+def test_a_bus_of_another_session_is_refused(start):
+    controller, bus = start(Sleeper())
+    bus.session = controller.session ^ 1
+    with pytest.raises(InvalidValueError, match=r"bus\.session"):
+        run_loop(controller, bus, LoopOptions(priority=None, duration=0.1))
+    assert bus.sent == []
 
 
 def test_a_robot_that_obeys_another_is_left_alone(start):

@@ -16,8 +16,14 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.deployment.controller.controller import new_session
-from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotState, RobotStatus
+from sprintlab.deployment.interface import (
+    JointMode,
+    OperatorCommand,
+    Request,
+    RobotState,
+    RobotStatus,
+    new_session,
+)
 from sprintlab.deployment.safety import RESPONSES, Fault, Reaction
 
 TOLERANCE = 1e-9

@@ -50,7 +50,6 @@ from sprintlab.core.errors import InvalidValueError, PolicyFileError, Simulation
 from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
 from sprintlab.evaluation.results import EstimateBand, SpeedResult
-from sprintlab.evaluation.tables import spread
 from sprintlab.plant import PlantOptions
 
 COARSE = PlantOptions(timestep=0.001, contact_time_constant=0.002)
@@ -236,17 +235,19 @@ def test_table_two_stands_beside_the_papers():
     assert list(rows) == list(PAPER_TABLE)
     cells = dict(zip(TABLE_COLUMNS, table_cells(rows["sprint"]), strict=True))
     assert cells["paper: speed"] == "12.4" and cells["paper: J_norm"] == "1.000"
-    assert cells["ours: raw"] == "9.50 ± 0.00" and cells["ours: J_norm"] == "1.000 ± 0.500"
-    assert cells["100 m: raw"] == "10.00 ± 0.00" and cells["audit"] == "3 of 3"
+    assert cells["ours: raw"] == "9.50 [9.50, 9.50]" and cells["ours: J_norm"].startswith("1.000 [0.")
+    assert cells["sprint faster"] == "-"
+    assert cells["100 m: raw"] == "10.00 [10.00, 10.00]" and cells["audit"] == "3 of 3"
     collapse = dict(zip(TABLE_COLUMNS, table_cells(rows["fixed-acceleration"]), strict=True))
-    assert collapse["paper: speed"] == "collapse" and collapse["ours: raw"] == "9.50 ± 0.00"
+    assert collapse["paper: speed"] == "collapse" and collapse["ours: raw"] == "9.50 [9.50, 9.50]"
+    assert collapse["sprint faster"] == "0.50 [0.50, 0.50]"
 
 
 def test_collapsed_seeds_are_told_and_do_not_drag_the_others():
     stands = SearchRecord(speeds=(speed(1.0, held=0.1), speed(16.0, held=0.0)))
     records = {"sprint": [record(seed=0), record(seed=1, raw=stands, self_paced=stands)]}
     (row,) = method_rows(records)
-    assert row.collapsed == 1 and row.max_velocity.mean == 9.5
+    assert row.collapsed == 1 and row.max_velocity.center == 9.5
     assert "(1 of 2 collapsed)" in table_cells(row)[4]
     (row,) = method_rows({"sprint": records["sprint"][1:]})
     assert table_cells(row)[4] == "collapse"
@@ -257,12 +258,12 @@ def test_the_common_speed_is_one_that_all_passed():
     assert common_speed([record(best=10.0), record(best=7.0), record(best=12.0)]) == 7.0
     assert common_speed([]) is None
     row = method_rows({"sprint": [record(best=10.0, cost=2.0)], "baseline": [record(best=5.0, cost=3.0)]})[0]
-    assert row.common_cost.mean == pytest.approx(1.0)  # J of sprint at 5 m/s
+    assert row.common_cost.center == pytest.approx(1.0)  # J of sprint at 5 m/s
 
 
 def test_without_the_reference_j_norm_is_not_defined():
     row = method_rows({"baseline": [record("baseline")], "sprint": []})[0]
-    assert math.isnan(row.normalized_cost.mean) and table_cells(row)[7] == "-"
+    assert math.isnan(row.normalized_cost.center) and table_cells(row)[8] == "-"
     json.dumps(table_numbers({"baseline": [record("baseline")]}), allow_nan=False)
 
 
@@ -272,11 +273,6 @@ def test_the_order_of_the_methods_is_told_beside_the_papers():
     assert "in the paper sprint > simplified-dc > no-envelope = uniform-commands > baseline" in text
     assert text.endswith("ours sprint > baseline.")
     assert order_text(method_rows({"sprint": [record()]})) == ""
-
-
-def test_spread_of_nothing_and_of_one():
-    assert spread([float("nan")]).text() == "-"
-    assert spread([1.0]).text() == "1.00" and spread([1.0, 3.0]).text(1) == "2.0 ± 1.4"
 
 
 def test_a_failed_audit_is_named():

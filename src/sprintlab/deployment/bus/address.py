@@ -3,21 +3,26 @@
 | address | carried by |
 |---|---|
 | ``shm://NAME`` | shared memory of this machine |
-| ``zenoh://NAME`` | zenoh, peers found by multicast (extra ``zenoh``) |
-| ``zenoh://NAME@HOST:PORT`` | zenoh over TCP; the robot listens there, the controller connects |
+| ``zenoh://NAME`` | zenoh on this machine, at a port that follows from the name (extra ``zenoh``) |
+| ``zenoh://NAME@HOST:PORT`` | zenoh; the robot listens there, the controller connects |
 | ``dds://NAME`` | DDS domain 0 through Cyclone DDS (extra ``dds``) |
 | ``dds://NAME@DOMAIN`` | the same in another DDS domain |
+
+What is not this machine needs zenoh's TLS, or user and password (``zenoh_session``). DDS has no such check
+here: everybody in a DDS network can drive a robot in it.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.deployment.interface import RobotEndpoint, RobotInterface
+from sprintlab.deployment.interface import RobotEndpoint, RobotInterface, new_session
 
 _CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "dds": "dds_bus"}
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
@@ -55,26 +60,35 @@ def parse_address(address: str) -> BusAddress:
     return BusAddress(match["carrier"], match["name"], match["place"] or "")
 
 
-def open_bus(address: str) -> RobotInterface:
+def open_bus(
+    address: str, *, session: int | None = None, config: str | os.PathLike[str] | None = None
+) -> RobotInterface:
     """The controller's end of a bus.
+
+    Args:
+        address: of the robot.
+        session: of the controller's commands: the robot's end takes no other; drawn at random when left out.
+        config: a file in zenoh's format that says how both ends recognize each other.
 
     Raises:
         InvalidValueError: the address makes no sense.
-        BusError: no robot is there (shared memory), another controller has it, or a package is missing.
+        BusError: no robot is there, another controller has it, an end does not know the other, or a package
+            is missing.
     """
     parsed = parse_address(address)
-    return _carrier(parsed).open_interface(parsed)
+    chosen = new_session() if session is None else session
+    return _carrier(parsed).open_interface(parsed, chosen, None if config is None else Path(config))
 
 
-def open_endpoint(address: str) -> RobotEndpoint:
-    """The robot's end of a bus.
+def open_endpoint(address: str, *, config: str | os.PathLike[str] | None = None) -> RobotEndpoint:
+    """The robot's end of a bus; ``config`` as in ``open_bus``.
 
     Raises:
         InvalidValueError: the address makes no sense.
         BusError: another robot of this name runs, or a package is missing.
     """
     parsed = parse_address(address)
-    return _carrier(parsed).open_endpoint(parsed)
+    return _carrier(parsed).open_endpoint(parsed, None if config is None else Path(config))
 
 
 def _carrier(address: BusAddress) -> Any:

@@ -9,6 +9,7 @@ see ``sprintlab.deployment.interface``.
 import contextlib
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
@@ -46,22 +47,29 @@ def _content(packet: Packet) -> bytes:
     return bytes(numbers)
 
 
-def open_interface(address: BusAddress) -> "DdsInterface":
+def open_interface(address: BusAddress, session: int, config: Path | None) -> "DdsInterface":
     """The controller's end.
 
     Raises:
         BusError: no robot of this name is in the domain, or another controller drives it.
     """
-    return DdsInterface(address)
+    _refuse_config(config)
+    return DdsInterface(address, session)
 
 
-def open_endpoint(address: BusAddress) -> "DdsEndpoint":
+def open_endpoint(address: BusAddress, config: Path | None) -> "DdsEndpoint":
     """The robot's end.
 
     Raises:
         BusError: a robot of this name is in the domain already.
     """
+    _refuse_config(config)
     return DdsEndpoint(address)
+
+
+def _refuse_config(config: Path | None) -> None:
+    if config is not None:
+        raise BusError("--bus-config is zenoh's; dds:// cannot keep strangers out")
 
 
 class _DdsEnd(BusEnd):
@@ -125,7 +133,8 @@ class _DdsEnd(BusEnd):
 class DdsInterface(_DdsEnd, ControllerEnd):
     """The controller's end over DDS."""
 
-    def __init__(self, address: BusAddress) -> None:
+    def __init__(self, address: BusAddress, session: int) -> None:
+        self.session = session
         super().__init__(address, writes=(COMMAND,), reads=(STATE, FIX))
 
     def _greet(self, address: BusAddress) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import msgspec
+
 from sprintlab.deployment.interface import (
     MOST_DAMAGED,
     JointCommand,
@@ -51,7 +53,13 @@ class BusEnd(ABC):
 
 
 class ControllerEnd(BusEnd):
-    """The controller's end of a bus."""
+    """The controller's end of a bus.
+
+    Attributes:
+        session: that the robot was told of: it takes commands of no other.
+    """
+
+    session: int = 0
 
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None if there is none left."""
@@ -73,15 +81,34 @@ class ControllerEnd(BusEnd):
 
 
 class RobotEnd(BusEnd):
-    """The robot's end of a bus."""
+    """The robot's end of a bus.
+
+    Attributes:
+        foreign: commands dropped because their session was not let in.
+    """
+
+    foreign: int = 0
 
     def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None if there is none left."""
-        return self._next(COMMAND, JointCommand)
+        """The next command in order of arrival of the controller that was let in; None if there is none."""
+        for _ in range(MOST_DAMAGED):
+            command = self._next(COMMAND, JointCommand)
+            if command is None or self._admitted(command.session):
+                return command
+            self.foreign += 1
+        return None
 
     def publish(self, state: RobotState) -> None:
-        """Send a state."""
+        """Send a state; the commands that this end dropped count as those that the robot did."""
+        if self.foreign:
+            foreign = state.foreign_commands + self.foreign
+            state = msgspec.structs.replace(state, foreign_commands=foreign)
         self._put(STATE, encode(state))
+
+    def _admitted(self, session: int) -> bool:
+        """Whether a controller of this session was let in; a bus that lets nobody in knows none."""
+        del session
+        return True
 
     def publish_fix(self, fix: PositionFix) -> None:
         """Send a position fix."""

@@ -12,6 +12,7 @@ and the message, padded to whole words.
 from __future__ import annotations
 
 _WORD = 8
+_MOST_MESSAGES = 1 << 62  # twice the count must fit into a stamp
 
 
 def ring_size(slots: int, message_size: int) -> int:
@@ -40,11 +41,20 @@ class _Ring:
 
 
 class RingWriter(_Ring):
-    """The end that writes; ``memory`` must hold zeros, or what an earlier writer left."""
+    """The end that writes; ``memory`` must hold zeros, or what an earlier writer left.
+
+    It counts for itself: whatever the memory says later, the next message goes out.
+    """
+
+    def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
+        super().__init__(memory, slots, message_size)
+        written = self._words[0]
+        self._next = written if written < _MOST_MESSAGES else 0
 
     def write(self, message: bytes) -> None:
         """Put a message in the ring; the oldest one makes room."""
-        index = self._words[0]
+        index = self._next
+        self._next += 1
         word = self._slot(index)
         self._words[word] = 2 * index + 1
         start = _WORD * (word + 1)
@@ -65,18 +75,25 @@ class RingReader(_Ring):
         super().__init__(memory, slots, message_size)
         self.lost = 0
         self.torn = 0
-        self._next = max(self._words[0] - slots + 1, 0)
+        self._next = self._oldest(self._words[0])
+
+    def _oldest(self, written: int) -> int:
+        """The oldest message that may be read: the slot that the writer takes next is left alone."""
+        return max(written - self._slots + 1, 0)
 
     def read(self) -> bytes | None:
         """The next message, or None if all have been read."""
-        while True:
+        for _ in range(self._slots):
             written = self._words[0]
-            # The oldest slot is the one that the writer takes next: it is left alone.
-            oldest = written - self._slots + 1
+            if written > _MOST_MESSAGES:
+                return None  # no writer has ever come so far: the memory is damaged
+            oldest = self._oldest(written)
             if self._next < oldest:
                 self.lost += oldest - self._next
                 self._next = oldest
-            if self._next >= written:
+            if self._next > written:  # the writer began anew
+                self._next = oldest
+            if self._next == written:
                 return None
             message = self._copy(self._next)
             self._next += 1
@@ -84,6 +101,7 @@ class RingReader(_Ring):
                 return message
             self.torn += 1
             self.lost += 1
+        return None
 
     def _copy(self, index: int) -> bytes | None:
         word, stamp = self._slot(index), 2 * index + 2

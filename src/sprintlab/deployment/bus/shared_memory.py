@@ -11,9 +11,10 @@ import contextlib
 import fcntl
 import mmap
 import os
+import stat
 import struct
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -25,9 +26,10 @@ from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
 PREFIX = "sprintlab-"
 """How the names of the files begin."""
 
-_MAGIC = 0x53505254_00000001  # "SPRT", version of this file's layout
+_MAGIC = 0x53505254_00000002  # "SPRT", version of this file's layout
+_LOCK_CONTENT = b"SPRTLOCK"
 _HEADER_WORDS = 8
-_MAGIC_WORD, _ROBOT_LEFT, _CONTROLLER_LEFT = range(3)
+_MAGIC_WORD, _ROBOT_LEFT, _CONTROLLER_LEFT, _SESSION = range(4)
 
 
 class _Channel(NamedTuple):
@@ -56,37 +58,48 @@ def shared_folder() -> Path:
 
 
 def remove_orphans(folder: Path | None = None) -> list[str]:
-    """Delete files whose owner is gone.
+    """Delete files of robots and controllers that are gone; a foreign file of a similar name is left alone.
 
     Returns:
         The names of the robots whose files were deleted.
     """
     removed = []
     for path in (folder or shared_folder()).glob(f"{PREFIX}*"):
-        with contextlib.suppress(OSError), path.open("rb+") as file:
-            if _lock(file):
+        with contextlib.suppress(OSError), _open_own(path) as file:
+            if file is not None and _lock(file) and _is_still(path, file):
                 path.unlink()
                 removed.append(path.name.removeprefix(PREFIX))
     return sorted(removed)
 
 
-def open_interface(address: BusAddress) -> SharedMemoryInterface:
+@contextlib.contextmanager
+def _open_own(path: Path) -> Iterator[IO[bytes] | None]:
+    """A file that this module made, open; None for any other: links, folders, pipes, foreign content."""
+    handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    with os.fdopen(handle, "rb+") as file:
+        status = os.fstat(handle)
+        first = os.pread(handle, 8, 0) if stat.S_ISREG(status.st_mode) else b""
+        robot = first == struct.pack("=Q", _MAGIC) and status.st_size == _size()
+        yield file if robot or (first == _LOCK_CONTENT and status.st_size == 8) else None
+
+
+def open_interface(address: BusAddress, session: int, config: Path | None) -> SharedMemoryInterface:
     """The controller's end.
 
     Raises:
         BusError: no robot of this name runs on this machine, or another controller drives it.
     """
-    _refuse_place(address)
-    return SharedMemoryInterface(address.name)
+    _refuse_place(address, config)
+    return SharedMemoryInterface(address.name, session)
 
 
-def open_endpoint(address: BusAddress) -> SharedMemoryEndpoint:
+def open_endpoint(address: BusAddress, config: Path | None) -> SharedMemoryEndpoint:
     """The robot's end.
 
     Raises:
         BusError: a robot of this name runs already, or the memory cannot be had.
     """
-    _refuse_place(address)
+    _refuse_place(address, config)
     return SharedMemoryEndpoint(address.name)
 
 
@@ -138,7 +151,8 @@ class _Mapped(BusEnd):
 class SharedMemoryInterface(_Mapped, ControllerEnd):
     """The controller's end in shared memory."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, session: int) -> None:
+        self.session = session
         path = _path(name)
         lock = _open_locked(_path(f"{name}.controller"))
         if lock is None:
@@ -146,12 +160,13 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         self._lock = lock
         try:
             super().__init__(_open_running(path, name), path)
-            if self._words[_MAGIC_WORD] != _MAGIC:
+            if len(self._map) != _size() or self._words[_MAGIC_WORD] != _MAGIC:
                 raise BusError(f"{path} was made by another version of sprintlab")
         except BaseException:
             self._unlock()
             raise
         self._open_rings(writes=(COMMAND,), reads=(STATE, FIX))
+        self._words[_SESSION] = session
         self._words[_CONTROLLER_LEFT] = 0
 
     @property
@@ -200,6 +215,9 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
         """Whether the last controller has closed its end in good order."""
         return self._closed or bool(self._words[_CONTROLLER_LEFT])
 
+    def _admitted(self, session: int) -> bool:
+        return session == self._words[_SESSION]
+
     def close(self) -> None:
         """Let go of the bus and remove the file; a second call does nothing."""
         if self._closed:
@@ -210,9 +228,15 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
         self._release()
 
 
-def _refuse_place(address: BusAddress) -> None:
+def _refuse_place(address: BusAddress, config: Path | None) -> None:
     if address.place:
         raise BusError(f"shared memory is on this machine: leave @{address.place} out of the address")
+    if config is not None:
+        raise BusError("shared memory is on this machine and needs no --bus-config")
+
+
+def _size() -> int:
+    return 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
 
 
 def _path(name: str) -> Path:
@@ -233,12 +257,11 @@ def _create(path: Path) -> IO[bytes] | None:
 
     It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it.
     """
-    size = 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         file = os.fdopen(handle, "rb+")
         _lock(file)
-        file.truncate(size)
+        file.truncate(_size())
         file.write(struct.pack("=Q", _MAGIC))
         file.flush()
     except OSError as error:
@@ -266,6 +289,9 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
     if _lock(file):
         file.close()
         raise BusError(f"the robot {name!r} has crashed and left its memory behind; start it again")
+    if os.fstat(file.fileno()).st_size != _size():
+        file.close()
+        raise BusError(f"{path} is no memory of a robot of this version of sprintlab")
     return file
 
 
@@ -280,6 +306,9 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             file.close()
             return None
         if _is_still(path, file):
+            file.truncate(0)
+            file.write(_LOCK_CONTENT)
+            file.flush()
             return file
         file.close()
 

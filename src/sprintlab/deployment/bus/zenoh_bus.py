@@ -1,67 +1,71 @@
 """The bus over zenoh: keys ``sprintlab/NAME/state``, ``command`` and ``fix``.
 
 Messages are dropped rather than queued when a link is too slow, and sent at once, one by one: a late command
-is worth nothing. Each end shows that it is there by a liveliness token.
+is worth nothing. Each end shows that it is there by a liveliness token. A controller asks the robot for leave
+to drive it (``claim``): the robot answers one question after the other, and one controller gets it.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
+import hmac
+import secrets
+import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
+from sprintlab.deployment.bus.zenoh_session import Security, load_security, open_session, proof
 
 _PATIENCE = 3.0  # [s] to find a robot
-_SETTLING = 1.0  # [s] for peers to find each other by multicast
-_DRIVEN, _FREE = b"driven", b"free"
+_LEASE = 2.0  # [s] in which the token of a controller that was let in must show
+_DRIVEN, _FREE, _UNKNOWN = b"driven", b"free", b"unknown"
+_CHALLENGE = 32  # bytes
+_SESSION = 8  # bytes
 _WAITING = 256  # messages that wait to be read; the oldest make room
 
 
-def open_interface(address: BusAddress) -> ZenohInterface:
+def open_interface(address: BusAddress, session: int, config: Path | None) -> ZenohInterface:
     """The controller's end.
 
     Raises:
-        BusError: nobody listens at the address's place.
+        BusError: nobody listens at the address's place, the robot has a controller, or either end does not
+            know the other.
     """
-    return ZenohInterface(address)
+    return ZenohInterface(address, session, _security(config, robot=False))
 
 
-def open_endpoint(address: BusAddress) -> ZenohEndpoint:
+def open_endpoint(address: BusAddress, config: Path | None) -> ZenohEndpoint:
     """The robot's end.
 
     Raises:
-        BusError: the place is taken, or a robot of this name is there already.
+        BusError: the place is taken, or would be open to strangers.
     """
-    return ZenohEndpoint(address)
+    return ZenohEndpoint(address, _security(config, robot=True))
+
+
+def _security(config: Path | None, *, robot: bool) -> Security:
+    return Security() if config is None else load_security(config, robot=robot)
 
 
 class _ZenohEnd(BusEnd):
-    """A session, the token of this end, and whether the other end's is there."""
+    """A session of zenoh and the token of this end."""
 
-    def __init__(self, address: BusAddress, own: str, other: str) -> None:
+    def __init__(self, address: BusAddress, security: Security, token: str, *, listen: bool) -> None:
         self._prefix = f"sprintlab/{address.name}"
-        self._peer_seen = self._peer_here = False
+        self._security = security
         self._closed = False
-        self._session = _open_session(address, listen=own == "robot")
+        self._session = open_session(address, security, listen=listen)
         try:
-            self._greet(address)
-            self._watch = self._session.liveliness().declare_subscriber(
-                f"{self._prefix}/alive/{other}", self._notice, history=True
-            )
-            self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{own}")
+            self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{token}")
+            self._join(address)
         except BaseException:
             self._session.close()
             raise
-
-    @property
-    def peer_left(self) -> bool:
-        """Whether the other end was there and is gone, in good order or not."""
-        return self._closed or (self._peer_seen and not self._peer_here)
 
     def close(self) -> None:
         """Let go of the bus; a second call does nothing."""
@@ -71,13 +75,18 @@ class _ZenohEnd(BusEnd):
                 self._token.undeclare()
             self._session.close()
 
-    def _greet(self, address: BusAddress) -> None:
-        """Find out whether this end may be there."""
+    def _join(self, address: BusAddress) -> None:
+        """Find out whether this end may be there, and take its place."""
         raise NotImplementedError
 
+    def _watch(self, tokens: str) -> Any:
+        return self._session.liveliness().declare_subscriber(
+            f"{self._prefix}/alive/{tokens}", self._notice, history=True
+        )
+
     def _notice(self, sample: Any) -> None:
-        self._peer_here = sample.kind == zenoh.SampleKind.PUT
-        self._peer_seen = self._peer_seen or self._peer_here
+        """A token of the other end came or went."""
+        raise NotImplementedError
 
     def _publisher(self, name: str) -> Any:
         return self._session.declare_publisher(
@@ -105,57 +114,106 @@ class _ZenohEnd(BusEnd):
 class ZenohInterface(_ZenohEnd, ControllerEnd):
     """The controller's end over zenoh."""
 
-    def __init__(self, address: BusAddress) -> None:
-        super().__init__(address, own="controller", other="robot")
+    def __init__(self, address: BusAddress, session: int, security: Security) -> None:
+        self.session = session
+        self._peer_seen = self._peer_here = False
+        super().__init__(address, security, f"controller/{session:016x}", listen=False)
+
+    @property
+    def peer_left(self) -> bool:
+        """Whether the robot was there and is gone, in good order or not."""
+        return self._closed or (self._peer_seen and not self._peer_here)
+
+    def _join(self, address: BusAddress) -> None:
+        """Ask the robot for leave to drive it."""
+        self._claim(address)
+        self._watcher = self._watch("robot")
         self._subscribers = {channel: self._subscribe(channel) for channel in (STATE, FIX)}
         self._publishers = {COMMAND: self._publisher(COMMAND)}
 
-    def _greet(self, address: BusAddress) -> None:
-        """Ask the robot whether it is free; with multicast, peers need a moment to find each other."""
+    def _claim(self, address: BusAddress) -> None:
+        challenge = secrets.token_bytes(_CHALLENGE)
+        question = self.session.to_bytes(_SESSION, "little") + challenge + self._security.user.encode()
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
-            for reply in self._session.get(f"{self._prefix}/driven", timeout=_PATIENCE):
-                if reply.ok is not None and reply.ok.payload.to_bytes() == _FREE:
+            for reply in self._session.get(f"{self._prefix}/claim", payload=question, timeout=_PATIENCE):
+                if reply.ok is not None:
+                    self._judge(address, reply.ok.payload.to_bytes(), challenge)
                     return
-                raise BusError(f"another controller drives the robot {address.name!r}")
             time.sleep(0.1)
         raise BusError(f"no robot named {address.name!r} answers on zenoh; start it first")
+
+    def _judge(self, address: BusAddress, answer: bytes, challenge: bytes) -> None:
+        """Take the robot's answer, if it is the robot's."""
+        if answer == _DRIVEN:
+            raise BusError(f"another controller drives the robot {address.name!r}")
+        security = self._security
+        expected = _FREE + (proof(security.password, challenge) if security.user else b"")
+        if not hmac.compare_digest(answer, expected):
+            raise BusError(
+                f"who answers for the robot {address.name!r} does not know the password of "
+                f"{security.user!r}: it is not the robot"
+            )
+
+    def _notice(self, sample: Any) -> None:
+        self._peer_here = sample.kind == zenoh.SampleKind.PUT
+        self._peer_seen = self._peer_seen or self._peer_here
 
 
 class ZenohEndpoint(_ZenohEnd, RobotEnd):
     """The robot's end over zenoh."""
 
-    def __init__(self, address: BusAddress) -> None:
-        super().__init__(address, own="robot", other="controller")
+    def __init__(self, address: BusAddress, security: Security) -> None:
+        self._lock = threading.Lock()  # zenoh asks and tells from threads of its own
+        self._alive: set[int] = set()
+        self._gone: set[int] = set()
+        self._holder = 0
+        self._granted_at = -_LEASE
+        super().__init__(address, security, "robot", listen=True)
+
+    @property
+    def peer_left(self) -> bool:
+        """Whether the controller that was let in is gone, in good order or not."""
+        return self._closed or (self._holder != 0 and not self._held())
+
+    def _join(self, address: BusAddress) -> None:
+        del address  # a second robot cannot listen at the same place
+        self._watcher = self._watch("controller/*")
         self._subscribers = {COMMAND: self._subscribe(COMMAND)}
         self._publishers = {channel: self._publisher(channel) for channel in (STATE, FIX)}
-        self._session.declare_queryable(f"{self._prefix}/driven", self._tell)
+        self._queryable = self._session.declare_queryable(f"{self._prefix}/claim", self._answer)
 
-    def _greet(self, address: BusAddress) -> None:
-        """Look for another robot of this name."""
-        if not address.place:
-            time.sleep(_SETTLING)
-        for _ in self._session.liveliness().get(f"{self._prefix}/alive/robot", timeout=0.5):
-            raise BusError(f"a robot named {address.name!r} is on this network already")
+    def _admitted(self, session: int) -> bool:
+        return session == self._holder
 
-    def _tell(self, query: Any) -> None:
-        query.reply(query.key_expr, _DRIVEN if self._peer_here else _FREE)
+    def _held(self) -> bool:
+        """Whether the controller that was let in is still there, or so new that its token may not show."""
+        fresh = time.monotonic() - self._granted_at < _LEASE and self._holder not in self._gone
+        return self._holder in self._alive or (self._holder != 0 and fresh)
 
+    def _notice(self, sample: Any) -> None:
+        session = int(str(sample.key_expr).rpartition("/")[2], 16)
+        with self._lock:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._alive.add(session)
+            else:
+                self._alive.discard(session)
+                self._gone.add(session)
 
-def _open_session(address: BusAddress, listen: bool) -> Any:
-    config = zenoh.Config()
-    if address.place:
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5(
-            "listen/endpoints" if listen else "connect/endpoints", json.dumps([f"tcp/{address.place}"])
-        )
-        config.insert_json5("connect/timeout_ms", "2000")
-        config.insert_json5("connect/exit_on_failure", "true")
-        if not listen:
-            config.insert_json5("listen/endpoints", "[]")
-    try:
-        return zenoh.open(config)
-    except (zenoh.ZError, OSError) as error:
-        what = "listen at" if listen else "reach a robot at"
-        where = address.place or "the network"
-        raise BusError(f"cannot {what} {where}: {str(error).split(' at /')[0]}") from error
+    def _answer(self, query: Any) -> None:
+        """One question after the other: two that come at once do not both get leave."""
+        question = query.payload.to_bytes() if query.payload is not None else b""
+        session = int.from_bytes(question[:_SESSION], "little")
+        challenge = question[_SESSION : _SESSION + _CHALLENGE]
+        user = question[_SESSION + _CHALLENGE :].decode(errors="replace")
+        query.reply(query.key_expr, self._grant(session, challenge, user))
+
+    def _grant(self, session: int, challenge: bytes, user: str) -> bytes:
+        users = self._security.users
+        if session == 0 or len(challenge) != _CHALLENGE or (users and user not in users):
+            return _UNKNOWN
+        with self._lock:
+            if session in self._gone or (self._held() and self._holder != session):
+                return _DRIVEN
+            self._holder, self._granted_at = session, time.monotonic()
+        return _FREE + (proof(users[user], challenge) if users else b"")

@@ -8,7 +8,6 @@ It steps at 1 kHz. Every 20 ms it reads the command source and, in ``run``, the 
 from __future__ import annotations
 
 import math
-import secrets
 import time as clock
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -41,6 +40,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     RobotStatus,
     SourceView,
+    new_session,
 )
 from sprintlab.deployment.safety import (
     RESPONSES,
@@ -533,11 +533,6 @@ class Controller:
 
     def _damps_after_sinking(self) -> bool:
         return self.mode is Mode.LIE_DOWN and not self._gathering and self._time >= self._motion.end_time
-
-
-def new_session() -> int:
-    """A random number that tells one controller from every other, 1 to 2**64 - 1."""
-    return secrets.randbelow(2**64 - 1) + 1
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:

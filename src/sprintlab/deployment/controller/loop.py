@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.controller.controller import Controller
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.realtime import RealTimeGrant, real_time
@@ -128,7 +129,12 @@ def run_loop(
         log: takes every step.
         interrupted: how often the user asked to end so far.
         status: told ten times a second how things stand.
+
+    Raises:
+        InvalidValueError: the bus was opened for another session than the controller's.
     """
+    if (told := getattr(bus, "session", controller.session)) != controller.session:
+        raise InvalidValueError("bus.session", told, f"the controller's, {controller.session}")
     loop = _Loop(controller, bus, options, log, interrupted, status)
     if options.lock_step:
         loop.run(loop.run_lock_step)

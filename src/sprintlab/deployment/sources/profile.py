@@ -8,7 +8,6 @@ two lines the velocity goes straight. TOML: ``[[segment]]`` tables with ``durati
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +16,15 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.reading import parse_toml, read_text
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits, SourceError
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+PROFILE_LIMIT = 4 << 20
+"""Largest profile file that is read [bytes]."""
+_FASTEST = 100.0  # [m/s] or [rad/s]
+_LONGEST = 1e6  # [s]
 
 COLUMNS = ("forward", "sideways", "yaw_rate")
 
@@ -49,8 +49,13 @@ class VelocityTable:
             raise InvalidValueError("profile", self.velocity.shape, "two points at least, three numbers each")
         if not (np.isfinite(self.time).all() and np.isfinite(self.velocity).all()):
             raise InvalidValueError("profile", "nan", "must be finite numbers")
+        if np.abs(self.velocity).max() > _FASTEST or self.time[-1] > _LONGEST:
+            largest = float(np.abs(self.velocity).max())
+            raise InvalidValueError(
+                "profile", largest, f"at most {_FASTEST:g} m/s or rad/s, and {_LONGEST:g} s"
+            )
         if (np.diff(self.time) < 0.0).any() or self.time[0] < 0.0:
-            raise InvalidValueError("profile.time", self.time.tolist(), "must rise from 0")
+            raise InvalidValueError("profile.time", self.time[:8].tolist(), "must rise from 0")
 
     def at(self, time: float) -> FloatArray | None:
         """Velocity ``(3,)`` at ``time`` [s]; None after the end."""
@@ -70,11 +75,10 @@ def load_velocity_table(path: Path) -> VelocityTable:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise SourceError(f"{path} is no profile file: it must end in {' or '.join(readers)}")
+    text = read_text(path, PROFILE_LIMIT, what="profile file", error=SourceError)
     try:
-        time, velocity = reader(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SourceError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, TypeError, KeyError, AttributeError, tomllib.TOMLDecodeError) as error:
+        time, velocity = reader(text)
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, csv.Error) as error:
         raise SourceError(f"{path} is no profile file: {error}") from error
     return VelocityTable(time=np.asarray(time, dtype=float), velocity=np.asarray(velocity, dtype=float))
 
@@ -91,7 +95,7 @@ def _read_csv(text: str) -> tuple[Sequence[float], Sequence[Sequence[float]]]:
 
 
 def _read_toml(text: str) -> tuple[list[float], list[list[float]]]:
-    content = tomllib.loads(text)
+    content = parse_toml(text)
     if set(content) != {"segment"}:
         raise ValueError(f"it must hold [[segment]] tables and nothing else, not {sorted(content)}")
     time, velocity, end = [], [], 0.0

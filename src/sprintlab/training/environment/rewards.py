@@ -61,12 +61,8 @@ PENALTIES: dict[str, Penalty] = {
     "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
     "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
     "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
-    # The paper's bare square would fight the command; the two are the same where no turn is commanded.
-    "yaw_rate": lambda x, s: (x.body.angular_velocity[:, 2] - x.command[:, 2]).square(),
-    # Weighted by foot speed, as in DreamWaQ: the bare square would punish feet for standing.
-    "foot_clearance": lambda x, s: (
-        (x.body.foot_height - s.foot_clearance_target).square() * x.body.foot_speed
-    ).sum(1),
+    "yaw_rate": lambda x, s: _unwanted_yaw_rate(x, s).square(),
+    "foot_clearance": lambda x, s: _clearance_error(x, s).sum(1),
     "abduction_mirror": lambda x, s: (
         (x.body.joint_position[:, 0] + x.body.joint_position[:, 3]).square()
         + (x.body.joint_position[:, 6] + x.body.joint_position[:, 9]).square()
@@ -77,6 +73,18 @@ PENALTIES: dict[str, Penalty] = {
     ).sum(1),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
 }
+
+
+def _unwanted_yaw_rate(x: RewardInput, s: RewardSettings) -> torch.Tensor:
+    """Yaw rate beyond the commanded one: the paper's bare square would fight the command."""
+    turn = x.body.angular_velocity[:, 2]
+    return turn if s.bare_squares else turn - x.command[:, 2]
+
+
+def _clearance_error(x: RewardInput, s: RewardSettings) -> torch.Tensor:
+    """Squared height error of each foot, weighted by its speed as in DreamWaQ: bare, it punishes standing."""
+    error = (x.body.foot_height - s.foot_clearance_target).square()
+    return error if s.bare_squares else error * x.body.foot_speed
 
 
 def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

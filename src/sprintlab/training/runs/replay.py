@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,8 @@ from sprintlab.control import (
     projected_gravity,
 )
 from sprintlab.control.policy import Decision
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.archives import read_arrays
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import DriveOutput
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
@@ -76,15 +76,19 @@ def read_recording(path: Path) -> RecordedRun:
     Raises:
         InvalidValueError: the file is no such recording, or holds numbers that are not finite.
     """
+    names = ("time", *_WIDTHS)
     try:
-        with np.load(path) as content:
-            arrays = {name: np.asarray(content[name], dtype=np.float64) for name in ("time", *_WIDTHS)}
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        found = read_arrays(path, names)
+        arrays = {name: found[name].astype(np.float64) for name in names}
+    except (SprintlabError, KeyError, ValueError) as error:
         raise InvalidValueError(
             "recording", str(path), f"an npz that a race has written ({error})"
         ) from error
     _check_arrays(path, arrays)
-    every = round(1.0 / (POLICY_RATE_HZ * float(np.median(np.diff(arrays["time"])))))
+    step = float(np.median(np.diff(arrays["time"])))
+    if not 1e-6 <= step <= 1.0:
+        raise InvalidValueError("recording time", step, "its samples must be 1e-6 to 1 s apart")
+    every = round(1.0 / (POLICY_RATE_HZ * step))
     chosen = {name: array[:: max(every, 1)] for name, array in arrays.items()}
     return RecordedRun(
         angular_velocity=chosen["angular_velocity"],

@@ -15,7 +15,8 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.learner.distributed import Workers, join_workers
-from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
+from sprintlab.training.runs.checkpoint import unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, recording
@@ -30,7 +31,9 @@ class TrainOptions:
     """How to train.
 
     Attributes:
-        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
+        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands, or
+            literal-acs: commands that follow the robot and move toward nothing.
+        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
             ``tensorboard/``.
         minutes: stop after this much time in this sitting.
@@ -59,6 +62,7 @@ class TrainOptions:
     """
 
     method: str = "sprint"
+    preset: str = "sprintlab"
     output: Path = Path("runs/train")
     minutes: float = 20.0
     iterations: int = 3200
@@ -80,7 +84,8 @@ class TrainOptions:
     settings: TrainingSettings = TrainingSettings()
 
     def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(METHODS))
+        check_choice("method", self.method, tuple(ALL_METHODS))
+        check_choice("preset", self.preset, PRESETS)
         check_positive("minutes", self.minutes, "min")
         check_range("iterations", self.iterations, 1, 10**9)
         check_range("seed", self.seed, 0, 2**32 - 1)
@@ -93,8 +98,9 @@ class TrainOptions:
 
     def full_settings(self) -> TrainingSettings:
         """The settings with method, environments and seed in place."""
-        simulation = replace(self.settings.simulation, environments=self.environments)
-        base = replace(self.settings, simulation=simulation, seed=self.seed)
+        chosen = preset_settings(self.preset, self.settings)
+        simulation = replace(chosen.simulation, environments=self.environments)
+        base = replace(chosen, simulation=simulation, seed=self.seed)
         settings = method_settings(self.method, base)
         if self.keep_motor_model:
             settings = replace(settings, actuator_model=base.actuator_model)
@@ -168,6 +174,10 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
+    if unknown := unknown_settings(settings):
+        raise SprintlabError(
+            f"{checkpoint} was trained with {', '.join(unknown)}: import that module before you resume"
+        )
     words = str(saved["command_line"]) if saved else typed or command_line()
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):

@@ -18,7 +18,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.training.methods import METHODS, method_settings
+from sprintlab.training.methods import ALL_METHODS, method_settings, preset_settings
 from sprintlab.training.settings import TrainingSettings
 
 RECORD_NAME = "run.json"
@@ -29,7 +29,7 @@ class RunPlan:
     """One training of a sweep.
 
     Attributes:
-        method: one of the paper's six.
+        method: one of the paper's six, or ``literal-acs``.
         seed: of every random generator.
         folder: ``<sweep>/<method>/seed-<seed>``, below a folder of the varied settings if there are any.
         overrides: dotted names of settings to their values, e.g. ``ppo.steps`` to 16.
@@ -38,6 +38,7 @@ class RunPlan:
         environments: robots side by side.
         device: ``cuda:0``, ``cpu`` or ``auto``.
         save_seconds: time between checkpoints: what a lost worker costs at most.
+        preset: of rewards and practice, see ``methods.PRESETS``.
 
     Raises:
         InvalidValueError: an unknown method or setting, or a number out of range.
@@ -52,9 +53,10 @@ class RunPlan:
     environments: int
     device: str
     save_seconds: float
+    preset: str = "sprintlab"
 
     def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(METHODS))
+        check_choice("method", self.method, tuple(ALL_METHODS))
         check_range("seed", self.seed, 0, 2**31)
         check_range("iterations", self.iterations, 1, 10**9)
         check_positive("minutes", self.minutes, "min")
@@ -71,8 +73,8 @@ class RunPlan:
         return f"{variant} {self.method} {self.seed}" if "=" in variant else f"{self.method} {self.seed}"
 
     def base_settings(self) -> TrainingSettings:
-        """The default settings with the overrides in place."""
-        settings = TrainingSettings()
+        """The preset's settings with the overrides in place."""
+        settings = preset_settings(self.preset)
         for name, value in self.overrides.items():
             settings = override(settings, name, value)
         return settings
@@ -86,6 +88,7 @@ class RunPlan:
     def command_line(self) -> str:
         """The ``sprintlab train`` that trains the same, for the policy's contract."""
         words = ["sprintlab", "train", self.method, "--seed", self.seed, "--environments", self.environments]
+        words += ["--preset", self.preset] if self.preset != "sprintlab" else []
         words += ["--iterations", self.iterations, "--minutes", self.minutes]
         return shlex.join(str(word) for word in [*words, *_typed(self.base_settings(), self.overrides)])
 

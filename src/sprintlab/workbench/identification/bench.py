@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_text
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +48,13 @@ MEANINGS = {
 _UNIT_ALIASES = {"1/min": "rpm", "u/min": "rpm", "r/min": "rpm", "c": "degc"}
 _ALIASES = {"iq": "iq", "id": "id", "vq": "vq", "vd": "vd", "omega": "speed", "vbus": "bus_voltage"}
 _HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
+BENCH_LIMIT = 32 << 20
+"""Largest bench file that is read [bytes]."""
+MOST_ROWS = 100_000
+"""Most operating points of a bench."""
+_LONGEST_LINE = 4000
+_LARGEST = {"speed": 1e5, "torque": 1e5}
+_LARGEST_OTHER = 1e6  # [A], [V], [degC]
 _LISTED = 4  # differing values that an error shows
 _HOTTEST = 250.0  # [degC]: beyond, the temperatures are in kelvin or of another thing
 
@@ -121,12 +129,7 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
 
 def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
     """Line numbers and cells of everything that is no remark."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise SprintlabError(f"{path} is no text in UTF-8: {error}") from error
+    text = read_text(path, BENCH_LIMIT, what="bench file")
     kept = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
@@ -134,6 +137,11 @@ def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
     ]
     if not kept:
         raise SprintlabError(f"{path} is empty")
+    if max(len(line) for _, line in kept) > _LONGEST_LINE or len(kept) > MOST_ROWS:
+        raise SprintlabError(
+            f"{path} is no bench file: it has more than {MOST_ROWS} lines, or one of more than "
+            f"{_LONGEST_LINE} characters"
+        )
     separator = next((mark for mark in ";\t" if mark in kept[0][1]), ",")
     cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
     return cells if separator == "," else _with_decimal_points(path, cells)
@@ -220,6 +228,11 @@ def _unused(header: Sequence[str], names: Mapping[str, tuple[int, float]]) -> tu
 def _assemble(
     path: object, values: Mapping[str, FloatArray], lines: Sequence[int], unused: tuple[str, ...]
 ) -> Bench:
+    for name, column in values.items():
+        most = _LARGEST.get(name, _LARGEST_OTHER)
+        _check_values(
+            path, name, column, np.abs(column) <= most, f"at most {most:g} in SI units is plausible"
+        )
     torque = values["torque"]
     current = values.get("iq")
     if current is None:

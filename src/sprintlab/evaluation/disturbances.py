@@ -1,0 +1,84 @@
+"""What comes between a policy and its robot in a disturbed trial: noise, encoder offsets, delay, pushes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.control import Measurement
+from sprintlab.plant import Plant, TrialSettings
+from sprintlab.robots import RobotDescription
+
+FloatArray = NDArray[np.float64]
+
+SENSOR_NOISE = Measurement(
+    angular_velocity=np.full(3, 0.15),
+    projected_gravity=np.full(3, 0.02),
+    joint_position=np.full(12, 0.01),
+    joint_velocity=np.full(12, 0.8),
+)
+"""Half-widths of the uniform noise of a ``sensor_noise`` of 1 [rad/s, -, rad, rad/s]: those of training."""
+
+_FIRST_PUSH = 1.0  # not before the robot is asked to run [s]
+
+
+class Disturbances:
+    """The disturbances of one trial; without any, everything passes through unchanged.
+
+    Args:
+        robot: for the number of joints.
+        settings: what is disturbed how much; its seed decides the draws.
+        motor_rate: rate of the motor loop [Hz].
+    """
+
+    def __init__(self, robot: RobotDescription, settings: TrialSettings, motor_rate: float) -> None:
+        self._settings = settings
+        self._motor_rate = motor_rate
+        self._delay = round(settings.delay * motor_rate)
+        draws = np.random.SeedSequence((settings.seed, 3)).spawn(3)
+        offsets, self._noise, self._pushes = (np.random.default_rng(draw) for draw in draws)
+        width = settings.joint_offset
+        self._offset = offsets.uniform(-width, width, len(robot.joint_names)) if width else 0.0
+        self._held: FloatArray | None = None
+
+    def measured(self, measurement: Measurement) -> Measurement:
+        """What the policy is told: encoders off by their offsets, noise on everything."""
+        measurement = measurement._replace(joint_position=measurement.joint_position + self._offset)
+        scale = self._settings.sensor_noise
+        if not scale:
+            return measurement
+        return Measurement(
+            *(
+                value + self._noise.uniform(-scale, scale, np.shape(value)) * width
+                for value, width in zip(measurement, SENSOR_NOISE, strict=True)
+            )
+        )
+
+    def delivered(self, targets: FloatArray, steps: int) -> Iterator[tuple[FloatArray, int]]:
+        """Joint targets and for how many motor steps the drives follow them, over one policy period.
+
+        The drives close their loops on the same encoders, so that an offset shifts every target.
+
+        Args:
+            targets: the policy's, ``(12,)`` [rad].
+            steps: motor steps of the period.
+        """
+        fresh = targets - self._offset
+        late = min(self._delay, steps) if self._held is not None else 0
+        if late and self._held is not None:
+            yield self._held, late
+        if steps > late:
+            yield fresh, steps - late
+        self._held = fresh
+
+    def push(self, plant: Plant, steps: int) -> None:
+        """Perhaps push the trunk, at the start of a policy period of ``steps`` motor steps."""
+        settings = self._settings
+        if not settings.push_speed or plant.time < _FIRST_PUSH:
+            return
+        chance, angle = self._pushes.uniform(0.0, 1.0, 2)
+        if chance < steps / (self._motor_rate * settings.push_interval):
+            direction = 2.0 * np.pi * angle
+            plant.push(settings.push_speed * np.array([np.cos(direction), np.sin(direction)]))

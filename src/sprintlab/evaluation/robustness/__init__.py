@@ -1,0 +1,19 @@
+"""How many of many sprints stay upright when everything differs from the nominal robot at once."""
+
+from sprintlab.evaluation.robustness.draws import ALL, CAUSES, NOMINAL, RobustnessRanges, draw_request
+from sprintlab.evaluation.robustness.figure import robustness_figure
+from sprintlab.evaluation.robustness.study import StudySettings, run_study
+from sprintlab.evaluation.robustness.summary import summarize, wilson_interval
+
+__all__ = [
+    "ALL",
+    "CAUSES",
+    "NOMINAL",
+    "RobustnessRanges",
+    "StudySettings",
+    "draw_request",
+    "robustness_figure",
+    "run_study",
+    "summarize",
+    "wilson_interval",
+]

@@ -1,0 +1,1 @@
+"""The second engine: the robot of evaluation in Drake, with dynamics, contact and solver of its own."""

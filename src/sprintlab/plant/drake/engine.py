@@ -1,0 +1,210 @@
+"""One time step of Drake: from a state and the forces on it to the next state and the forces on the feet."""
+
+# Drake's stubs take numpy's shapes for its element types, and MuJoCo's compiled module has no complete stubs.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+# pyright: reportCallIssue=false, reportOperatorIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import RoleAssign
+from pydrake.multibody.tree import default_model_instance
+
+from sprintlab.core.errors import SimulationError
+from sprintlab.plant.drake.assembly import Rotor, assemble, surface_properties, without_remarks
+from sprintlab.plant.drake.pad import Pad
+
+FloatArray = NDArray[np.float64]
+
+
+class DrakeEngine:
+    """Advances the state of a robot; states and forces are in MuJoCo's coordinates.
+
+    ``position`` is ``(nq,)``: base position, quaternion with w first, joints; ``velocity`` ``(nv,)``: base
+    velocity in the world, angular velocity in the body, joints.
+
+    A model without a free body has neither base position nor base velocity.
+
+    Args:
+        model: compiled model of one robot, with the changes of a trial.
+        timestep: [s].
+        rotors: by the names of the joints that have one.
+        feet: names of the geoms that have a pad.
+        pad: of the feet.
+
+    Raises:
+        RobotModelError: the model cannot be translated.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        timestep: float,
+        *,
+        rotors: Mapping[str, Rotor],
+        feet: Sequence[str],
+        pad: Pad,
+    ) -> None:
+        self._assembly = assembly = assemble(model, rotors, timestep)
+        self._diagram, self._plant = assembly.diagram, assembly.plant
+        with without_remarks():
+            self._root = self._diagram.CreateDefaultContext()
+        self._context = self._plant.GetMyMutableContextFromRoot(self._root)
+        self._shapes = assembly.scene_graph.GetMyMutableContextFromRoot(self._root)
+        self._contacts = self._plant.get_contact_results_output_port()
+        self._pad = pad
+        self._bind_feet(model, feet)
+        self._bind_joints(model)
+        self._bind_base(model)
+        self._fix_inputs()
+
+    def _bind_feet(self, model: mujoco.MjModel, feet: Sequence[str]) -> None:
+        geoms = [model.geom(foot) for foot in feet]
+        self._feet = [self._assembly.shapes[foot] for foot in feet]
+        self._friction = [float(geom.friction[0]) for geom in geoms]
+        bodies = [self._plant.GetBodyByName(model.body(geom.bodyid[0]).name).index() for geom in geoms]
+        self._foot_of = {int(body): foot for foot, body in enumerate(bodies)}
+        for foot in range(len(feet)):
+            self.touch_down(foot, 1.0)
+
+    def _bind_joints(self, model: mujoco.MjModel) -> None:
+        """Where each joint's number of MuJoCo's state stands in Drake's."""
+        joints = [model.joint(index) for index in range(model.njnt)]
+        hinges = [joint for joint in joints if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE]
+        self._joint_position = np.array([joint.qposadr[0] for joint in hinges], dtype=int)
+        self._joint_velocity = np.array([joint.dofadr[0] for joint in hinges], dtype=int)
+        own = [self._plant.GetJointByName(joint.name) for joint in hinges]
+        self._own_position = np.array([joint.position_start() for joint in own], dtype=int)
+        self._own_force = np.array([joint.velocity_start() for joint in own], dtype=int)
+        self._own_velocity = self._plant.num_positions() + self._own_force
+        self._state = np.zeros(self._plant.num_multibody_states())
+        self._force = np.zeros(self._plant.num_velocities())
+
+    def _bind_base(self, model: mujoco.MjModel) -> None:
+        """The same for the free body, if there is one; it comes first in MuJoCo's state."""
+        self._floating = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+        if self._floating:
+            base = self._plant.GetBodyByName(model.body(int(model.jnt_bodyid[0])).name)
+            self._base_position = base.floating_positions_start()
+            self._base_force = base.floating_velocities_start_in_v()
+            self._base_velocity = self._base_force + self._plant.num_positions()
+
+    def _fix_inputs(self) -> None:
+        controllers = self._plant.get_desired_state_input_port(default_model_instance())
+        if controllers.size():
+            controllers.FixValue(self._context, np.zeros(controllers.size()))
+        port = self._plant.get_applied_generalized_force_input_port()
+        self._applied = port.FixValue(self._context, self._force)
+
+    def touch_down(self, foot: int, speed: float) -> None:
+        """Set the dissipation of a foot's pad for a touchdown.
+
+        Args:
+            foot: which of ``feet``.
+            speed: at which it comes down [m/s].
+        """
+        surface = surface_properties(self._pad.stiffness, self._pad.dissipation(speed), self._friction[foot])
+        self._assembly.scene_graph.AssignRole(
+            self._shapes, self._plant.get_source_id(), self._feet[foot], surface, RoleAssign.kReplace
+        )
+
+    def step(self, position: FloatArray, velocity: FloatArray, force: FloatArray) -> FloatArray:
+        """Advance ``position`` and ``velocity`` by one time step, in place.
+
+        Args:
+            position: ``(nq,)``.
+            velocity: ``(nv,)``.
+            force: generalized force besides gravity, springs, friction and contact ``(nv,)`` [N or N m].
+
+        Returns:
+            Force of the ground on each foot ``(feet, 3)``, world frame [N].
+
+        Raises:
+            SimulationError: Drake's solver found no solution.
+        """
+        self._put_state(position, velocity)
+        self._put_force(force, position)
+        try:
+            after = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._root)
+        except RuntimeError as error:
+            raise SimulationError(f"Drake's step failed: {error}") from error
+        forces = self._foot_forces()
+        self._root.SetDiscreteState(after)
+        self._take_state(position, velocity)
+        return forces
+
+    def mass_matrix(self, position: FloatArray) -> FloatArray:
+        """Mass matrix ``(nv, nv)`` at ``position``, rotors included, in MuJoCo's order [kg, kg m, kg m^2]."""
+        self._put_state(position, np.zeros(self._plant.num_velocities()))
+        matrix = self._plant.CalcMassMatrix(self._context)
+        change = np.zeros_like(matrix)
+        for column in range(len(change)):
+            velocity = np.zeros(len(change))
+            velocity[column] = 1.0
+            self._put_state(position, velocity)
+            change[:, column] = self._state[self._plant.num_positions() :]
+        return change.T @ matrix @ change
+
+    def _put_state(self, position: FloatArray, velocity: FloatArray) -> None:
+        state = self._state
+        if self._floating:
+            base, moving = self._base_position, self._base_velocity
+            state[base : base + 4] = position[3:7] / math.sqrt(position[3:7] @ position[3:7])
+            state[base + 4 : base + 7] = position[:3]
+            state[moving : moving + 3] = _to_world(position[3:7], velocity[3:6])
+            state[moving + 3 : moving + 6] = velocity[:3]
+        state[self._own_position] = position[self._joint_position]
+        state[self._own_velocity] = velocity[self._joint_velocity]
+        self._plant.SetPositionsAndVelocities(self._context, state)
+
+    def _take_state(self, position: FloatArray, velocity: FloatArray) -> None:
+        state = self._plant.GetPositionsAndVelocities(self._context)
+        if self._floating:
+            base, moving = self._base_position, self._base_velocity
+            position[3:7] = state[base : base + 4]
+            position[:3] = state[base + 4 : base + 7]
+            velocity[3:6] = _to_body(position[3:7], state[moving : moving + 3])
+            velocity[:3] = state[moving + 3 : moving + 6]
+        position[self._joint_position] = state[self._own_position]
+        velocity[self._joint_velocity] = state[self._own_velocity]
+
+    def _put_force(self, force: FloatArray, position: FloatArray) -> None:
+        own = self._force
+        if self._floating:
+            base = self._base_force
+            own[base : base + 3] = _to_world(position[3:7], force[3:6])
+            own[base + 3 : base + 6] = force[:3]
+        own[self._own_force] = force[self._joint_velocity]
+        self._applied.GetMutableData().get_mutable_value().SetFromVector(own)
+
+    def _foot_forces(self) -> FloatArray:
+        """What the step just solved for; Drake keeps it until the state changes."""
+        forces = np.zeros((len(self._feet), 3))
+        results = self._contacts.Eval(self._context)
+        for index in range(results.num_point_pair_contacts()):
+            contact = results.point_pair_contact_info(index)
+            first, second = int(contact.bodyA_index()), int(contact.bodyB_index())
+            force = contact.contact_force()  # on the second body
+            if first == 0 and second in self._foot_of:
+                forces[self._foot_of[second]] += force
+            elif second == 0 and first in self._foot_of:
+                forces[self._foot_of[first]] -= force
+        return forces
+
+
+def _to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
+    result = np.zeros(3)
+    mujoco.mju_rotVecQuat(result, vector, quaternion)
+    return result
+
+
+def _to_body(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
+    inverse, result = np.zeros(4), np.zeros(3)
+    mujoco.mju_negQuat(inverse, quaternion)
+    mujoco.mju_rotVecQuat(result, vector, inverse)
+    return result

@@ -1,0 +1,89 @@
+"""What a few seeds say: interquartile mean, bootstrap interval, probability of improvement.
+
+The measures are those of Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice" (NeurIPS 2021); SciPy computes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """An estimate and its 95 % bootstrap interval; all ``nan`` without a value.
+
+    Attributes:
+        center: the estimate.
+        low: lower end; ``nan`` with fewer than two values.
+        high: upper end, likewise.
+    """
+
+    center: float
+    low: float = math.nan
+    high: float = math.nan
+
+    def text(self, digits: int = 2) -> str:
+        """``center [low, high]``, a dash where it is not defined."""
+        if not math.isfinite(self.center):
+            return "-"
+        ends = f" [{self.low:.{digits}f}, {self.high:.{digits}f}]" if math.isfinite(self.low) else ""
+        return f"{self.center:.{digits}f}{ends}"
+
+
+def interquartile_mean(values: Sequence[float]) -> Interval:
+    """Mean of the middle half of the finite values; of three, of all of them.
+
+    The interval is the percentile bootstrap's over the seeds; the draws are always the same.
+    """
+    known = np.array([value for value in values if math.isfinite(value)])
+    if known.size == 0:
+        return Interval(center=math.nan)
+    center = _middle(known)
+    return Interval(center=center) if known.size < 2 else _bootstrapped(center, (known,), _middle)
+
+
+def improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
+    """Probability that a seed of ours is faster than one of theirs, ties counting half.
+
+    Args:
+        ours: speeds of our seeds; one that collapsed counts as 0, not as missing.
+        theirs: speeds of the other method's seeds, likewise.
+    """
+    if not ours or not theirs:
+        return Interval(center=math.nan)
+    a, b = (np.nan_to_num(np.asarray(group, dtype=float)) for group in (ours, theirs))
+    center = _faster(a, b)
+    return Interval(center=center) if min(a.size, b.size) < 2 else _bootstrapped(center, (a, b), _faster)
+
+
+def _middle(values: Any) -> float:
+    return float(stats.trim_mean(values, 0.25))
+
+
+def _faster(ours: Any, theirs: Any) -> float:
+    return float(stats.mannwhitneyu(ours, theirs).statistic) / (len(ours) * len(theirs))
+
+
+def _bootstrapped(center: float, samples: tuple[Any, ...], statistic: Callable[..., float]) -> Interval:
+    if all(np.ptp(sample) == 0.0 for sample in samples):
+        return Interval(center=center, low=center, high=center)
+    found = stats.bootstrap(
+        samples,
+        statistic,
+        n_resamples=RESAMPLES,
+        vectorized=False,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        random_state=np.random.default_rng(0),
+    ).confidence_interval
+    return Interval(center=center, low=float(found.low), high=float(found.high))

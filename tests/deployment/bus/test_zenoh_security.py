@@ -1,0 +1,219 @@
+"""Over a network zenoh takes only those who prove themselves; a stranger is refused at both ends."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
+
+zenoh = pytest.importorskip("zenoh")
+
+USERS, TLS = "transport/auth/usrpwd", "transport/link/tls"
+
+
+@pytest.fixture
+def place():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{free.getsockname()[1]}"
+
+
+@pytest.fixture
+def address(bus_name, place):
+    return f"zenoh://{bus_name}@{place}"
+
+
+def write_config(path, *, users=None, tls=None):
+    link, auth = ({"tls": tls} if tls else {}), ({"usrpwd": users} if users else {})
+    path.write_text(json.dumps({"transport": {"link": link, "auth": auth}}))
+    return path
+
+
+@pytest.fixture
+def passwords(tmp_path):
+    """Configurations of a robot, of a controller it knows, of a stranger."""
+    (tmp_path / "users.txt").write_text("alice:secret\nbob:word\n")
+    robot = {"user": "robot", "password": "r", "dictionary_file": str(tmp_path / "users.txt")}
+    return {
+        "robot": write_config(tmp_path / "robot.json", users=robot),
+        "controller": write_config(
+            tmp_path / "controller.json", users={"user": "alice", "password": "secret"}
+        ),
+        "stranger": write_config(tmp_path / "stranger.json", users={"user": "alice", "password": "guess"}),
+    }
+
+
+def openssl(*arguments):
+    subprocess.run(["openssl", *arguments], check=True, capture_output=True)
+
+
+def make_authority(folder, name):
+    key, certificate = folder / f"{name}-ca.key", folder / f"{name}-ca.pem"
+    openssl("req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
+            "-keyout", str(key), "-out", str(certificate))  # fmt: skip
+    return key, certificate
+
+
+def make_certificate(folder, name, authority):
+    """TLS settings of an end that this authority vouches for."""
+    key, request, certificate = (folder / f"{name}.{end}" for end in ("key", "csr", "pem"))
+    openssl("req", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}",
+            "-keyout", str(key), "-out", str(request))  # fmt: skip
+    (folder / "extensions").write_text("subjectAltName=IP:127.0.0.1\n")
+    openssl("x509", "-req", "-in", str(request), "-CA", str(authority[1]), "-CAkey", str(authority[0]),
+            "-CAcreateserial", "-days", "2", "-extfile", str(folder / "extensions"),
+            "-out", str(certificate))  # fmt: skip
+    ends = {f"{end}_{part}": str(file) for end in ("listen", "connect")
+            for part, file in (("certificate", certificate), ("private_key", key))}  # fmt: skip
+    return {"root_ca_certificate": str(authority[1]), "enable_mtls": True, **ends}
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl")
+    folder = tmp_path_factory.mktemp("tls")
+    ours, theirs = make_authority(folder, "lab"), make_authority(folder, "street")
+    return {
+        "robot": write_config(folder / "robot.json", tls=make_certificate(folder, "robot", ours)),
+        "controller": write_config(folder / "me.json", tls=make_certificate(folder, "me", ours)),
+        "stranger": write_config(folder / "stranger.json", tls=make_certificate(folder, "x", theirs)),
+    }
+
+
+@pytest.fixture(params=["passwords", "certificates"])
+def configs(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_those_who_know_each_other_talk(address, configs):
+    endpoint = open_endpoint(address, config=configs["robot"])
+    interface = open_bus(address, config=configs["controller"])
+    assert not endpoint.peer_left
+    interface.close()
+    endpoint.close()
+
+
+@pytest.mark.parametrize("who", ["stranger", None])
+def test_a_stranger_is_refused_by_the_robot(address, configs, who):
+    endpoint = open_endpoint(address, config=configs["robot"])
+    with pytest.raises(BusError, match=r"reach a robot|no robot"):
+        open_bus(address, config=configs[who] if who else None)
+    interface = open_bus(address, config=configs["controller"])  # which is still free
+    interface.close()
+    endpoint.close()
+
+
+def test_a_bare_session_puts_nothing_into_the_robot(address, place, configs, bus_name):
+    endpoint = open_endpoint(address, config=configs["robot"])
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
+    config.insert_json5("connect/timeout_ms", "1000")
+    config.insert_json5("connect/exit_on_failure", "true")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+    endpoint.close()
+
+
+def test_a_stranger_who_poses_as_the_robot_is_refused_by_the_controller(
+    address, place, configs, tmp_path, request
+):
+    """He lets everybody in and says that he is free."""
+    config = zenoh.Config()
+    stranger = json.loads(configs["stranger"].read_text())["transport"]
+    kind = "tls" if stranger["link"] else "tcp"
+    if stranger["link"]:
+        config.insert_json5(TLS, json.dumps(stranger["link"]["tls"] | {"enable_mtls": False}))
+    else:  # he knows that there is an alice, and not her password; zenoh alone would let her in
+        config.insert_json5(f"{USERS}/dictionary_file", json.dumps(str(tmp_path / "users.txt")))
+    config.insert_json5("listen/endpoints", json.dumps([f"{kind}/{place}"]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        name = address.removeprefix("zenoh://").partition("@")[0]
+        queryable = session.declare_queryable(
+            f"sprintlab/{name}/claim", lambda query: query.reply(query.key_expr, b"free" + bytes(32))
+        )
+        with pytest.raises(BusError, match=r"not the robot|reach a robot"):
+            open_bus(address, config=configs["controller"])
+        queryable.undeclare()
+
+
+@pytest.mark.parametrize("content", [None, "", "\n\n", "alice", "alice:\n", ":secret\n"])
+def test_without_users_nobody_is_let_in(address, tmp_path, content):
+    """zenoh itself takes an empty file for no authentication."""
+    users = tmp_path / "users.txt"
+    if content is not None:
+        users.write_text(content)
+    section = {"user": "robot", "password": "r", "dictionary_file": str(users)}
+    config = write_config(tmp_path / "robot.json", users=section)
+    with pytest.raises(BusError, match="user file"):
+        open_endpoint(address, config=config)
+
+
+@pytest.mark.parametrize(
+    ("section", "match"),
+    [
+        ({}, "neither"),
+        ({"users": {"user": "robot"}}, "Invalid configuration"),
+        ({"users": {"user": "robot", "password": "r"}}, "user file"),
+        ({"tls": {"root_ca_certificate": "ca.pem"}}, "listen_certificate"),
+        (
+            {"tls": {"root_ca_certificate": "a", "listen_certificate": "b", "listen_private_key": "c"}},
+            "enable_mtls",
+        ),
+    ],
+)
+def test_a_configuration_that_would_let_everybody_in_is_refused(address, tmp_path, section, match):
+    with pytest.raises(BusError, match=match):
+        open_endpoint(address, config=write_config(tmp_path / "robot.json", **section))
+
+
+def test_an_error_does_not_print_passwords(address, tmp_path):
+    file = tmp_path / "robot.json"
+    file.write_text(json.dumps({"transport": {"auth": {"usrpwd": {"password": "secret"}}}}))
+    with pytest.raises(BusError) as caught:
+        open_endpoint(address, config=file)
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", '{"transport": 3}', "\x00\xff"])
+def test_a_file_that_is_no_configuration_is_refused_in_one_sentence(address, tmp_path, content):
+    file = tmp_path / "robot.json"
+    file.write_text(content)
+    with pytest.raises(BusError):
+        open_endpoint(address, config=file)
+
+
+def test_a_place_on_the_network_needs_a_configuration(bus_name):
+    for place in ("0.0.0.0:17000", "192.0.2.1:17000", "[::]:17000", "robot.local:17000"):
+        with pytest.raises(BusError, match="everybody on the network"):
+            open_endpoint(f"zenoh://{bus_name}@{place}")
+        with pytest.raises(BusError, match="everybody on the network"):
+            open_bus(f"zenoh://{bus_name}@{place}")
+
+
+def test_without_a_place_the_robot_listens_on_the_loopback_interface_only(bus_name):
+    before = listening()
+    endpoint = open_endpoint(f"zenoh://{bus_name}")
+    opened = listening() - before
+    endpoint.close()
+    assert opened and all(place.startswith("0100007F:") for place in opened)
+
+
+def listening():
+    """Local addresses of sockets of this process that listen, as the kernel prints them."""
+    if not Path("/proc/self/net/tcp").exists():
+        pytest.skip("needs Linux")
+    own = {os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()}
+    lines = [
+        line.split()
+        for table in ("tcp", "tcp6", "udp", "udp6")
+        for line in Path(f"/proc/self/net/{table}").read_text().splitlines()[1:]
+    ]
+    return {row[1] for row in lines if f"socket:[{row[9]}]" in own}

@@ -1,0 +1,300 @@
+"""The second engine agrees with MuJoCo where both must agree: bodies, rotors, joints, springs, pads."""
+
+import sys
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import pytest
+
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.trial import TrialRequest, run_trial
+from sprintlab.plant import PlantOptions, TrialSettings, check_engine, on_engine, open_plant
+from sprintlab.robots import ModelOptions, RobotDescription, build_model, load_robot, robot_spec
+from sprintlab.robots.foot import (
+    DROP_SPEEDS,
+    DropOutcome,
+    FootContact,
+    drop_model,
+    drop_outcome,
+    expected_drop,
+)
+
+pytest.importorskip("pydrake", reason="the second engine needs drake: pip install 'sprintlab[drake]'")
+
+from sprintlab.plant.drake.assembly import rotors_of
+from sprintlab.plant.drake.engine import DrakeEngine
+from sprintlab.plant.drake.pad import Pad, pad_for, stepped_restitution
+
+ROBOTS = ("bp2", "go1")
+PAD = Pad(stiffness=80e3, dissipation_number=1.9)
+TIMESTEP = 0.0005
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def robot(request: pytest.FixtureRequest) -> RobotDescription:
+    return load_robot(request.param)
+
+
+def engine_of(model: mujoco.MjModel, robot: RobotDescription, timestep: float = TIMESTEP) -> DrakeEngine:
+    names = {model.joint(index).name for index in range(model.njnt)}
+    rotors = {name: rotor for name, rotor in rotors_of(robot).items() if name in names}
+    feet = [f"{leg}_foot" for leg in robot.leg_names]
+    return DrakeEngine(model, timestep, rotors=rotors, feet=feet, pad=PAD)
+
+
+def hung_robot(robot: RobotDescription, joints: Sequence[str], **options: object) -> mujoco.MjModel:
+    """The robot with its trunk held in the air, all joints but these fixed at zero."""
+    spec = robot_spec(robot, ModelOptions(timestep=5e-5, **options))
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    for key in list(spec.keys):
+        spec.delete(key)
+    for joint in list(spec.joints):
+        if joint.name not in joints:
+            spec.delete(joint)
+    spec.body("trunk").pos = (0.0, 0.0, 2.0)
+    return spec.compile()
+
+
+def courses(
+    model: mujoco.MjModel, robot: RobotDescription, start: np.ndarray, steps: int, timestep: float = TIMESTEP
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint positions ``(steps, nq)`` from rest in MuJoCo and in Drake, at Drake's steps."""
+    data, engine = mujoco.MjData(model), engine_of(model, robot, timestep)
+    data.qpos[:] = start
+    position, velocity = start.copy(), np.zeros_like(start)
+    expected, shown = [], []
+    for _ in range(steps):
+        mujoco.mj_step(model, data, nstep=round(timestep / model.opt.timestep))
+        expected.append(data.qpos.copy())
+        engine.step(position, velocity, np.zeros_like(start))
+        shown.append(position.copy())
+    return np.array(expected), np.array(shown)
+
+
+def poses(robot: RobotDescription, model: mujoco.MjModel, count: int) -> list[np.ndarray]:
+    """Random states of the whole robot, away from the joints' limits."""
+    random = np.random.default_rng(7)
+    drawn = []
+    for _ in range(count):
+        position = model.key("stand").qpos.copy()
+        position[:3] += random.uniform(-1.0, 1.0, 3)
+        position[3:7] = random.normal(size=4)
+        position[3:7] /= np.linalg.norm(position[3:7])
+        position[7:] += random.uniform(-0.2, 0.2, len(position) - 7)
+        drawn.append(position)
+    return drawn
+
+
+def test_mass_matrix_agrees(robot: RobotDescription) -> None:
+    model = build_model(robot)
+    data, engine = mujoco.MjData(model), engine_of(model, robot)
+    for position in poses(robot, model, 5):
+        data.qpos[:] = position
+        mujoco.mj_forward(model, data)
+        expected = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, expected)
+        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+        assert np.abs((engine.mass_matrix(position) - expected) / scale).max() < 1e-6
+
+
+def test_mass_matrix_needs_the_rotors(robot: RobotDescription) -> None:
+    """The armature of every joint is in it: rotor inertia times the gear ratio squared."""
+    model = build_model(robot)
+    feet = [f"{leg}_foot" for leg in robot.leg_names]
+    without = DrakeEngine(model, TIMESTEP, rotors={}, feet=feet, pad=PAD)
+    position = model.key("stand").qpos
+    difference = np.diag(engine_of(model, robot).mass_matrix(position) - without.mass_matrix(position))
+    joints = [model.joint(name).dofadr[0] for name in robot.joint_names]
+    assert difference[joints] == pytest.approx(robot.armature, rel=1e-9)
+
+
+def test_reflected_inertia(robot: RobotDescription) -> None:
+    """A torque on each joint, and a force and a twist on the trunk, accelerate the free robot alike."""
+    model = build_model(robot, ModelOptions(dry_friction=False, joint_limits=False))
+    model.opt.gravity[:], model.dof_damping[:] = 0.0, 0.0
+    data, engine = mujoco.MjData(model), engine_of(model, robot, 1e-5)
+    position = poses(robot, model, 1)[0]
+    position[2] = 3.0
+    springs = [model.joint(name).qposadr[0] for name in robot.spring_joint_names]
+    position[springs] = model.qpos_spring[springs]
+    for dof in range(model.nv):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = position, 0.0, 0.0
+        data.qfrc_applied[dof] = 1.0
+        mujoco.mj_forward(model, data)
+        moved, velocity = position.copy(), np.zeros(model.nv)
+        engine.step(moved, velocity, data.qfrc_applied)
+        assert velocity / 1e-5 == pytest.approx(data.qacc, abs=0.01 * np.abs(data.qacc).max())
+
+
+@pytest.mark.parametrize("friction", [False, True], ids=["free", "with friction"])
+def test_pendulum_of_every_joint(robot: RobotDescription, friction: bool) -> None:
+    """Each joint alone swings alike, without any friction and with its viscous and dry friction."""
+    for name in robot.joint_names:
+        model = hung_robot(robot, [name], dry_friction=friction, joint_limits=False)
+        if not friction:
+            model.dof_damping[:] = 0.0
+        expected, shown = courses(model, robot, np.array([1.0]), 1000)
+        # Of the 1 rad at the start: a light shank hardly moves against its knee's dry friction.
+        assert np.abs(shown - expected).max() < 0.01 * (1.0 if friction else np.ptp(expected)), name
+
+
+def test_springs_swing_alike(robot: RobotDescription) -> None:
+    """A shank on its damped spring alone, some 40 Hz: in steps short enough for it."""
+    for name in robot.spring_joint_names:
+        model = hung_robot(robot, [name], joint_limits=False)
+        expected, shown = courses(model, robot, np.array([0.2]), 800, 1e-4)
+        assert np.abs(shown - expected).max() < 0.01 * np.ptp(expected), name
+
+
+def test_drop_of_a_single_leg(robot: RobotDescription) -> None:
+    """A limp leg falls from the side, with joint friction, spring and hard limits."""
+    leg = robot.leg_names[0]
+    names = [name for name in (*robot.joint_names, *robot.spring_joint_names) if name.startswith(leg)]
+    model = hung_robot(robot, names)
+    start = np.array([{"abad": 0.5, "hip": 1.2, "knee": -1.4}.get(n.split("_")[1], 0.05) for n in names])
+    order = [model.joint(name).qposadr[0] for name in names]
+    start[order] = start.copy()
+    expected, shown = courses(model, robot, start, 600)
+    swing = np.ptp(expected, axis=0).max()
+    assert swing > 0.5
+    assert np.abs(shown - expected).max() < 0.01 * swing
+
+
+@pytest.mark.parametrize("timestep", [0.001, 0.0005, 0.00025])
+@pytest.mark.parametrize("restitution", [0.2, 0.4, 0.6])
+def test_dissipation_is_found_for_a_restitution(timestep: float, restitution: float) -> None:
+    pad = pad_for(FootContact(restitution=restitution), 1.5, timestep)
+    shown = stepped_restitution(pad.dissipation_number, pad.stiffness, 1.5, timestep)
+    assert shown == pytest.approx(restitution, abs=0.01)
+
+
+def dropped(foot: FootContact, mass: float, speed: float, along: float = 0.0) -> DropOutcome:
+    """The drop test in Drake; ``along`` is how fast the foot slides [m/s]."""
+    engine = DrakeEngine(
+        drop_model(foot, mass, TIMESTEP),
+        TIMESTEP,
+        rotors={},
+        feet=["foot"],
+        pad=pad_for(foot, mass, TIMESTEP),
+    )
+    engine.touch_down(0, speed)
+    position = np.array([0.0, 0.0, 0.03 + 0.3 * TIMESTEP * speed, 1.0, 0.0, 0.0, 0.0])
+    velocity = np.array([along, 0.0, -speed, 0.0, 0.0, 0.0])
+    course = []
+    for _ in range(round(2.0 * expected_drop(foot, mass, speed).contact_time / TIMESTEP) + 8):
+        # Drake solves for the force at a step's end.
+        force = engine.step(position, velocity, np.zeros(6))[0, 2]
+        course.append((0.03 - position[2], velocity[2], force))
+    return drop_outcome(TIMESTEP, *np.array([(-1.0, -speed, 0.0), *course]).T)
+
+
+@pytest.mark.parametrize("along", [0.0, 3.0], ids=["straight down", "sliding"])
+@pytest.mark.parametrize("speed", DROP_SPEEDS)
+@pytest.mark.parametrize(
+    ("stiffness", "restitution"), [(80e3, 0.4), (40e3, 0.2), (40e3, 0.6), (160e3, 0.2), (160e3, 0.6)]
+)
+def test_drop_test(stiffness: float, restitution: float, speed: float, along: float) -> None:
+    """Stiffness and restitution within 20 % of what is stated, whether the foot slides or not."""
+    foot = FootContact(stiffness=stiffness, restitution=restitution)
+    shown = dropped(foot, 1.5, speed, along)
+    assert shown.stiffness == pytest.approx(stiffness, rel=0.2)
+    assert shown.restitution == pytest.approx(restitution, rel=0.2)
+
+
+def test_legs_touch_what_they_touch_in_mujoco(robot: RobotDescription) -> None:
+    """Two legs in each other's way push each other off; a leg's own links do not."""
+    model = build_model(robot, PlantOptions().model_options())
+    model.opt.gravity[:] = 0.0
+    data, engine = mujoco.MjData(model), engine_of(model, robot)
+    apart = model.key("stand").qpos.copy()
+    apart[2] = 3.0
+    crossed = apart.copy()
+    for leg, side in zip(robot.leg_names, (-1.0, 1.0, -1.0, 1.0), strict=True):
+        crossed[model.joint(f"{leg}_abad").qposadr[0]] = 0.5 * side
+    for position, touching in ((apart, False), (crossed, True)):
+        data.qpos[:] = position
+        mujoco.mj_forward(model, data)
+        assert (data.ncon > 0) == touching
+        moved, velocity = position.copy(), np.zeros(model.nv)
+        engine.step(moved, velocity, np.zeros(model.nv))
+        assert (np.abs(velocity).max() > 0.05) == touching
+
+
+class Watcher:
+    """Keeps the greatest foot force that a recorder can see."""
+
+    def __init__(self) -> None:
+        self.vertical = 0.0
+
+    def sample(self, data: mujoco.MjData, drive: object, targets: object) -> None: ...
+
+    def watch_step(self, data: mujoco.MjData) -> None:
+        self.vertical = self._vertical(data)
+
+    @staticmethod
+    def _vertical(data: mujoco.MjData) -> float:
+        wrench, total = np.zeros(6), 0.0
+        for index in range(data.ncon):
+            mujoco.mj_contactForce(data.model, data, index, wrench)
+            total += wrench[0]
+        return total
+
+
+def test_recorders_see_the_ground_of_drake(robot: RobotDescription) -> None:
+    """A robot that stands weighs what it weighs, in forces read as MuJoCo's are."""
+    options = on_engine(PlantOptions(), "drake")
+    plant, watcher = open_plant(robot, options, TrialSettings(payload=2.0)), Watcher()
+    plant.advance(robot.default_pose, 600, watcher)
+    vertical = []
+    for _ in range(100):
+        plant.advance(robot.default_pose, 1, watcher)
+        vertical.append(watcher.vertical)
+    assert np.mean(vertical) == pytest.approx((robot.total_mass + 2.0) * 9.81, rel=0.03)
+    assert plant.time == pytest.approx(0.7)
+
+
+def test_motors_limit_the_torque() -> None:
+    """The same law as in the first engine: what it gives moves the robot, not what was asked for."""
+    robot = load_robot("bp2")
+    plant = open_plant(robot, on_engine(PlantOptions(), "drake"), TrialSettings())
+    given = plant.drive_joints(np.full(12, 1e4), robot.default_pose, Watcher())
+    limit = np.asarray(robot.motors.peak_torque) * np.asarray(robot.gear.ratio)
+    assert (given.torque <= limit).all()
+    assert np.abs(plant.joint_state()[1]).max() < 0.001 * (limit / robot.armature).max()
+
+
+@pytest.mark.parametrize("name", ["sprint", "go1-sprint"])
+def test_policy_runs_in_drake(name: str) -> None:
+    """A few seconds of a shipped policy: it goes as it does in MuJoCo, in believable contact."""
+    policy = load_policy(shipped_policy(name))
+    robot = load_robot(policy.contract.robot_name)
+    runs = [
+        run_trial(policy, robot, TrialRequest(top_speed=1.0, hold=0.5, plant=plant))
+        for plant in (PlantOptions(), on_engine(PlantOptions(), "drake"))
+    ]
+    first, second = runs
+    assert second.completed
+    assert second.metrics.held_speed == pytest.approx(first.metrics.held_speed, abs=0.3)
+    assert second.metrics.pad_deflection < 0.015
+
+
+def test_the_same_run_twice_is_the_same(robot: RobotDescription) -> None:
+    plants = [
+        open_plant(robot, on_engine(PlantOptions(), "drake"), TrialSettings(joint_noise=0.05)) for _ in "ab"
+    ]
+    for plant in plants:
+        plant.advance(robot.default_pose, 100, Watcher())
+    np.testing.assert_array_equal(plants[0].data.qpos, plants[1].data.qpos)
+
+
+def test_refused_where_drake_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sprintlab.plant.engines.find_spec", lambda _: None)
+    with pytest.raises(SprintlabError, match=r"pip install 'sprintlab\[drake\]'"):
+        check_engine("drake")
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(SprintlabError, match="for Linux and macOS, not for win32"):
+        on_engine(PlantOptions(), "drake")
+    check_engine("mujoco")
