@@ -17,8 +17,8 @@ from sprintlab.robots.surrogate import EDITIONS, surrogate_table, table_text
 _ENDS = {"bp2": "nominal", "bp2-weak": "weak end of the uncertainties", "bp2-strong": "strong end"}
 HEADING = """# BP2 surrogate, second edition, {end}.
 # Nothing of BP2's geometry, springs or motors is public: this is a set of stated assumptions. Motor and gears
-# were chosen by the speed limits that follow from them, before any training (docs/speed-limit.md); the rest is
-# derived from published machines. Written by recipes/bp2_editions.py.
+# were chosen by the speed limits that follow from them, before any training (docs/speed-limit.md); the rest
+# is derived from published machines. Written by recipes/bp2_editions.py.
 #
 # Each entry: value, SI unit, uncertainty, basis. Frames: x forward, y left, z up; links are given for a left
 # leg, the right one mirrors y. Motor quantities are on the motor's side of the gear."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from sprintlab.motors import Gear, PmsmParameters, saturate, torque_limits
+from sprintlab.motors import Gear, MotorModel, PmsmParameters, saturate, torque_limits
 from sprintlab.robots import KneeSpring, RobotDescription
 from sprintlab.speed_limit.leg import FloatArray, PlanarLeg, planar_leg
 
@@ -43,7 +43,7 @@ class Runner:
     legs: int
     foot_friction: float
     knee_spring: KneeSpring | None
-    motor_model: str = "refined"
+    motor_model: MotorModel = "refined"
 
     @property
     def peak_torque(self) -> FloatArray:
