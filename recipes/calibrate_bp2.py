@@ -42,7 +42,7 @@ MODELS = ("refined", "simplified-dc", "square")
 SETTINGS = SearchSettings(max_stride=5.5, min_duty=0.12)
 SCREEN_STARTS, FINE_STARTS = 1, 8
 STACKS = (1.4, 1.6, 1.8, 2.0)
-HIP_GEARS, KNEE_GEARS = (7.0, 7.5, 8.0, 8.5), (7.0, 8.0, 9.0)
+HIP_GEARS, KNEE_GEARS = (7.0, 7.5, 8.0, 8.5), (7.0, 8.0)
 FINE = (
     "1.5/7.75/7/800/1",
     "1.5/8/7/800/1",

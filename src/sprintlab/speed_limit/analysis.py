@@ -12,7 +12,7 @@ import numpy as np
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import read_json
-from sprintlab.motors import Gear, copper_loss, desaturate
+from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
@@ -273,7 +273,7 @@ def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
     period, duty = float(stride.period[0]), float(stride.duty[0])
     velocity, torque = stride.velocity[0], stride.torque[0]
     power = runner.legs * torque * velocity
-    heat = runner.legs * _copper(runner, torque).sum(-1)
+    heat = runner.legs * _copper(runner, torque, velocity).sum(-1)
     peak = runner.peak_torque
     room = np.minimum(stride.upper[0] - torque, torque - stride.lower[0])
     full = _mean(stride, (room < (1.0 - _FULL) * peak).astype(float))
@@ -306,10 +306,10 @@ def _mean(stride: Stride, values: FloatArray) -> FloatArray:
     return np.asarray(total / stride.period[0])
 
 
-def _copper(runner: Runner, torque: FloatArray) -> FloatArray:
-    """Heat in the windings of hip and knee for their torques ``(p, 2)`` [W]."""
-    scale = np.asarray(runner.gear.ratio) * np.asarray(runner.gear.efficiency)
-    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, torque / scale)))
+def _copper(runner: Runner, torque: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Heat in the windings of hip and knee for their torques and velocities ``(p, 2)`` [W]."""
+    on_shaft = shaft_torque(runner.gear, torque, velocity)
+    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, on_shaft)))
 
 
 def _no_load(runner: Runner) -> FloatArray:

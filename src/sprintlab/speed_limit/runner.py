@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from sprintlab.motors import Gear, MotorModel, PmsmParameters, saturate, torque_limits
+from sprintlab.motors import Gear, MotorModel, PmsmParameters, joint_torque, saturate, torque_limits
 from sprintlab.robots import KneeSpring, RobotDescription
 from sprintlab.speed_limit.leg import FloatArray, PlanarLeg, planar_leg
 
@@ -47,17 +47,19 @@ class Runner:
 
     @property
     def peak_torque(self) -> FloatArray:
-        """Greatest torque of hip and knee at standstill ``(2,)`` [N m]."""
-        return self.joint_limits(np.zeros(2))[1]
+        """Greatest driving torque of hip and knee near standstill ``(2,)`` [N m]."""
+        upper = torque_limits(self.motors, np.zeros(2), self.bus_voltage, self.motor_model)[1]
+        return np.asarray(joint_torque(self.gear, saturate(self.motors, upper)))
 
     def joint_limits(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest torque at the joints ``(..., 2)`` [N m]: envelope, saturation, gear."""
         ratio = np.asarray(self.gear.ratio)
         lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage, self.motor_model)
-        scale = ratio * np.asarray(self.gear.efficiency)
-        return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(
-            saturate(self.motors, upper)
+        least, greatest = (
+            np.asarray(joint_torque(self.gear, saturate(self.motors, limit), velocity))
+            for limit in (lower, upper)
         )
+        return least, greatest
 
     def friction(self, velocity: FloatArray) -> FloatArray:
         """Torque that the joints' friction takes ``(..., 2)`` [N m]."""
