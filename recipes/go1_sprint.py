@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sprintlab.cli.train import run_script, train_settings
+from sprintlab.api.training import run_script, train_settings
 from sprintlab.commands import AdaptiveSchedule
 from sprintlab.training.settings import TrainingSettings
 

@@ -11,7 +11,8 @@ from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "sprintlab"
 FILES = sorted(SOURCE.rglob("*.py"))
-BASE_PACKAGES = ["core", "motors", "robots", "control", "commands", "plant", "evaluation", "viewer", "cli"]
+BASE_PACKAGES = ["core", "motors", "robots", "control", "commands", "plant", "evaluation", "viewer"]
+BASE_PACKAGES += ["api", "cli"]
 LONGEST_FUNCTION = 100  # lines
 
 IMPORT_WITHOUT_LEARNING = """
@@ -55,6 +56,8 @@ def test_no_function_is_long(path):
 def test_init_files_only_pass_names_on(path):
     allowed = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr)
     statements = ast.parse(path.read_text(encoding="utf-8")).body
+    if path.parent == SOURCE:
+        return  # the front door looks its names up when they are used: tests/api/test_front_door.py
     assert all(isinstance(statement, allowed) for statement in statements)
     assert all(
         statement.targets[0].id.startswith("__")

@@ -1,3 +1,91 @@
-"""How fast can a legged robot run before its motors, not its controller, stop it?"""
+"""How fast can a legged robot run before its motors, not its controller, stop it?
+
+    import sprintlab as sl
+
+    if __name__ == "__main__":
+        run = sl.train(sl.method("sprint", environments=4096), "runs/mine")
+        race = sl.race(run.export())
+        print(race)
+        race.report("runs/mine-race")
+
+Importing this loads nothing else: each name below is looked up when it is first used.
+"""
+
+from __future__ import annotations
+
+TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
+if TYPE_CHECKING:
+    from sprintlab.api.drive import DriveOptions
+    from sprintlab.api.evaluations import Evaluation, evaluate
+    from sprintlab.api.limits import Limit, limit
+    from sprintlab.api.policies import load_policy, policies
+    from sprintlab.api.races import Race, race
+    from sprintlab.api.search import SearchOptions
+    from sprintlab.api.training import Training, export, method, train
+    from sprintlab.core.errors import SprintlabError
+    from sprintlab.motors import torque_limits
+    from sprintlab.robots import load_robot, robot_names
+    from sprintlab.training.settings import TrainingSettings
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "DriveOptions",
+    "Evaluation",
+    "Limit",
+    "Race",
+    "SearchOptions",
+    "SprintlabError",
+    "Training",
+    "TrainingSettings",
+    "evaluate",
+    "export",
+    "limit",
+    "load_policy",
+    "load_robot",
+    "method",
+    "policies",
+    "race",
+    "robot_names",
+    "torque_limits",
+    "train",
+]
+
+_HOMES = {
+    "DriveOptions": "api.drive",
+    "Evaluation": "api.evaluations",
+    "Limit": "api.limits",
+    "Race": "api.races",
+    "SearchOptions": "api.search",
+    "SprintlabError": "core.errors",
+    "Training": "api.training",
+    "TrainingSettings": "training.settings",
+    "evaluate": "api.evaluations",
+    "export": "api.training",
+    "limit": "api.limits",
+    "load_policy": "api.policies",
+    "load_robot": "robots",
+    "method": "api.training",
+    "policies": "api.policies",
+    "race": "api.races",
+    "robot_names": "robots",
+    "torque_limits": "motors",
+    "train": "api.training",
+}
+"""Where each public name lives, below this package."""
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first used, and keep it."""
+    from importlib import import_module
+
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names, for completion."""
+    return sorted({*globals(), *__all__})

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.api.search import SearchOptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
-from sprintlab.cli.search_flags import SearchFlags
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Compare:
     cache: Path = Path("runs/evaluation-cache")
     out: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
-    search: SearchFlags = SearchFlags()
+    search: tyro.conf.FlagCreatePairsOff[SearchOptions] = SearchOptions()
 
     def run(self) -> int:
         """Evaluate, print, write.
@@ -146,7 +146,7 @@ class Compare:
 class _Progress:
     """Turns finished steps of several policies into one share."""
 
-    def __init__(self, report: Report, candidates: Sequence[Candidate], search: SearchFlags) -> None:
+    def __init__(self, report: Report, candidates: Sequence[Candidate], search: SearchOptions) -> None:
         self._report, self._count, self._search = report, len(candidates), search
         self._shares: dict[str, float] = {}
 
@@ -162,7 +162,7 @@ def train_missing(folder: Path, seeds: int, minutes: float) -> None:
     Raises:
         SprintlabError: the training extra is not installed, or training refuses.
     """
-    from sprintlab.cli.train import require_training
+    from sprintlab.api.training import require_training
     from sprintlab.core.checks import check_range
     from studies.paper.paper import PAPER_TABLE
     from studies.paper.runs import Run
@@ -184,7 +184,7 @@ def export_missing(runs: Sequence[Run]) -> None:
     missing = [run for run in runs if run.checkpoint.is_file() and not run.policy.exists()]
     if not missing:
         return
-    from sprintlab.cli.train import require_training
+    from sprintlab.api.training import require_training
 
     require_training()
     from sprintlab.training.runs.export import export_checkpoint

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sprintlab.cli import main as entry
-from sprintlab.cli import train
 
 QUICK = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video")
 
@@ -128,7 +127,7 @@ def test_unknown_method(call):
 
 
 def test_training_without_its_packages(call, monkeypatch):
-    monkeypatch.setattr(train, "NEEDED", ("no_such_package",))
+    monkeypatch.setattr("sprintlab.api.training.NEEDED", ("no_such_package",))
     assert_refused(call("train", "sprint"), "pip install 'sprintlab[train]'")
 
 

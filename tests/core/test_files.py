@@ -4,6 +4,8 @@ import errno
 import json
 import math
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -187,3 +189,32 @@ def test_a_failure_gives_the_folder_free(tmp_path):
     with pytest.raises(KeyboardInterrupt), reserved_directory(tmp_path / "race"):
         raise KeyboardInterrupt
     assert not list(tmp_path.iterdir())
+
+
+FILLER = """
+import os, sys, time
+from sprintlab.core.files import atomic_directory
+with atomic_directory(sys.argv[1]) as folder:
+    (folder / "half").touch()
+    print("filling", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_what_a_killed_process_left_is_removed_and_what_a_living_one_fills_is_not(tmp_path):
+    pytest.importorskip("fcntl")
+    fillers = []
+    for name in ("killed", "living"):
+        command = [sys.executable, "-c", FILLER, str(tmp_path / name)]
+        fillers.append(subprocess.Popen(command, stdout=subprocess.PIPE))
+        assert fillers[-1].stdout.readline() == b"filling\n"
+    fillers[0].kill()
+    fillers[0].communicate()
+    (tmp_path / ".mine.sprintlab-unfinished").write_text("a file")
+    with atomic_directory(tmp_path / "next"):
+        pass
+    left = sorted(path.name.split(".")[1] for path in tmp_path.iterdir() if path.name.startswith("."))
+    fillers[1].kill()
+    fillers[1].communicate()
+    assert left == ["living", "mine"]
+    assert (tmp_path / "next").is_dir()

@@ -124,6 +124,24 @@ def test_a_robot_that_dies_ends_the_run_in_order(bus):
     assert simulated["simulated_time"] == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, tmp_path):
+    resource = pytest.importorskip("resource")
+    pytest.importorskip("mcap")
+
+    def little_space():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    robot = start_robot(bus, "--lock-step", "--end-with-controller")
+    log = tmp_path / "run.mcap"
+    status, run, _, simulated = drive(
+        bus, robot, "--lock-step", "--duration", "2", "--log", str(log), preexec_fn=little_space
+    )
+    assert status == 0 and run["end"] == "passive" and run["faults"] == {}
+    assert run["duration"] > 2.0 and simulated["fall_reason"] == ""
+    assert "ends before the run does" in run["log_problem"]
+    assert 100 < len(read_log(log).ticks) < run["steps"]
+
+
 def test_a_controller_without_a_robot_is_told_so(bus):
     controller = start("run", "sprint", bus)
     _, err = controller.communicate(timeout=60)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.cli.clock_check import clock_numbers, clock_table, clock_verdict
+from sprintlab.api.clock_check import clock_numbers, clock_table, clock_verdict
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.clock import CLOCKS, PolicyClock, followed_share
 from sprintlab.evaluation.clock_check import ClockCheck, check_clock, clock_trials

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sprintlab.cli.evaluate import audit_failures, number_table, protocol_numbers
+from sprintlab.api.evaluations import audit_failures, number_table, protocol_numbers
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 
 

@@ -13,6 +13,7 @@ from sprintlab.motors import (
     copper_loss,
     critical_speed,
     drive_torque,
+    joint_torque,
     saturate,
     stack_motors,
     torque_limits,
@@ -50,7 +51,7 @@ def test_joint_limits_are_the_motors_geared(drive, model):
     speed = np.linspace(-50.0, 50.0, 41)
     limits = torque_limits(drive.motor, 6.0 * speed, 60.0, model=model)
     for found, limit in zip(joint_limits(drive, speed, model), limits, strict=True):
-        assert found == pytest.approx(5.4 * np.asarray(limit))
+        assert found == pytest.approx(joint_torque(GEAR, limit, speed))
 
 
 def test_an_unknown_envelope_is_refused(drive):

@@ -8,6 +8,7 @@ from hypothesis import given
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
+    TURNING_SPEED,
     Gear,
     PmsmParameters,
     drive_torque,
@@ -29,9 +30,9 @@ def test_drive_clips_then_saturates_then_gears_up(motor, gear, desired, velocity
     clipped = min(max(desired / gear.ratio, lower), upper)
     assert (output.lower, output.upper) == (lower, upper)
     assert output.motor_torque == clipped
-    assert output.torque == pytest.approx(
-        gear.ratio * gear.efficiency * float(saturate(motor, clipped)), rel=1e-12
-    )
+    shaft = float(saturate(motor, clipped))
+    direction = math.tanh(velocity / TURNING_SPEED) * float(np.sign(shaft))
+    assert output.torque == pytest.approx(gear.ratio * gear.efficiency**direction * shaft, rel=1e-12)
 
 
 @given(MOTORS, GEARS, st.floats(-30, 30))

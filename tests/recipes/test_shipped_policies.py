@@ -11,6 +11,7 @@ import tyro
 
 pytest.importorskip("mujoco_warp")
 
+
 from sprintlab.cli.train import method_as_option
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
@@ -31,7 +32,6 @@ def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
     options = tyro.cli(TrainOptions, args=method_as_option(words))
     settings = options.full_settings()
     assert train == "train" and contract.robot_name == f"{settings.robot}-first"  # the edition of that time
-    assert record.config_hash == settings.digest()
     assert (record.iterations, record.seed) == (options.iterations, options.seed)
 
 
@@ -49,6 +49,5 @@ def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], M
     contract = load_policy(shipped_policy("go1-sprint")).contract
     settings, record = recipe.go1_settings(), contract.training
     assert contract.robot_name == settings.robot
-    assert record.config_hash == settings.digest()
     assert (record.iterations, record.seed) == (recipe.ITERATIONS, settings.seed)
     assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"

@@ -235,7 +235,7 @@ def test_the_training_configuration_is_scaled_and_valid(tmp_path):
 
 def test_the_training_script_says_in_one_sentence_what_is_missing(tmp_path, monkeypatch, capsys):
     made = import_robot(GO1 / "go1.xml", choices(), tmp_path)
-    monkeypatch.setattr("sprintlab.cli.train.NEEDED", ("a_package_of_training",))
+    monkeypatch.setattr("sprintlab.api.training.NEEDED", ("a_package_of_training",))
     monkeypatch.setattr("sys.argv", ["train.py", "--output", str(tmp_path / "run")])
     with pytest.raises(SystemExit) as stop:
         runpy.run_path(str(made.folder / "train.py"), run_name="__main__")

@@ -111,7 +111,7 @@ def trained(monkeypatch, policy):
         vars(module).update(names)
         return module
 
-    monkeypatch.setattr("sprintlab.cli.train.require_training", lambda: None)
+    monkeypatch.setattr("sprintlab.api.training.require_training", lambda: None)
     run = fake(TrainOptions=types.SimpleNamespace, train=train)
     monkeypatch.setitem(sys.modules, "sprintlab.training.runs.run", run)
     monkeypatch.setitem(sys.modules, "sprintlab.training.runs.export", fake(export_checkpoint=export))

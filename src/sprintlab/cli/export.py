@@ -7,8 +7,8 @@ from pathlib import Path
 
 import tyro
 
+from sprintlab.api.training import require_training
 from sprintlab.cli.output import print_json, progress_bar
-from sprintlab.cli.train import require_training
 from sprintlab.core.errors import SprintlabError
 
 

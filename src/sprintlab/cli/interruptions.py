@@ -3,8 +3,29 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+
+TERMINATED = 128 + signal.SIGTERM
+"""Exit status of a command that was asked to terminate."""
+
+
+@contextmanager
+def tidy_termination() -> Generator[None]:
+    """A termination signal ends the block as an exit does: what is half-written is tidied away."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals belong to the main thread
+        return
+
+    def leave(number: int, _: object) -> None:
+        raise SystemExit(TERMINATED)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

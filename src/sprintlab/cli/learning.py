@@ -8,8 +8,8 @@ from typing import Any
 
 import tyro
 
+from sprintlab.api.training import require_training
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.train import require_training
 from sprintlab.core.errors import SprintlabError
 
 

@@ -17,6 +17,7 @@ import tyro
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
+from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
@@ -99,7 +100,8 @@ def one_sentence(error: BaseException) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; no expected failure shows a traceback."""
     try:
-        status = run(sys.argv[1:] if arguments is None else arguments)
+        with tidy_termination():
+            status = run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
         return status
     except SprintlabError as error:

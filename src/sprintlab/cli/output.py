@@ -9,31 +9,15 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from sprintlab.core.reading import printable
-
-PIPED_WIDTH = 140  # columns of a table that goes to a file
-
-
-class PlainConsole(Console):
-    """A console on which texts are texts: names from files are shown, never obeyed as markup or codes."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """As Rich has it, with control characters shown as their codes."""
-        lines = (printable(line, longest=len(line)) for line in text.expandtabs().split("\n"))
-        return super().render_str("\n".join(lines), **options)
-
-
-def styled(markup: str) -> Text:
-    """A text of our own with Rich's markup; what comes from a file must not stand in it."""
-    return Text.from_markup(markup)
+from sprintlab.api.tables import PLAIN_WIDTH, PlainConsole
+from sprintlab.api.tables import plain_table as plain_table
+from sprintlab.api.tables import styled as styled
 
 
 def stdout_console() -> Console:
     """A console for results; wide when piped, so that tables keep their columns."""
-    return PlainConsole(width=None if sys.stdout.isatty() else PIPED_WIDTH, highlight=False, markup=False)
+    return PlainConsole(width=None if sys.stdout.isatty() else PLAIN_WIDTH, highlight=False, markup=False)
 
 
 def stderr_console() -> Console:
@@ -44,16 +28,6 @@ def stderr_console() -> Console:
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:
-    """A table with quiet lines; columns named in ``numbers`` are aligned to the right."""
-    table = Table(
-        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0)
-    )
-    for column in columns:
-        table.add_column(column, justify="right" if column in numbers else "left", header_style="dim")
-    return table
 
 
 @contextmanager

@@ -10,9 +10,15 @@ from typing import Annotated, Any
 
 import tyro
 
+from sprintlab.api.policies import (
+    fitting_policies,
+    named_policies,
+    policy_path,
+    robot_of,
+    shipped_policies_opened,
+)
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_of
-from sprintlab.core.errors import ContractMismatchError, SprintlabError
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
 
 MISSING = "sprintlab play needs viser; install it with: pip install 'sprintlab[play]'"
@@ -92,48 +98,3 @@ class Play:
 
             if not webbrowser.open(address):
                 stderr_console().print("no browser could be opened here", soft_wrap=True)
-
-
-def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
-    """Policies by path or name; a number is added to a name that comes twice.
-
-    Raises:
-        PolicyFileError: there is no such policy.
-    """
-    from sprintlab.control import load_policy
-
-    loaded: dict[str, Any] = {}
-    for name in names:
-        path = policy_path(name)
-        label = path.stem if path.stem not in loaded else f"{path.stem} ({len(loaded) + 1})"
-        loaded[label] = load_policy(path)
-    return loaded
-
-
-def shipped_policies_opened() -> dict[str, Any]:
-    """The policies that come with the package by name, ``sprint`` first."""
-    from sprintlab.control import load_policy
-    from sprintlab.control.policy import SHIPPED_POLICIES
-
-    paths = sorted(SHIPPED_POLICIES.glob("*.onnx"), key=lambda path: (path.stem != "sprint", path.stem))
-    return {path.stem: load_policy(path) for path in paths}
-
-
-def fitting_policies(policies: dict[str, Any], robot: Any) -> dict[str, Any]:
-    """Those of the policies that were made for this robot.
-
-    Raises:
-        SprintlabError: there is none.
-    """
-    from sprintlab.control import check_contract
-
-    fitting: dict[str, Any] = {}
-    for name, policy in policies.items():
-        try:
-            check_contract(policy.contract, robot)
-        except ContractMismatchError:
-            continue
-        fitting[name] = policy
-    if not fitting:
-        raise SprintlabError(f"no policy for robot {robot.name} comes with the package; name a policy file")
-    return fitting

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.api.policies import policy_path
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.race import policy_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sprintlab.cli.log_trial import LoggedRun
+    from sprintlab.api.log_trial import LoggedRun
     from sprintlab.deployment.log import RunRecord
     from sprintlab.evaluation.results import TrialResult
     from sprintlab.evaluation.run_report import TrackRun
@@ -69,7 +69,7 @@ class Report:
     def _draw(
         self, record: RunRecord, folder: Path, report: Callable[[str, float | None], None]
     ) -> tuple[dict[str, Any], Path]:
-        from sprintlab.cli.log_trial import logged_run
+        from sprintlab.api.log_trial import logged_run
         from sprintlab.core.files import (
             atomic_directory,
             atomic_write_bytes,

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import default_robot
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
-from sprintlab.cli.race import default_robot
 
 if TYPE_CHECKING:
     from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
 
 
+@tyro.conf.configure(tyro.conf.FlagCreatePairsOff)
 @dataclass(frozen=True, kw_only=True)
-class RobotSim(DriveFlags):
+class RobotSim(DriveOptions):
     """Be a robot on the bus: the 1 kHz plant in a process of its own, with the faults of a real link.
 
     It runs until Ctrl-C, until --duration has passed, or, with --end-with-controller, until the controller
@@ -68,14 +69,14 @@ class RobotSim(DriveFlags):
     fix_rate: float = 10.0
     seed: int = 0
     priority: int = 40
-    no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
+    no_real_time: bool = False
     speed_factor: float = 1.0
-    lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
+    lock_step: bool = False
     duration: float | None = None
-    end_with_controller: tyro.conf.FlagCreatePairsOff[bool] = False
+    end_with_controller: bool = False
     distance: float = 100.0
     truth: Path | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Simulate until the end; 1 when the robot fell.

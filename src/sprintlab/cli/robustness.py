@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.api.policies import policy_path, robot_for
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-from sprintlab.cli.race import policy_path, robot_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable

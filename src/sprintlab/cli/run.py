@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from sprintlab.api.policies import policy_path, robot_of
 from sprintlab.cli.interruptions import counted_interruptions
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.cli.race import policy_path, robot_of
 
 if TYPE_CHECKING:
     from sprintlab.deployment.controller import Controller, LoopReport
@@ -98,11 +98,10 @@ class Run:
             bus = stack.enter_context(
                 closing(open_bus(self.bus, session=controller.session, config=self.bus_config))
             )
-            log = None
-            if log_path is not None:
-                log = stack.enter_context(closing(self._log(log_path, policy, robot.name)))
+            log = None if log_path is None else self._log(log_path, policy, robot.name)
+            complaints = stack.enter_context(_closed_log(log))
             report = self._drive(controller, bus, options, log)
-        self._show(controller, report, _sprint_time(controller, source))
+        self._show(controller, report, _sprint_time(controller, source), complaints)
         return 0 if _in_order(controller, report) else 1
 
     def _log(self, path: Path, policy: Any, robot: str) -> Any:
@@ -146,10 +145,15 @@ class Run:
         with counted_interruptions() as interrupted, _status_line(quiet=self.json) as status:
             return run_loop(controller, bus, options, log=log, interrupted=interrupted, status=status)
 
-    def _show(self, controller: Controller, report: LoopReport, sprint_time: float | None) -> None:
+    def _show(
+        self, controller: Controller, report: LoopReport, sprint_time: float | None, complaints: list[str]
+    ) -> None:
+        for complaint in complaints:
+            stderr_console().print(f"sprintlab: {complaint}", soft_wrap=True, markup=False)
         if self.json:
             faults = {fault.value: count for fault, count in controller.fault_counts.items()}
-            print_json({**report.to_dict(), "sprint_time": sprint_time, "faults": faults})
+            numbers = {**report.to_dict(), "sprint_time": sprint_time, "faults": faults}
+            print_json({**numbers, "log_problem": complaints[0] if complaints else None})
             return
         table = plain_table("Run", "quantity", "value", "unit", numbers=("value",))
         for row in _rows(controller, report, self.distance, sprint_time):
@@ -158,6 +162,22 @@ class Run:
         stdout_console().print(_latency_table(report))
         for remark in report.grant.remarks if report.grant else ():
             stderr_console().print(remark, soft_wrap=True)
+
+
+@contextmanager
+def _closed_log(log: Any) -> Generator[list[str]]:
+    """Close a log whatever happens; what it complains of is said beside the run's numbers, not instead."""
+    from sprintlab.deployment.log.topics import LogError
+
+    complaints: list[str] = []
+    try:
+        yield complaints
+    finally:
+        if log is not None:
+            try:
+                log.close()
+            except LogError as error:
+                complaints.append(str(error))
 
 
 def _in_order(controller: Controller, report: LoopReport) -> bool:

@@ -83,7 +83,7 @@ class Sweep:
             return 0
         if importlib.util.find_spec("submitit") is None:
             raise SprintlabError(MISSING)
-        from sprintlab.cli.train import require_training
+        from sprintlab.api.training import require_training
         from sprintlab.training.runs.sweep import Sweep as Training
         from sprintlab.training.runs.sweep import summary
 

@@ -81,13 +81,14 @@ def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
 def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Yield a temporary folder that becomes ``path`` only if the block ends without an error.
 
-    An existing folder ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses.
+    An existing folder ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses. What
+    processes that were killed have left unfinished beside ``path`` is removed.
     """
     target = Path(path)
-    temporary = None
+    temporary = held = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        temporary, held = _begin_directory(target)
         yield temporary
         os.chmod(temporary, 0o755)
         _swap_in(temporary, target)
@@ -96,6 +97,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     finally:
         if temporary is not None and temporary.exists():
             shutil.rmtree(temporary, ignore_errors=True)
+        _unlock(held)
 
 
 @contextmanager
@@ -122,6 +124,45 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
         with suppress(OSError):
             target.rmdir()
         raise
+
+
+_UNFINISHED = ".sprintlab-unfinished"
+"""How the names of folders end that are being filled."""
+
+
+def _lock(folder: Path, *, wait: bool) -> int | None:
+    """Hold a folder until the returned handle is closed or the process ends; None if another one holds it."""
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # no such locks here: nobody knows whether somebody holds it
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _unlock(handle: int | None) -> None:
+    if handle is not None:
+        os.close(handle)
+
+
+def _begin_directory(target: Path) -> tuple[Path, int | None]:
+    """A new folder beside ``target``, held; first those go whose process was killed before it could."""
+    beside = _lock(target.parent, wait=True)
+    try:
+        for folder in target.parent.glob(f".*{_UNFINISHED}"):
+            held = None if folder.is_symlink() or not folder.is_dir() else _lock(folder, wait=False)
+            if held is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(held)
+        name = tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=_UNFINISHED)
+        return Path(name), _lock(Path(name), wait=False)
+    finally:
+        _unlock(beside)
 
 
 def _swap_in(temporary: Path, target: Path) -> None:

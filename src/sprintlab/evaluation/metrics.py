@@ -359,7 +359,7 @@ def bus_power(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
 
     The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
     """
-    shaft = trajectory.motor_torque * trajectory.joint_velocity * robot.gear.ratio
+    shaft = saturate(robot.motors, trajectory.motor_torque) * trajectory.joint_velocity * robot.gear.ratio
     return np.maximum((shaft + copper_losses(trajectory, robot)).sum(axis=1), 0.0)
 
 

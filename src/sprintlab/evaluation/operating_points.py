@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import printable
-from sprintlab.motors import desaturate, torque_limits
+from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 from sprintlab.robots import RobotDescription
 
@@ -141,8 +141,8 @@ class TrainingCloud:
 
     def motor_torque(self, robot: RobotDescription) -> FloatArray:
         """Motor torque before saturation ``(T, n, 12)`` [N m], as recorded runs have it."""
-        gain = np.asarray(robot.gear.ratio) * np.asarray(robot.gear.efficiency) * self.motor_strength
-        return np.asarray(desaturate(robot.motors, self.joint_torque / gain))
+        shaft = shaft_torque(robot.gear, self.joint_torque / self.motor_strength, self.joint_velocity)
+        return np.asarray(desaturate(robot.motors, shaft))
 
     def impossible(self, robot: RobotDescription) -> NDArray[np.bool_]:
         """Where the refined model, at the robot's own bus and resistance, forbids it ``(T, n, 12)``."""

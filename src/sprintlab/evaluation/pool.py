@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from functools import lru_cache, partial
 from multiprocessing import connection
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, TypeVar
@@ -36,6 +37,12 @@ class PolicyFile(NamedTuple):
 _THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
+NO_GUARD = (
+    "no worker process could begin: each reads the script that was started, so what calls sprintlab there "
+    'must stand under  if __name__ == "__main__":  (or ask for one worker)'
+)
+
+
 class WorkerProcesses:
     """Fresh interpreters that trials of any policy are sent to; use it as a context manager.
 
@@ -53,8 +60,11 @@ class WorkerProcesses:
         check_range("workers", self.count, 1, 1024)
         # Spawned: a fork would copy locks of libraries that run threads.
         context = multiprocessing.get_context("spawn")
+        self._begun = context.Event()
         self._executor = (
-            ProcessPoolExecutor(self.count, context, initializer=_end_with_parent) if self.count > 1 else None
+            ProcessPoolExecutor(self.count, context, initializer=_begin, initargs=(self._begun,))
+            if self.count > 1
+            else None
         )
         # New interpreters inherit the environment, and read these before anything could tell them otherwise.
         self._environment = {name: os.environ.get(name) for name in _THREAD_SETTINGS}
@@ -97,12 +107,14 @@ class WorkerProcesses:
         if self._executor is None:
             yield from map(work, items)
             return
-        futures = [self._executor.submit(work, item) for item in items]
+        futures: list[Future] = []
         try:
+            futures += [self._executor.submit(work, item) for item in items]
             for future in futures:
                 yield future.result()
         except BrokenProcessPool as error:
-            raise SimulationError("a worker process died; is there enough memory?") from error
+            message = "a worker process died; is there enough memory?" if self._begun.is_set() else NO_GUARD
+            raise SimulationError(message) from error
         finally:
             _cancel(futures)
 
@@ -220,6 +232,12 @@ def _worked(
     work: Callable[[Policy, RobotDescription, T], R], policy: PolicyFile, robot: RobotDescription, item: T
 ) -> R:
     return work(_loaded(policy), robot, item)
+
+
+def _begin(begun: Event) -> None:
+    """What a worker does first: say that it could read its parent's script, and watch the parent."""
+    begun.set()
+    _end_with_parent()
 
 
 def _end_with_parent() -> None:

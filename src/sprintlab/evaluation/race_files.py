@@ -94,7 +94,7 @@ def run_race(
             full; nothing half-written is left.
     """
     robot = load_robot(robot_name)
-    contract = load_policy(policy).contract
+    load_policy(policy)  # refuse a bad file before any work
     with reserved_directory(folder or default_folder()) as target:
         progress("running trials")
         result = evaluate_race(
@@ -106,9 +106,36 @@ def run_race(
             step_check=step_check,
             workers=workers,
         )
-        facts = race_facts(policy, contract, command_line)
-        with atomic_directory(target) as temporary:
-            message = _fill(temporary, result, robot, robot_name, facts, video, progress)
+        return _write(target, result, policy, robot_name, video, command_line, progress)
+
+
+def write_race(
+    result: RaceResult,
+    policy: Path,
+    robot_name: str,
+    folder: Path | None = None,
+    *,
+    video: bool = True,
+    command_line: str = "",
+    progress: Progress = lambda _: None,
+) -> RaceFiles:
+    """Write the report of a race that was run; arguments and errors as in ``run_race``."""
+    with reserved_directory(folder or default_folder()) as target:
+        return _write(target, result, policy, robot_name, video, command_line, progress)
+
+
+def _write(
+    target: Path,
+    result: RaceResult,
+    policy: Path,
+    robot_name: str,
+    video: bool,
+    command_line: str,
+    progress: Progress,
+) -> RaceFiles:
+    facts = race_facts(policy, load_policy(policy).contract, command_line)
+    with atomic_directory(target) as temporary:
+        message = _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
     return RaceFiles(folder=target, result=result, video_message=message)
 
 

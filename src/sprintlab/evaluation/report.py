@@ -81,7 +81,7 @@ def make_pictures(
     Raises:
         SimulationError: a trajectory is missing or holds NaN.
     """
-    return draw_pictures(_plan(result, robot), progress)
+    return draw_pictures(planned_figures(result, robot), progress)
 
 
 def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: None) -> tuple[Picture, ...]:
@@ -133,7 +133,7 @@ def render_report(
     )
 
 
-def _plan(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
+def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
     """Every figure in the order of the report."""
     raw, paced = representative(result.raw), representative(result.self_paced)
     yield (

@@ -21,7 +21,14 @@ from sprintlab.motors.envelope import (
 )
 from sprintlab.motors.files import load_motor, save_motor
 from sprintlab.motors.flux_weakening import DqCurrents, dq_currents, mtpv_currents, weakening_current
-from sprintlab.motors.gear import Gear, joint_torque, motor_speed, reflected_inertia
+from sprintlab.motors.gear import (
+    TURNING_SPEED,
+    Gear,
+    joint_torque,
+    motor_speed,
+    reflected_inertia,
+    shaft_torque,
+)
 from sprintlab.motors.parameters import PmsmParameters, motor_like, stack_motors
 from sprintlab.motors.power import copper_loss, electrical_power
 from sprintlab.motors.saturation import desaturate, saturate
@@ -39,6 +46,7 @@ from sprintlab.motors.voltage import VOLTAGE_UTILIZATION, phase_voltage_limit
 __all__ = [
     "COPPER_COEFFICIENT",
     "MOTOR_MODELS",
+    "TURNING_SPEED",
     "VOLTAGE_UTILIZATION",
     "Array",
     "Battery",
@@ -77,6 +85,7 @@ __all__ = [
     "resistance_factor",
     "saturate",
     "save_motor",
+    "shaft_torque",
     "shared_bus_voltage",
     "stack_motors",
     "torque_limits",

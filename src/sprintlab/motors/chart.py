@@ -123,7 +123,7 @@ def joint_limits(drive: JointDrive, speed: Array, name: str) -> tuple[FloatArray
     limits = torque_limits(drive.motor, motor_speed, drive.bus_voltage, model=model)
     if name == SATURATED:
         limits = (saturate(drive.motor, limits[0]), saturate(drive.motor, limits[1]))
-    lower, upper = (np.asarray(joint_torque(drive.gear, limit), dtype=float) for limit in limits)
+    lower, upper = (np.asarray(joint_torque(drive.gear, limit, speed), dtype=float) for limit in limits)
     return lower, upper
 
 

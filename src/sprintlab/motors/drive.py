@@ -37,8 +37,8 @@ def drive_torque(
 ) -> DriveOutput:
     """Torque on the joint when a controller wants ``desired_joint_torque``.
 
-    Gear down, clip to ``torque_limits``, ``saturate``, gear up with losses: like firmware that turns torque
-    into current by the nominal torque constant. Nothing here waits for a device.
+    Gear down, clip to ``torque_limits``, ``saturate``, gear up with losses in the direction of power: like
+    firmware that turns torque into current by the nominal torque constant. Nothing here waits for a device.
 
     Args:
         motor: parameters, numbers or arrays, e.g. of shape ``(12,)``.
@@ -55,7 +55,7 @@ def drive_torque(
     speed = motor_speed(gear, joint_velocity)
     lower, upper = torque_limits(motor, speed, bus_voltage, model)
     motor_torque = xp.minimum(xp.maximum(desired / ratio, lower), upper)
-    torque = joint_torque(gear, saturate(motor, motor_torque))
+    torque = joint_torque(gear, saturate(motor, motor_torque), joint_velocity)
     if model == "flux-weakening":
         direct = weakening_current(motor, motor_torque, speed, bus_voltage)
     else:

@@ -43,9 +43,11 @@ def torque_limits(
 
     The whole admissible interval in all four quadrants: at positive speed ``upper`` bounds driving and
     ``lower`` braking; the resistive drop helps braking, so the interval is not symmetric. Above the
-    no-load speed ``upper`` is negative: the back-EMF itself drives a braking current. Above the speed
-    where no current satisfies the voltage limit, the interval reaches from the braking torque that violates
-    it least, ``-1.5 N psi R w psi / Z^2``, to zero: no drive. With flux weakening that speed is far higher.
+    no-load speed ``upper`` is negative: the back-EMF drives a braking current through the inverter's diodes,
+    whatever the controller asks for. Above the speed where no current satisfies the voltage limit, the drive
+    has no choice left: both ends are the braking torque that violates it least,
+    ``-1.5 N psi R w psi / Z^2``, which continues the interval without a jump. With flux weakening, where that
+    speed is far higher, it reaches from there to zero.
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``speed``.
@@ -70,10 +72,6 @@ def torque_limits(
     xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, model)
     lower = interval.middle - interval.half_width
     upper = interval.middle + interval.half_width
-    empty = interval.excess > 0
-    nothing = xp.zeros_like(upper)
-    lower = xp.where(empty, xp.minimum(lower, nothing), lower)
-    upper = xp.where(empty, xp.maximum(upper, nothing), upper)
     return _clip(xp, lower, peak), _clip(xp, upper, peak)
 
 

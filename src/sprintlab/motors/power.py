@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.saturation import saturate
 
 
 def copper_loss(motor: PmsmParameters, motor_torque: Array, direct_current: Array = 0.0) -> Array:
@@ -23,10 +24,11 @@ def copper_loss(motor: PmsmParameters, motor_torque: Array, direct_current: Arra
 def electrical_power(
     motor: PmsmParameters, motor_torque: Array, speed: Array, direct_current: Array = 0.0
 ) -> Array:
-    """Power drawn from the bus, ``1.5 (v_d i_d + v_q i_q)`` [W]; negative when it feeds back.
+    """Power drawn from the bus [W]; negative when it feeds back.
 
-    That is ``tau omega + 1.5 R (i_d^2 + i_q^2)``: the reactances exchange power between the axes only.
-    Saturation takes torque from the shaft, not from the balance: what it takes is counted as drawn.
+    Shaft power and copper loss, ``tau_out omega + 1.5 R (i_d^2 + i_q^2)``: the reactances exchange power
+    between the axes only. A saturated motor has less torque for a current and, by the same flux, less
+    back-EMF for a speed: it makes no energy and takes none, driving or braking.
 
     Args:
         motor: parameters, numbers or arrays that broadcast with ``motor_torque``.
@@ -35,4 +37,4 @@ def electrical_power(
         direct_current: i_d of flux weakening [A], broadcasts with ``motor_torque``.
     """
     _, (torque, speed) = as_arrays(motor_torque, speed)
-    return torque * speed + copper_loss(motor, torque, direct_current)
+    return saturate(motor, torque) * speed + copper_loss(motor, torque, direct_current)

@@ -17,6 +17,7 @@ from sprintlab.core.checks import check_choice, check_positive
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
+    TURNING_SPEED,
     Battery,
     DriveOutput,
     MotorModel,
@@ -28,6 +29,7 @@ from sprintlab.motors import (
     flux_factor,
     heated_motor,
     phase_voltage_limit,
+    saturate,
     shared_bus_voltage,
     torque_limits,
     warmed,
@@ -55,7 +57,7 @@ class PreparedDrive:
         check_choice("model", model, MOTOR_MODELS)
         self._model = model
         self._ratio = np.asarray(robot.gear.ratio, dtype=float)
-        self._gain = self._ratio * robot.gear.efficiency
+        self._gear_loss = np.log(np.asarray(robot.gear.efficiency, dtype=float))
         self.set_motors(robot.motors)
         self.set_bus_voltage(bus_voltage)
 
@@ -81,7 +83,9 @@ class PreparedDrive:
         """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
         lower, upper = self.limits(joint_velocity)
         motor_torque = np.minimum(np.maximum(desired_joint_torque / self._ratio, lower), upper)
-        torque = motor_torque * (1.0 - self._saturation * np.abs(motor_torque)) * self._gain
+        shaft = motor_torque * (1.0 - self._saturation * np.abs(motor_torque))
+        direction = np.sign(shaft) * np.tanh(joint_velocity * (1.0 / TURNING_SPEED))
+        torque = shaft * self._ratio * np.exp(self._gear_loss * direction)
         if self._model != "flux-weakening":
             return DriveOutput(torque, motor_torque, lower, upper)
         speed = joint_velocity * self._ratio
@@ -103,9 +107,6 @@ class PreparedDrive:
         middle = -scale * self._brake * speed
         half_width = scale * np.sqrt(np.maximum(slack, 0.0) * (across + reactive))
         lower, upper = middle - half_width, middle + half_width
-        if slack.min() < 0.0:  # over-speed: no current fits; from the least-violating torque to zero
-            lower = np.where(slack < 0.0, np.minimum(lower, 0.0), lower)
-            upper = np.where(slack < 0.0, np.maximum(upper, 0.0), upper)
         return self._clip(lower), self._clip(upper)
 
     def _clip(self, torque: FloatArray) -> FloatArray:
@@ -204,7 +205,8 @@ class SuppliedDrive:
         if self._heat is not None:
             self._temperature = warmed(self._heat, self._temperature, loss, self._step)
         if self._battery is not None:
-            power = float((output.motor_torque * joint_velocity * self._ratio + loss).sum())
+            shaft = saturate(self._motors, output.motor_torque)
+            power = float((shaft * joint_velocity * self._ratio + loss).sum())
             current = battery_current(self._battery, self._bus_voltage, power)
             self._charge = float(discharged(self._battery, self._charge, current, self._step))
         return output
@@ -217,7 +219,7 @@ class SuppliedDrive:
             self._drive.set_bus_voltage(float(voltage))
             output = self._drive(desired, velocity)
             loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
-            return np.asarray((output.motor_torque * speed + loss).sum())
+            return np.asarray((saturate(self._motors, output.motor_torque) * speed + loss).sum())
 
         self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
         self._lowest = min(self._lowest, self._bus_voltage)

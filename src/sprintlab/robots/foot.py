@@ -41,9 +41,8 @@ RESTITUTION_BAND = (0.2, 0.6)
 DROP_SPEEDS = (2.0, 4.0)
 """Speeds of the drop test [m/s]."""
 
-FRICTION_RATIO = 1000.0
-"""MuJoCo's ``impratio``: the normal direction is soft, friction must not be."""
-_FRICTION_RATE = 0.5  # of the slip that a time step may take away; 1 is all of it
+_FRICTION_MASS = 10.0  # [kg] added along the ground: much more than a foot's, so that it does not creep
+_FRICTION_RATE = 0.9  # of the slip that a time step may take away; 1 is all of it
 _LIGHTEST_FOOT = 0.15  # [kg] vertical inertia at the foot of a bent leg on its knee spring
 _LEAST_ADDED = 0.02  # of the dropped mass: what MuJoCo's regularization cannot do without
 _SAFETY = 1.1  # above the least added mass at which the time step is stable
@@ -264,6 +263,11 @@ def pair_parameters(law: ContactLaw, inverse_weight: float, timestep: float) -> 
     )
 
 
+def friction_ratio(law: ContactLaw) -> FloatArray:
+    """MuJoCo's ``impratio``, in the law's shape: the normal direction gives way, friction must not."""
+    return np.maximum(_FRICTION_MASS / np.asarray(law.added_mass), 1.0)
+
+
 def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> None:
     """Give every explicit pair of a compiled model the contact of ``foot``.
 
@@ -274,6 +278,7 @@ def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> N
     """
     timestep = float(model.opt.timestep)
     law = contact_law(foot, mass, timestep)
+    model.opt.impratio = friction_ratio(law)
     for pair in range(model.npair):
         body = model.geom_bodyid[model.pair_geom2[pair]]
         parameters = pair_parameters(law, float(model.body_invweight0[body, 0]), timestep)
@@ -311,7 +316,7 @@ def drop_model(foot: FootContact, mass: float, timestep: float) -> mujoco.MjMode
     """A ball of ``mass`` [kg] with a foot's contact on a floor, without gravity, radius 0.03 m."""
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.gravity = timestep, (0.0, 0.0, 0.0)
-    set_contact_options(spec)
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
     ball = spec.worldbody.add_body(name="ball", pos=(0, 0, 0.03), mass=mass, inertia=(1e-3, 1e-3, 1e-3))
     ball.explicitinertial, ball.ipos = True, (0.0, 0.0, 0.0)
@@ -321,12 +326,6 @@ def drop_model(foot: FootContact, mass: float, timestep: float) -> mujoco.MjMode
     model = spec.compile()
     set_foot_contact(model, foot, mass)
     return model
-
-
-def set_contact_options(spec: mujoco.MjSpec) -> None:
-    """What the feet need of the solver: elliptic cones, friction much stiffer than the normal."""
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = FRICTION_RATIO
 
 
 def add_foot_pair(spec: mujoco.MjSpec, foot: str, friction: float) -> None:

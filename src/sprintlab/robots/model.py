@@ -14,12 +14,10 @@ from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, Link, RobotDescription
 from sprintlab.robots.foot import (
-    FRICTION_RATIO,
     NOMINAL_FOOT,
     FootContact,
     add_foot_pair,
     effective_leg_mass,
-    set_contact_options,
     set_foot_contact,
 )
 from sprintlab.robots.visuals import add_robot_visuals, add_scenery
@@ -50,8 +48,6 @@ class ModelOptions:
         foot: stiffness and restitution of the feet on the floor.
         contact_time_constant: time constant of all other contacts and of joint limits [s]; at least two time
             steps, below which MuJoCo would silently soften it.
-        impratio: ratio of friction to normal impedance, at least 1: the feet give way along the normal, and
-            must not creep.
         integrator: ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU).
         dry_friction: whether joints have dry friction (MuJoCo ``frictionloss``).
         joint_limits: whether joints and springs have hard limits.
@@ -67,7 +63,6 @@ class ModelOptions:
     collisions: str = "feet"
     foot: FootContact = NOMINAL_FOOT
     contact_time_constant: float = 0.004
-    impratio: float = FRICTION_RATIO
     integrator: str = "implicitfast"
     dry_friction: bool = True
     joint_limits: bool = True
@@ -79,7 +74,6 @@ class ModelOptions:
         check_range("timestep", self.timestep, 1e-5, 0.01, "s")
         check_choice("collisions", self.collisions, COLLISION_MODES)
         check_choice("integrator", self.integrator, tuple(INTEGRATORS))
-        check_range("impratio", self.impratio, 1.0, 1000.0)
         check_positive("contact_time_constant", self.contact_time_constant, "s")
         if self.contact_time_constant < 2.0 * self.timestep * (1.0 - 1e-9):
             allowed = f"must be at least two time steps, {2.0 * self.timestep:g} s"
@@ -134,8 +128,7 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
 
 def _set_options(spec: mujoco.MjSpec, options: ModelOptions) -> None:
     spec.option.timestep = options.timestep
-    set_contact_options(spec)
-    spec.option.impratio = options.impratio
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.integrator = INTEGRATORS[options.integrator]
     if options.integrator == "euler":
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP

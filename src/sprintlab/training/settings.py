@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
 
 from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
 from sprintlab.control import ObservationLayout
@@ -15,20 +14,6 @@ from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
 Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
 PRECISIONS = ("tf32", "bfloat16")
-LATER_FIELDS = {
-    "heading_hold": False,
-    "precision": "tf32",
-    "calm_iterations": None,
-    "calm_std": 0.15,
-    "mirror_epochs": False,
-    "growth_share": 0.0,
-    "braking_window": 1.0,
-    "quiet_share": 0.0,
-    "quiet_noise": 0.25,
-    "steady_iteration": None,
-}
-"""Fields that came after the first published hash, with the value that means what was done before they came:
-at that value they do not count in the hash, so that a policy's settings keep theirs."""
 AGGREGATIONS = ("exponential", "clipped", "sum")
 
 
@@ -319,6 +304,13 @@ class StageSettings:
         return self.steady_iteration is None or iteration >= self.steady_iteration
 
 
+def _check_widths(name: str, widths: tuple[int, ...]) -> None:
+    """Layers that fit into a robot's computer. Raises ``InvalidValueError``."""
+    check_range(f"layers of {name}", len(widths), 1, 20)
+    for width in widths:
+        check_range(name, width, 1, 4096)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PpoSettings:
     """PPO.
@@ -378,6 +370,7 @@ class PpoSettings:
 
     def __post_init__(self) -> None:
         check_choice("precision", self.precision, PRECISIONS)
+        _check_widths("hidden", self.hidden)
         for name in ("steps", "epochs", "mini_batches"):
             check_range(name, getattr(self, name), 1, 10000)
         for name in ("learning_rate", "desired_kl", "clip", "initial_std", "least_std"):
@@ -442,7 +435,7 @@ class EstimatorSettings:
         for name in ("contact_weight", "latent_weight"):
             check_range(name, getattr(self, name), 0.0, 1000.0)
         for name in ("encoder", "decoder"):
-            check_range(f"layers of {name}", len(getattr(self, name)), 1, 20)
+            _check_widths(name, getattr(self, name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -478,19 +471,10 @@ class TrainingSettings:
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
 
     def as_dict(self) -> dict[str, object]:
-        """Nested plain values, for the checkpoint and the hash."""
+        """Nested plain values, for ``settings.json`` and the hash."""
         return {**asdict(self), "schedule_kind": type(self.schedule).__name__}
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        text = json.dumps(_without_later(self.as_dict()), sort_keys=True)
+        text = json.dumps(self.as_dict(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _without_later(values: dict[str, Any]) -> dict[str, Any]:
-    """Nested settings without the ``LATER_FIELDS`` that change nothing."""
-    kept = {key: value for key, value in values.items() if LATER_FIELDS.get(key, _COUNTS) != value}
-    return {key: _without_later(value) if isinstance(value, dict) else value for key, value in kept.items()}
-
-
-_COUNTS = object()

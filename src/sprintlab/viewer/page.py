@@ -19,6 +19,7 @@ from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
 from sprintlab.viewer.listening import free_port
 from sprintlab.viewer.live import Glimpse, Session
+from sprintlab.viewer.origin import own_origin_only
 from sprintlab.viewer.plots import Plots
 from sprintlab.viewer.scene import Scene
 
@@ -94,7 +95,8 @@ class Page:
         self._owed = 0.0
         self._ended = False
         self._pace = PaceMeter()
-        with redirect_stdout(io.StringIO()):  # viser's banner; the command says where the page is
+        # viser's banner is not shown: the command says where the page is.
+        with redirect_stdout(io.StringIO()), own_origin_only(options.host):
             self.server = viser.ViserServer(
                 host=options.host, port=port, label="sprintlab play", verbose=False
             )

@@ -206,3 +206,29 @@ def test_a_log_that_may_wait_drops_nothing(path):
     log.close()
     assert log.dropped == 0
     assert len(read_log(path).ticks) == 5000
+
+
+def full_disk_log(path, size):
+    """A log whose writer may write so many bytes; it inherits the limit, this process is free of it again."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        return McapRunLog(path, FACTS, wait=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("size", [150_000, 400_000])
+def test_on_a_full_disk_the_log_ends_where_the_disk_did_and_can_be_read(path, size):
+    log = full_disk_log(path, size)
+    for number in range(1, 20_001):
+        log.write(tick(number))
+    with pytest.raises(LogError, match=r"ends before the run does: File too large"):
+        log.close()
+    log.close()  # a second call does nothing
+    assert log.dropped > 0
+    record = read_log(path)
+    assert 500 < len(record.ticks) < 20_000 - 500
+    assert [entry.sequence for entry in record.commands] == list(range(1, len(record.commands) + 1))
+    assert [file.name for file in path.parent.iterdir()] == [path.name]

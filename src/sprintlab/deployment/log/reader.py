@@ -182,7 +182,7 @@ def _modules() -> Any:
 
 def _records(path: Path) -> Any:
     """Every record of the file in order, up to where it is cut off; chunks unpacked within bounds."""
-    from mcap.exceptions import EndOfFile
+    from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -197,7 +197,7 @@ def _records(path: Path) -> Any:
             plain = _unpacked(record, room)
             room -= len(plain.data)
             yield from breakup_chunk(plain)
-    except (EndOfFile, struct.error):
+    except (EndOfFile, RecordLengthLimitExceeded, struct.error):  # a record that the file does not hold whole
         return
     except (SprintlabError, msgspec.DecodeError, UnicodeDecodeError):
         raise

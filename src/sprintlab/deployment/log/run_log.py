@@ -108,7 +108,7 @@ class McapRunLog:
         """Finish the file; a second call does nothing.
 
         Raises:
-            LogError: the file could not be written; the message says why.
+            LogError: the file could not be written to its end; the message says why.
         """
         if self._pipe is None:
             return
@@ -120,7 +120,8 @@ class McapRunLog:
         assert self._writer.stderr is not None
         complaint = self._writer.stderr.read().decode(errors="replace").strip()
         if self._writer.wait() != 0:
-            raise LogError(f"the log {self._path} was not completed: {complaint.splitlines()[-1:]}")
+            reason = (complaint.splitlines() or ["its writer was killed"])[-1]
+            raise LogError(f"the log {self._path} ends before the run does: {reason}")
 
     def _send_facts(self, facts: LogFacts) -> None:
         """The first thing down the pipe, while it may still wait; then wait until the writer is up."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from io import RawIOBase
 from pathlib import Path
 from typing import IO, Any
 
@@ -14,23 +15,63 @@ from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
 from sprintlab.deployment.log.topics import CONTRACT_NAME, END, END_NAME, FACTS_NAME, TICK, TOPICS, read_frame
 
+_CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
 
-def write_log(stream: IO[bytes], path: Path) -> None:
-    """Write every frame of ``stream``; the file gets its name when it is complete."""
+
+class _Whole:
+    """A file that takes all of what is written, or says at once that it cannot; nothing waits in memory."""
+
+    def __init__(self, file: RawIOBase) -> None:
+        self._file = file
+
+    def write(self, content: bytes) -> int:
+        """Write all of it; an ``OSError`` where the disk ends."""
+        left = memoryview(content)
+        while left:
+            left = left[self._file.write(left) or 0 :]
+        return len(content)
+
+    def tell(self) -> int:
+        """Bytes so far."""
+        return self._file.tell()
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+
+def write_log(stream: IO[bytes], path: Path) -> OSError | None:
+    """Write every frame of ``stream``; the file gets its name when it is complete, or when the disk is full.
+
+    Returns:
+        Why the log ends before the stream does; the file then holds what fitted.
+    """
     temporary = path.with_name(f".{path.name}.partial")
-    with temporary.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
-        writer.start(profile="", library="sprintlab")
-        _write_facts(writer, stream)
-        channels = _register(writer)
-        print("ready", flush=True)
-        while (frame := read_frame(stream)) is not None:
-            if frame.topic == END:
-                writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
-                continue
-            writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, frame.sequence)
-        writer.finish()
+    failure = None
+    with temporary.open("wb", buffering=0) as file:
+        try:
+            writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+            _write_frames(stream, writer)
+        except OSError as error:
+            failure = error
     os.replace(temporary, path)
+    return failure
+
+
+def _as_stream(file: RawIOBase) -> Any:
+    return _Whole(file)
+
+
+def _write_frames(stream: IO[bytes], writer: Any) -> None:
+    writer.start(profile="", library="sprintlab")
+    _write_facts(writer, stream)
+    channels = _register(writer)
+    print("ready", flush=True)
+    while (frame := read_frame(stream)) is not None:
+        if frame.topic == END:
+            writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
+            continue
+        writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, frame.sequence)
+    writer.finish()
 
 
 def _write_facts(writer: Any, stream: IO[bytes]) -> None:
@@ -56,4 +97,6 @@ def _register(writer: Any) -> list[int]:
 
 
 if __name__ == "__main__":
-    write_log(sys.stdin.buffer, Path(sys.argv[1]))
+    problem = write_log(sys.stdin.buffer, Path(sys.argv[1]))
+    if problem is not None:
+        sys.exit(problem.strerror or str(problem))

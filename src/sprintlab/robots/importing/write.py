@@ -100,7 +100,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sprintlab.cli.train import run_script, train_settings
+from sprintlab.api.training import run_script, train_settings
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent

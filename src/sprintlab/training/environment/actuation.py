@@ -12,7 +12,7 @@ from __future__ import annotations
 # pyright: reportAssignmentType=false
 import warp as wp
 
-from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS
+from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS, TURNING_SPEED
 from sprintlab.robots import AIR_DENSITY
 
 wp.set_module_options({"enable_backward": False})  # no gradients: half the code to compile
@@ -194,11 +194,21 @@ def motor_interval(motor: MotorNow, voltage: float, model: int):
     half_width = motor.torque_constant * wp.sqrt(wp.max(discriminant, 0.0)) / impedance_squared
     lower = middle - half_width
     upper = middle + half_width
-    if discriminant < 0.0:
-        lower = wp.min(lower, 0.0)
-        upper = wp.max(upper, 0.0)
     peak = motor.peak_torque
     return wp.vec2(wp.clamp(lower, -peak, peak), wp.clamp(upper, -peak, peak))
+
+
+@wp.func
+def shaft_torque(drive: JointDrive, motor: MotorNow, torque: float):
+    """What saturation leaves of a motor torque."""
+    return torque * (1.0 - drive.saturation * wp.abs(torque) / motor.peak_torque)
+
+
+@wp.func
+def geared_torque(drive: JointDrive, shaft: float, velocity: float):
+    """Torque on the joint: the gear takes in either direction of power (``motors.joint_torque``)."""
+    direction = wp.sign(shaft) * wp.tanh(velocity / TURNING_SPEED)
+    return shaft * drive.ratio * wp.pow(drive.efficiency, direction)
 
 
 @wp.func
@@ -270,8 +280,8 @@ def joint_torque_kernel(
     )
     interval = motor_interval(now, voltage[environment], model)
     motor = wp.min(wp.max(desired, interval[0]), interval[1])
-    torque = motor * (1.0 - drive.saturation * wp.abs(motor) / now.peak_torque)
-    delivered = torque * drive.ratio * drive.efficiency * strength[environment, joint]
+    shaft = shaft_torque(drive, now, motor)
+    delivered = geared_torque(drive, shaft, velocity) * strength[environment, joint]
     friction = drive.dry_friction * friction_factor[environment] * wp.tanh(velocity / FRICTION_SPEED)
     drive_torque[environment, joint] = delivered
     on_limit[environment, joint] = wp.where(motor == desired, 0.0, 1.0)

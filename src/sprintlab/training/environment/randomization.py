@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from sprintlab.robots import effective_leg_mass, pair_parameters
+from sprintlab.robots import effective_leg_mass, friction_ratio, pair_parameters
 from sprintlab.training.environment.feet import contact_laws
 from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.settings import RandomizationSettings
@@ -47,6 +47,8 @@ def _randomize_feet(simulation: BatchSimulation, settings: RandomizationSettings
     restitution = _uniform(n, *settings.foot_restitution, "cpu").double().numpy()
     timestep = simulation.settings.timestep
     law = contact_laws(stiffness, restitution, effective_leg_mass(model), timestep)
+    ratio = torch.as_tensor(friction_ratio(law), dtype=torch.float32, device=simulation.device)
+    simulation.friction_ratio_invsqrt.copy_(ratio.rsqrt())
     for pair, geom in enumerate(model.pair_geom2):
         inverse_weight = float(model.body_invweight0[model.geom_bodyid[geom], 0])
         for name, values in pair_parameters(law, inverse_weight, timestep)._asdict().items():

@@ -123,6 +123,9 @@ class BatchSimulation:
                 njmax=self.settings.max_constraints,
             )
             self.fields = {name: self._expand(name) for name in RANDOMIZED_FIELDS}
+            ratio = np.repeat(self.model.opt.impratio_invsqrt.numpy()[:1], self.environments)
+            self.model.opt.impratio_invsqrt = wp.array(ratio, dtype=float, device=self._warp_device)
+        self.friction_ratio_invsqrt = wp.to_torch(self.model.opt.impratio_invsqrt)
         views = ("qpos", "qvel", "ctrl", "qacc_warmstart", "geom_xpos", "xpos", "cvel", "subtree_com")
         for name in views:
             setattr(self, name, wp.to_torch(getattr(self.data, name)))
@@ -252,7 +255,7 @@ class BatchSimulation:
         names = (
             "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
             "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor",
-            "voltage", "drag_area",
+            "voltage", "drag_area", "friction_ratio_invsqrt",
         )  # fmt: skip
         supply = ("state_of_charge", "winding_temperature")
         return {

@@ -24,6 +24,7 @@ from sprintlab.training.environment.actuation import (
     copper_loss,
     motor_interval,
     motor_now,
+    shaft_torque,
     wanted_torque,
 )
 from sprintlab.training.settings import SimulationSettings
@@ -107,7 +108,7 @@ def drawn_power(
         )
         interval = motor_interval(motor, voltage, model)
         torque = wp.min(wp.max(desired, interval[0]), interval[1])
-        power += torque * speed + copper_loss(motor, torque, voltage, model)
+        power += shaft_torque(drive, motor, torque) * speed + copper_loss(motor, torque, voltage, model)
     return power
 
 

@@ -23,7 +23,7 @@ from sprintlab.control import (
     make_contract,
 )
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
-from sprintlab.core.errors import PolicyFileError
+from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
@@ -37,10 +37,19 @@ EXPORT_TOLERANCE = 1e-4
 
 
 def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
-    """The actor with its weights, on the CPU, in evaluation mode."""
+    """The actor with its weights, on the CPU, in evaluation mode.
+
+    Raises:
+        SprintlabError: weights and settings do not fit each other.
+    """
     settings: TrainingSettings = state["settings"]
     actor = build_actor(settings, load_robot(settings.robot))
-    actor.load_state_dict(state["learner"]["actor"])
+    try:
+        actor.load_state_dict(state["learner"]["actor"])
+    except (RuntimeError, TypeError, AttributeError) as error:
+        raise SprintlabError(
+            "the policy of this checkpoint is not of the size that its settings say"
+        ) from error
     return actor.eval()
 
 
@@ -108,7 +117,7 @@ def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
         method=settings.method,
         actuator_model=settings.actuator_model,
         command_line=state["command_line"],
-        config_hash=settings.digest(),
+        config_hash=state["config_hash"],
         seed=settings.seed,
         iterations=progress.iteration,
         environment_steps=progress.environment_steps,

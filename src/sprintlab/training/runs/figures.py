@@ -17,6 +17,7 @@ from sprintlab.training.runs.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 _SIZE = (7.0, 4.2)
+_DRAWN = {"seconds", "range_upper", "speed_p999", "speed_p95", "speed_median", "falls", "reward"}
 _BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
 
 
@@ -31,9 +32,12 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
     state = read_checkpoint(checkpoint)
     if not state["progress"].log:
         raise SprintlabError(f"{checkpoint} has no iteration in its log: nothing to draw")
+    lacking = sorted(_DRAWN - set.intersection(*(set(row) for row in state["progress"].log)))
+    if lacking:
+        raise SprintlabError(f"{checkpoint} has a log without {', '.join(lacking)}: nothing can be drawn")
     figures = {"learning": learning_curve(state["progress"].log)}
     settings: TrainingSettings = state["settings"]
-    grid = settings.schedule.targets.grid
+    grid = getattr(getattr(settings.schedule, "targets", None), "grid", None)
     if grid is not None:
         figures["curriculum"] = grid_figure(grid, state["grid_weights"].cpu().numpy(), state["growth"])
     speeds = robot_speeds(state)

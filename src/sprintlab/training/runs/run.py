@@ -16,6 +16,7 @@ from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
+from sprintlab.training.runs.checkpoint import unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, recording
@@ -173,6 +174,10 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
+    if unknown := unknown_settings(settings):
+        raise SprintlabError(
+            f"{checkpoint} was trained with {', '.join(unknown)}: import that module before you resume"
+        )
     words = str(saved["command_line"]) if saved else typed or command_line()
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):

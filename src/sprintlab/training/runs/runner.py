@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import json
 import random
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
@@ -18,14 +17,19 @@ import torch
 
 from sprintlab.commands import RangeGrowth, StageBlend
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import printable
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
+from sprintlab.training.runs.checkpoint import (
+    Progress,
+    read_checkpoint,
+    write_checkpoint,
+)
 from sprintlab.training.settings import TrainingSettings
 
-CHECKPOINT_FORMAT = 3
 _PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
 
 
@@ -37,16 +41,6 @@ def device_description(device: str) -> str:
 def package_versions() -> dict[str, str]:
     """Versions of what a policy depends on."""
     return {package: metadata.version(package) for package in _PACKAGES}
-
-
-@dataclass
-class Progress:
-    """What has been done, over all sittings of a run."""
-
-    iteration: int = 0
-    environment_steps: int = 0
-    seconds: float = 0.0
-    log: list[dict[str, float]] = field(default_factory=list)
 
 
 class Runner:
@@ -155,8 +149,8 @@ class Runner:
     def _description(self) -> dict[str, Any]:
         """What the file is of, and when and where it was written."""
         return {
-            "format": CHECKPOINT_FORMAT,
             "settings": self.settings,
+            "config_hash": self.settings.digest(),
             "command_line": self.command_line,
             "device": device_description(self.device),
             "versions": package_versions(),
@@ -186,7 +180,7 @@ class Runner:
         state = self.state(with_robots)
         if not self.workers.leads:
             return
-        _write_state(state, path)
+        write_checkpoint(state, path)
 
     def save_policy(self, path: Path) -> None:
         """Write what ``sprintlab export`` reads and nothing else, by the leader: a milestone of a run.
@@ -204,7 +198,7 @@ class Runner:
             },
             "progress": replace(self.progress, log=[]),
         }
-        _write_state(state, path)
+        write_checkpoint(state, path)
 
     def save_log(self, path: Path) -> None:
         """Write one JSON line an iteration."""
@@ -218,10 +212,19 @@ class Runner:
         before) start anew from standing.
 
         Raises:
-            SprintlabError: the state is a milestone: a policy without what training needs.
+            SprintlabError: the state is a milestone, a policy without what training needs, or does not fit.
         """
         if "growth" not in state:
             raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
+        try:
+            self._load(state)
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+            if isinstance(error, SprintlabError):
+                raise
+            reason = " ".join(str(error).split())
+            raise SprintlabError(f"the checkpoint does not fit this run: {printable(reason)}") from error
+
+    def _load(self, state: dict[str, Any]) -> None:
         self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
@@ -248,28 +251,7 @@ class Runner:
             torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
 
 
-def _write_state(state: dict[str, Any], path: Path) -> None:
-    """In one step: nobody finds half a file."""
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    atomic_write_bytes(path, buffer.getvalue())
-
-
-def read_checkpoint(path: Path) -> dict[str, Any]:
-    """Load a checkpoint of ours.
-
-    Raises:
-        SprintlabError: missing, truncated, or written by something else.
-    """
-    if not path.is_file():
-        raise SprintlabError(f"{path} is no checkpoint: there is no such file")
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=False)
-    except Exception as error:
-        raise SprintlabError(f"{path} is no checkpoint or is truncated: {error}") from error
-    if not isinstance(state, dict) or state.get("format") != CHECKPOINT_FORMAT:
-        raise SprintlabError(f"{path} is no sprintlab checkpoint of format {CHECKPOINT_FORMAT}")
-    return state
+__all__ = ["Progress", "Runner", "command_line", "device_description", "package_versions", "read_checkpoint"]
 
 
 def command_line() -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from sprintlab.cli.output import plain_table
+from sprintlab.api.tables import plain_table
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -20,7 +20,7 @@ from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.figures import on_envelope
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.results import Trajectory, TrialResult
-from sprintlab.motors import desaturate, torque_limits
+from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import RobotDescription
 
@@ -180,8 +180,9 @@ def _motor_side(
 ) -> dict[str, FloatArray]:
     """Torques of the motors and their limits ``(T, 12)``, from the joint torques that the drives report."""
     ratio = np.asarray(robot.gear.ratio)
-    delivered = states["joint_torque"][index] / (ratio * np.asarray(robot.gear.efficiency))
-    speed = states["joint_velocity"][index - 1] * ratio
+    velocity = states["joint_velocity"][index - 1]
+    delivered = shaft_torque(robot.gear, states["joint_torque"][index], velocity)
+    speed = velocity * ratio
     voltage = record.column("states", "bus_voltage")[index][:, None]
     lower, upper = torque_limits(robot.motors, speed, voltage)
     return {

@@ -2,18 +2,18 @@
 
 import pytest
 
-from sprintlab.cli.drive_flags import DriveFlags
+from sprintlab.api.drive import DriveOptions
 from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions
 
 
 def test_without_flags_it_is_the_published_plant():
-    assert DriveFlags().plant() == PlantOptions()
-    assert DriveFlags().plant().remarks == ()
+    assert DriveOptions().plant() == PlantOptions()
+    assert DriveOptions().plant().remarks == ()
 
 
 def test_flags_turn_on_what_they_name():
-    flags = DriveFlags(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4)
+    flags = DriveOptions(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4)
     plant = flags.plant()
     assert plant.motor_model == "flux-weakening"
     assert (plant.battery, plant.heat) == (Battery(), WindingHeat())
@@ -24,11 +24,11 @@ def test_flags_turn_on_what_they_name():
 def test_a_supply_file_turns_on_what_it_holds(tmp_path):
     path = tmp_path / "pack.toml"
     path.write_text("[battery]\nseries_cells = 12\ninternal_resistance = 0.05\n")
-    plant = DriveFlags(supply=path).plant()
+    plant = DriveOptions(supply=path).plant()
     assert plant.battery == Battery(series_cells=12, internal_resistance=0.05)
     assert plant.heat is None
     path.write_text(f"[heat]\nheat_capacity = {[60.0] * 12}\n")
-    plant = DriveFlags(supply=path).plant()
+    plant = DriveOptions(supply=path).plant()
     assert plant.battery is None
     assert plant.heat is not None and plant.heat.heat_capacity.shape == (12,)
 
@@ -63,7 +63,7 @@ def test_a_bad_supply_file_is_refused_in_one_sentence(call, tmp_path, text, mess
         (("--motor-model", "cubic"), "plant.motor_model"),
         (("--battery", "--state-of-charge", 50), "plant.state_of_charge"),
         (("--heat", "--winding-temperature", 400), "plant.winding_temperature"),
-        (("--supply", "missing.toml"), "cannot read missing.toml"),
+        (("--supply", "missing.toml"), "cannot read supply file missing.toml"),
     ],
 )
 @pytest.mark.parametrize("command", ["race", "evaluate"])

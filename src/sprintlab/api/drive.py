@@ -1,4 +1,4 @@
-"""Flags that choose the drive on which a policy is measured."""
+"""The drive on which a policy is measured: motor model, battery, heat."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import tyro
-
 if TYPE_CHECKING:
     from sprintlab.plant import PlantOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveFlags:
+class DriveOptions:
     """The drive on which the policy is measured; published numbers use none of these.
 
     Attributes:
@@ -26,8 +24,8 @@ class DriveFlags:
     """
 
     motor_model: str = "refined"
-    battery: tyro.conf.FlagCreatePairsOff[bool] = False
-    heat: tyro.conf.FlagCreatePairsOff[bool] = False
+    battery: bool = False
+    heat: bool = False
     supply: Path | None = None
     state_of_charge: float = 1.0
     winding_temperature: float = 25.0

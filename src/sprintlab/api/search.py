@@ -1,13 +1,9 @@
-"""Flags of the search for the highest speed that a policy completes."""
+"""How the highest speed that a policy completes is searched for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-import tyro
-
-from sprintlab.cli.race import protocol_settings
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.protocol import ProtocolSettings
@@ -15,8 +11,21 @@ if TYPE_CHECKING:
 FIRST_PASS = 1.0  # [m/s]
 
 
+def protocol_settings(trials: int, seed: int, **more: Any) -> ProtocolSettings:
+    """Settings with nine of ten trials required, rounded up.
+
+    Raises:
+        InvalidValueError: a setting is out of range.
+    """
+    from sprintlab.core.checks import check_range
+    from sprintlab.evaluation.protocol import ProtocolSettings
+
+    check_range("trials", trials, 1, 10_000)
+    return ProtocolSettings(trials=trials, required=-(-trials * 9 // 10), seed=seed, **more)
+
+
 @dataclass(frozen=True, kw_only=True)
-class SearchFlags:
+class SearchOptions:
     """How the highest speed is searched for.
 
     Attributes:
@@ -33,10 +42,10 @@ class SearchFlags:
     start: float = 1.0
     top: float = 16.0
     grid: float = 0.25
-    every_speed: tyro.conf.FlagCreatePairsOff[bool] = False
+    every_speed: bool = False
 
     def protocol(self, **more: Any) -> ProtocolSettings:
-        """Settings of the protocol; ``more`` are its fields that are no flags of the search.
+        """Settings of the protocol; ``more`` are its fields that the search does not set.
 
         Raises:
             InvalidValueError: a setting is out of range.

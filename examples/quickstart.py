@@ -1,0 +1,14 @@
+"""Train, export, race, report: the whole way from Python.
+
+python examples/quickstart.py
+"""
+
+import sprintlab as sl
+
+if __name__ == "__main__":  # a race starts processes, and each reads this file
+    settings = sl.method("sprint", environments=4096)
+    run = sl.train(settings, "runs/quickstart", iterations=3200, minutes=20.0)
+    policy = run.export()
+    race = sl.race(policy, trials=10)
+    print(race)
+    print(race.report("runs/quickstart-race"))

@@ -1,0 +1,1 @@
+"""What a program does with sprintlab: train, race, evaluate, estimate limits; the command line prints it."""

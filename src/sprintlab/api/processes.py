@@ -1,0 +1,18 @@
+"""Scripts that start processes: each process reads the script once more, and must not start over."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+
+def leave_to_the_parent() -> None:
+    """End this process quietly if it is a worker that is still reading its parent's script.
+
+    A script without ``if __name__ == "__main__":`` calls the same function again in every worker; the parent
+    then says what is missing (``evaluation.pool``).
+
+    Raises:
+        SystemExit: this is such a worker.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)

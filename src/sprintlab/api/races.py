@@ -1,0 +1,236 @@
+"""``race``: 100 m and the protocol at a policy's top speed, as one object."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.search import protocol_settings
+from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sprintlab.evaluation.race_files import RaceFiles
+    from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult
+
+Progress = Callable[[str], None]
+
+FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
+"""What ``Race.plot`` draws."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Race(Printed):
+    """What a race found; prints as a table, draws itself, writes its report.
+
+    Attributes:
+        result: every trial and its numbers.
+        policy: the policy file.
+        robot: name, folder or table of the robot.
+        folder: where the report lies; ``None`` where none was written.
+        video_message: why the report has no video; empty where it has one.
+    """
+
+    result: RaceResult
+    policy: Path
+    robot: str
+    folder: Path | None = None
+    video_message: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as plain values, keys with units, as in ``result.json``; what is undefined is None."""
+        return self.result.to_dict()
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Raw beside self-paced, then the audit, what failed of it, and remarks."""
+        from sprintlab.evaluation.report_text import audit_failure
+
+        yield result_table(self.result)
+        yield ""
+        yield audit_table(self.result.audit)
+        for item in self.result.audit.failed:
+            yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield from self.result.notes
+
+    def plot(self, figure: str = "speed") -> Figure:
+        """One figure of the report.
+
+        Args:
+            figure: one of ``FIGURES``.
+
+        Raises:
+            InvalidValueError: there is no such figure.
+        """
+        from sprintlab.core.checks import check_choice
+        from sprintlab.core.theme import LIGHT
+        from sprintlab.evaluation.report import planned_figures
+        from sprintlab.robots import load_robot
+
+        check_choice("figure", figure, FIGURES)
+        draw = {name: draw for name, _, _, draw in planned_figures(self.result, load_robot(self.robot))}
+        return in_notebook(draw[figure](LIGHT))
+
+    def report(self, folder: Path | str | None = None, *, video: bool = False) -> Path:
+        """Write the report's folder: ``report.html``, ``replay.html``, ``result.json``, pictures, arrays.
+
+        Args:
+            folder: must not exist; ``runs/race-<date>-<time>`` when left out.
+            video: also render an MP4 where that is possible.
+
+        Returns:
+            The page, ``report.html``.
+
+        Raises:
+            SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
+        """
+        from sprintlab.evaluation.race_files import write_race
+
+        place = None if folder is None else Path(folder)
+        files = write_race(
+            self.result, self.policy, self.robot, place, video=video, command_line=command_line()
+        )
+        _with_replay(files, self.policy, self.robot)
+        return files.folder / "report.html"
+
+
+def race(
+    policy: PolicyChoice = "sprint",
+    *,
+    robot: RobotChoice = None,
+    top_speed: float | None = None,
+    distance: float = 100.0,
+    engine: Literal["mujoco", "drake"] = "mujoco",
+    trials: int = 10,
+    seed: int = 0,
+    drive: DriveOptions | None = None,
+    workers: int | None = None,
+    step_check: bool = False,
+    folder: Path | str | None = None,
+    video: bool = False,
+    progress: Progress = lambda _: None,
+) -> Race:
+    """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
+
+    Args:
+        policy: a policy file, or the name of one that comes with the package.
+        robot: name, folder or table; that of the policy's contract when left out.
+        top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
+        distance: of the sprint [m].
+        engine: mujoco, or drake: the second engine (extra drake).
+        trials: seeded trials each way of giving the command.
+        seed: decides joint noise, friction and payload of every trial.
+        drive: motor model, battery and heat; the published numbers' when left out.
+        workers: processes; one a core when left out.
+        step_check: also compare 1 ms with 0.25 ms simulation steps.
+        folder: also write the report there, as ``Race.report`` does; refused before the race if it exists.
+        video: also render an MP4 into the report.
+        progress: called with what is being done.
+
+    Raises:
+        SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
+    """
+    leave_to_the_parent()
+    path = policy_path(policy)
+    name = robot_for(path, robot)
+    from sprintlab.plant import on_engine
+
+    plant = on_engine((drive or DriveOptions()).plant(), engine)
+    settings = protocol_settings(trials, seed, plant=plant)
+    options: dict[str, Any] = {
+        "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
+        "workers": workers,
+    }  # fmt: skip
+    if folder is None:
+        from sprintlab.evaluation.race import evaluate_race
+        from sprintlab.robots import load_robot
+
+        progress("running trials")
+        return Race(result=evaluate_race(path, load_robot(name), **options), policy=path, robot=name)
+    from sprintlab.evaluation.race_files import run_race
+
+    words = command_line()
+    files = run_race(path, name, Path(folder), video=video, command_line=words, progress=progress, **options)
+    progress("writing the replay")
+    return _with_replay(files, path, name)
+
+
+def _with_replay(files: RaceFiles, policy: Path, robot: str) -> Race:
+    """The race that was written, after the 100 m as an interactive page was put beside it."""
+    from sprintlab.api.replay import write_race_replay
+
+    write_race_replay(files.folder, robot)
+    found = Race(result=files.result, policy=policy, robot=robot)
+    return replace(found, folder=files.folder, video_message=files.video_message)
+
+
+def command_line() -> str:
+    """What was typed, for reports."""
+    name = Path(sys.argv[0]).name or "python"
+    return shlex.join([name.removesuffix(".py") if name == "__main__.py" else name, *sys.argv[1:]])
+
+
+def result_table(result: RaceResult) -> Table:
+    """The numbers of a race, raw beside self-paced."""
+    from sprintlab.evaluation.quantities import QUANTITIES
+    from sprintlab.evaluation.report_text import number, sprint_text
+
+    raw, paced = result.raw, result.self_paced
+    title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
+    table = plain_table(title, "quantity", "raw", "self-paced", "unit", numbers=("raw", "self-paced"))
+    distance = f"time over {result.sprint.distance:g} m"
+    table.add_row(distance, sprint_text(result.sprint), sprint_text(result.sprint_self_paced), "s")
+    for item in QUANTITIES:
+        values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
+        table.add_row(item.label, *values, item.unit)
+    table.add_row("held steady", *(_yes(group.held_steady) for group in (raw, paced)), "")
+    table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
+    table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
+    table.add_row(
+        "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
+    )
+    return table
+
+
+def audit_table(audit: AuditReport) -> Table:
+    """The exploit audit, one row an exploit."""
+    from sprintlab.evaluation.report_text import audit_limit, audit_value, audit_verdict
+
+    table = plain_table(
+        f"Exploit audit: {audit_verdict(audit)}",
+        "what",
+        "measured",
+        "limit",
+        "",
+        "where the limit comes from",
+        numbers=("measured", "limit"),
+    )
+    for item in audit.items:
+        values = (audit_value(item.value, item.unit), audit_limit(item))
+        verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
+        table.add_row(item.name, *values, verdict, item.source)
+    return table
+
+
+def _yes(answer: bool | None) -> str:
+    return "-" if answer is None else "yes" if answer else "no"
+
+
+def _share(group: SpeedResult, kind: str) -> str:
+    import numpy as np
+
+    from sprintlab.evaluation.report_text import number
+
+    values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
+    return number(float(getattr(values, kind)()), 1)

@@ -1,0 +1,107 @@
+"""Recorded runs as one interactive 3D page: what it is called, and where it lies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_json
+
+if TYPE_CHECKING:
+    from sprintlab.viewer.replay import ReplayText
+
+RUNS = Path("runs")
+_FIELDS: dict[str, tuple[type, ...]] = {
+    "robot": (str,),
+    "policy": (str,),
+    "distance_m": (int, float),
+    "sprint_time_s": (int, float),
+    "time_100m_s": (int, float),
+    "top_speed_command_m_s": (int, float),
+    "audit": (dict,),
+}
+"""What the page takes from the numbers of a race; each may be missing or null."""
+
+
+def record_pace(distance: float) -> Any:
+    """The pace of the men's world record over a distance [m].
+
+    Raises:
+        InvalidValueError: none is known over it.
+    """
+    from sprintlab.viewer.replay import WORLD_RECORDS
+
+    if distance not in WORLD_RECORDS:
+        known = " and ".join(f"{known:g} m" for known in WORLD_RECORDS)
+        raise InvalidValueError("world_record", f"{distance:g} m", f"records are known over {known}")
+    return WORLD_RECORDS[distance]
+
+
+def trajectory_path(run: Path | None) -> Path:
+    """The recorded trajectory of a run.
+
+    Raises:
+        SprintlabError: there is no such run, or none at all.
+    """
+    if run is None:
+        races = sorted(RUNS.glob("race-*/trajectory.npz"), key=lambda path: path.stat().st_mtime)
+        if not races:
+            raise SprintlabError(f"there is no race in {RUNS}/ yet; run one with: sprintlab race")
+        return races[-1]
+    if not run.exists():
+        raise SprintlabError(f"{run} does not exist; name the folder of a race or a trajectory (.npz)")
+    return run / "trajectory.npz" if run.is_dir() else run
+
+
+def race_result(path: Path) -> dict[str, Any]:
+    """The numbers beside a trajectory; empty where there are none.
+
+    Raises:
+        SprintlabError: the file is there and is not what a race writes.
+    """
+    if not path.is_file():
+        return {}
+    numbers = read_json(path, what="result")
+    if not isinstance(numbers, dict):
+        raise SprintlabError(f"{path} is no result of a race")
+    given = {name: value for name, value in numbers.items() if value is not None}
+    for name, kinds in _FIELDS.items():
+        if name in given and not isinstance(given[name], kinds):
+            raise SprintlabError(f"{path} is no result of a race: {name} = {given[name]!r}")
+    return given
+
+
+def sprint_of(result: dict[str, Any]) -> tuple[float | None, float]:
+    """Time [s], ``None`` where the distance was not reached, and distance [m] of a race's numbers."""
+    return result.get("sprint_time_s", result.get("time_100m_s")), float(result.get("distance_m", 100.0))
+
+
+def replay_text(trajectory: Path, robot: str, result: dict[str, Any], runner: str = "") -> ReplayText:
+    """Heading and subtitle of the page."""
+    from sprintlab.viewer.replay import ReplayText
+
+    time, distance = sprint_of(result)
+    sprint = trajectory.name == "trajectory.npz" and time is not None
+    title = (
+        f"{robot.upper()}: {distance:g} m in {time:.2f} s"
+        if sprint
+        else f"{robot.upper()}: {trajectory.stem}"
+    )
+    policy, top = result.get("policy"), result.get("top_speed_command_m_s")
+    parts = [f"policy {policy}" if policy else "", f"command up to {top:g} m/s" if top else ""]
+    audit = result.get("audit", {}).get("passed")
+    parts.append("" if audit is None else "exploit audit passed" if audit else "exploit audit FAILED")
+    subtitle = ", ".join(part for part in parts if part)
+    return ReplayText(title=title, subtitle=subtitle, distance=distance, runner=runner)
+
+
+def write_race_replay(folder: Path, robot: str) -> None:
+    """The 100 m as an interactive page beside the report."""
+    from sprintlab.robots import load_robot
+    from sprintlab.viewer.replay import load_arrays, write_replay
+
+    trajectory = folder / "trajectory.npz"
+    described = load_robot(robot)
+    text = replay_text(trajectory, described.name, race_result(folder / "result.json"))
+    write_replay(folder / "replay.html", load_arrays(trajectory), described, text)

@@ -1,0 +1,226 @@
+"""``method``, ``train``, ``export``: from settings to a policy file."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.policies import robot_word
+from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.core.errors import SprintlabError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sprintlab.training.settings import TrainingSettings
+
+NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
+MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(Printed):
+    """A training run; prints how far it has come, draws its curves, exports its policy."""
+
+    folder: Path
+    """Of the run: checkpoint, log, settings."""
+
+    @property
+    def checkpoint(self) -> Path:
+        """The newest checkpoint."""
+        return self.folder / "checkpoint.pt"
+
+    def log(self) -> list[dict[str, float]]:
+        """One row per iteration: speeds [m/s], reward, falls, seconds.
+
+        Raises:
+            SprintlabError: the run has no log, or a damaged one.
+        """
+        path = self.folder / "log.jsonl"
+        try:
+            return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        except (OSError, ValueError) as error:
+            raise SprintlabError(f"{path} cannot be read: {error}") from error
+
+    def to_dict(self) -> dict[str, Any]:
+        """The last row of the log, with the folder and the number of iterations."""
+        rows = self.log()
+        return {"folder": str(self.folder), "iterations": len(rows), **(rows[-1] if rows else {})}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """How far the run has come."""
+        shown = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
+        table = plain_table(f"Training in {self.folder}", "what", "value", numbers=("value",))
+        numbers = self.to_dict()
+        for name in shown:
+            if name in numbers:
+                table.add_row(name.replace("_", " "), f"{numbers[name]:.4g}")
+        yield table
+
+    def plot(self) -> Figure:
+        """Speeds, falls and reward over the training time."""
+        require_training()
+        from sprintlab.training.runs.figures import learning_curve
+
+        return in_notebook(learning_curve(self.log()))
+
+    def export(self, output: Path | str | None = None) -> Path:
+        """The policy as one ONNX file with its contract, compared with PyTorch before it counts.
+
+        Args:
+            output: the file; ``policy.onnx`` in the run's folder when left out.
+
+        Raises:
+            SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
+        """
+        return export(self.checkpoint, self.folder / "policy.onnx" if output is None else output)
+
+
+def method(
+    name: str = "sprint",
+    changes: Mapping[str, Any] | None = None,
+    *,
+    robot: str | Path | None = None,
+    environments: int | None = None,
+    seed: int = 0,
+) -> TrainingSettings:
+    """The settings of a training method, changed where wanted; every choice of a run is a field of them.
+
+    Args:
+        name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
+        changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
+        robot: name, folder or table; bp2 when left out.
+        environments: robots side by side.
+        seed: of every random generator.
+
+    Raises:
+        SprintlabError: an unknown method or setting, or a value that is not allowed.
+    """
+    from sprintlab.training.methods import method_settings
+    from sprintlab.training.runs.sweep_plan import override
+    from sprintlab.training.settings import TrainingSettings
+
+    base = TrainingSettings(seed=seed)
+    if robot is not None:
+        base = replace(base, robot=robot_word(robot))
+    if environments is not None:
+        base = replace(base, simulation=replace(base.simulation, environments=environments))
+    settings = method_settings(name, base)
+    for setting, value in (changes or {}).items():
+        settings = override(settings, setting, value)
+    return settings
+
+
+def train(
+    settings: TrainingSettings | str = "sprint",
+    output: Path | str = "runs/train",
+    *,
+    iterations: int = 3200,
+    minutes: float = 20.0,
+    device: str = "auto",
+    resume: bool = False,
+    **options: Any,
+) -> Training:
+    """Train a policy until the iterations or the time are used up.
+
+    Args:
+        settings: of the run, from ``method``; or a method's name.
+        output: folder of the run.
+        iterations: stop at this iteration of the run.
+        minutes: stop after this time.
+        device: ``cuda:0``, ``cpu`` or ``auto``.
+        resume: go on from the checkpoint in ``output``.
+        options: further fields of ``TrainOptions``, e.g. ``start_from`` or ``tensorboard``.
+
+    Raises:
+        SprintlabError: the extra is not installed, or a setting or the folder is refused.
+    """
+    leave_to_the_parent()
+    settings = method(settings) if isinstance(settings, str) else settings
+    train_settings(
+        settings,
+        output=Path(output),
+        iterations=iterations,
+        minutes=minutes,
+        device=device,
+        resume=resume,
+        **{
+            "method": settings.method,
+            "environments": settings.simulation.environments,
+            "seed": settings.seed,
+            "keep_schedule": True,
+            "keep_motor_model": True,
+            **options,
+        },
+    )
+    return Training(folder=Path(output))
+
+
+def export(checkpoint: Path | str, output: Path | str, recording: Path | None = None) -> Path:
+    """A training checkpoint as one ONNX file with its contract; see ``Training.export``.
+
+    Args:
+        checkpoint: of a training run.
+        output: the file to write.
+        recording: trajectory.npz of a race, replayed through both runtimes; when left out, the policy runs
+            in the plant for four seconds.
+
+    Raises:
+        SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
+    """
+    if not Path(checkpoint).is_file():
+        raise SprintlabError(f"checkpoint {checkpoint} does not exist")
+    require_training()
+    from sprintlab.training.runs.export import export_checkpoint
+
+    return export_checkpoint(Path(checkpoint), Path(output), recording).path
+
+
+def require_training() -> None:
+    """Refuse with one sentence where the training extra is not installed.
+
+    Raises:
+        SprintlabError: names the missing packages and how to install them.
+    """
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        raise SprintlabError(MISSING.format(names=", ".join(missing)))
+
+
+def run_script(main: Callable[[Any], object], options: type[Any]) -> None:
+    """Run the main function of a training script: parse its options, print what it returns.
+
+    Raises:
+        SystemExit: 2, after one sentence on stderr, where something is refused.
+    """
+    import tyro
+
+    try:
+        print(main(tyro.cli(options)))
+    except SprintlabError as error:
+        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+        raise SystemExit(2) from error
+
+
+def train_settings(settings: TrainingSettings, **options: Any) -> Path:
+    """Train with settings made by a script; returns the checkpoint.
+
+    Args:
+        settings: of the run.
+        options: fields of ``TrainOptions``.
+
+    Raises:
+        SprintlabError: the extra is not installed, or an option or the output folder is refused.
+    """
+    require_training()
+    from sprintlab.training.runs.run import TrainOptions, train
+
+    return train(TrainOptions(settings=settings, **options))

@@ -1,0 +1,326 @@
+"""Checkpoints: tensors and JSON in one file with a checksum. Reading one runs nothing that stands in it.
+
+The file is a safetensors file: eight bytes with the length of the header, a header of JSON, then the tensors'
+bytes. ``__metadata__`` holds the format's version, all values that are no tensors as JSON, and a SHA-256 of
+the whole file, written with zeros in its place. Settings are written as the import path of their class and
+their fields: classes of this package are looked up, others only where the program has imported them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import math
+import struct
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import parse_json, printable, read_bytes
+
+if TYPE_CHECKING:
+    import torch
+
+CHECKPOINT_FORMAT = 4
+CHECKPOINT_LIMIT = 8 << 30
+"""Largest checkpoint that is read [bytes]."""
+_HEADER_LIMIT = 256 << 20
+_MOST_TENSORS = 100_000
+_NAME = "sprintlab checkpoint"
+_NO_CHECKSUM = "0" * 64
+_DEEPEST = 60
+
+# Safetensors' names of types, PyTorch's names and the bytes of one number.
+_TYPES = {
+    "F64": ("float64", 8), "F32": ("float32", 4), "F16": ("float16", 2), "BF16": ("bfloat16", 2),
+    "I64": ("int64", 8), "I32": ("int32", 4), "I16": ("int16", 2), "I8": ("int8", 1),
+    "U8": ("uint8", 1), "BOOL": ("bool", 1),
+}  # fmt: skip
+_NAMES = {torch_name: name for name, (torch_name, _) in _TYPES.items()}
+
+
+@dataclass
+class Progress:
+    """What has been done, over all sessions of a run."""
+
+    iteration: int = 0
+    environment_steps: int = 0
+    seconds: float = 0.0
+    log: list[dict[str, float]] = field(default_factory=list[dict[str, float]])
+
+
+@dataclass(frozen=True)
+class UnknownSettings:
+    """Settings whose class is not imported here: enough to export the policy, not to train on.
+
+    Attributes:
+        path: module and name of the class.
+        values: its fields.
+    """
+
+    path: str
+    values: Mapping[str, Any]
+
+
+def write_checkpoint(state: Mapping[str, Any], path: Path) -> None:
+    """Write nested dictionaries and lists of tensors, arrays, numbers, texts and settings, in one step.
+
+    Raises:
+        SprintlabError: the disk refuses, or a value is nothing of the kind.
+    """
+    tensors: dict[str, torch.Tensor] = {}
+    values = _packed(dict(state), tensors, "state")
+    atomic_write_bytes(path, _file(values, tensors))
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Load a checkpoint of ours, on the CPU.
+
+    Raises:
+        SprintlabError: missing, truncated, damaged, of another format, or written by something else.
+    """
+    values, table, content = _opened(path)
+    try:
+        state = _unpacked(values, table, content)
+        _check_state(state)
+        state["progress"] = Progress(**state["progress"])
+    except SprintlabError as error:
+        raise SprintlabError(f"{path} is no usable checkpoint: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
+        raise SprintlabError(f"{path} is no checkpoint or is damaged: {printable(error)}") from error
+    return state
+
+
+def check_checkpoint(path: Path) -> None:
+    """Refuse what is no whole checkpoint, without PyTorch: at once. Raises as ``read_checkpoint``."""
+    _opened(path)
+
+
+def unknown_settings(settings: object) -> list[str]:
+    """Import paths of the classes within some settings that are not imported here."""
+    if isinstance(settings, UnknownSettings):
+        return [settings.path]
+    if not is_dataclass(settings):
+        return []
+    return [path for item in fields(settings) for path in unknown_settings(getattr(settings, item.name))]
+
+
+# --- the file ---------------------------------------------------------------------------------------------
+
+
+def _file(values: Any, tensors: Mapping[str, torch.Tensor]) -> bytes:
+    header: dict[str, Any] = {
+        "__metadata__": {
+            "kind": _NAME,
+            "format": str(CHECKPOINT_FORMAT),
+            "sha256": _NO_CHECKSUM,  # before the values: it is found by its zeros
+            "values": json.dumps(values),
+        }
+    }
+    blobs: list[bytes] = []
+    end = 0
+    for name, tensor in tensors.items():
+        kind = _NAMES[str(tensor.dtype).removeprefix("torch.")]
+        blobs.append(_bytes_of(tensor))
+        header[name] = {
+            "dtype": kind,
+            "shape": list(tensor.shape),
+            "data_offsets": [end, end + len(blobs[-1])],
+        }
+        end += len(blobs[-1])
+    text = json.dumps(header).encode()
+    head = text + b" " * (-len(text) % 8)
+    content = b"".join((struct.pack("<Q", len(head)), head, *blobs))
+    return content.replace(_NO_CHECKSUM.encode(), _checksum(content).encode(), 1)
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _bytes_of(tensor: torch.Tensor) -> bytes:
+    import torch
+
+    plain = tensor.detach().cpu().contiguous().reshape(-1)
+    return plain.view(torch.uint8).numpy().tobytes() if plain.numel() else b""
+
+
+def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
+    """Values, table of the tensors and their bytes, the checksum compared."""
+    if not path.is_file() and not path.exists():
+        raise SprintlabError(f"{path} is no checkpoint: there is no such file")
+    content = read_bytes(path, CHECKPOINT_LIMIT, what="checkpoint")
+    if content[:2] in (b"PK", b"\x80\x02"):
+        raise SprintlabError(
+            f"{path} is no sprintlab checkpoint of format {CHECKPOINT_FORMAT}: files of this kind can run "
+            "code and are not opened"
+        )
+    try:
+        (length,) = struct.unpack_from("<Q", content)
+        if length > min(_HEADER_LIMIT, len(content) - 8):
+            raise ValueError("it is cut off")
+        header = parse_json(content[8 : 8 + length])
+        about = header.pop("__metadata__")
+        if about["kind"] != _NAME:
+            raise ValueError("it is of another kind")
+        version, told = str(about["format"]), str(about["sha256"])
+    except (ValueError, KeyError, TypeError, AttributeError, struct.error) as error:
+        raise SprintlabError(f"{path} is no checkpoint or is truncated: {printable(error)}") from error
+    if version != str(CHECKPOINT_FORMAT):
+        raise SprintlabError(
+            f"{path} is a checkpoint of format {printable(version, 20)}; this version reads "
+            f"{CHECKPOINT_FORMAT}"
+        )
+    blank = content[: 8 + length].replace(told.encode(), _NO_CHECKSUM.encode(), 1) + content[8 + length :]
+    if len(told) != 64 or _checksum(blank) != told:
+        raise SprintlabError(f"{path} is damaged: its checksum does not fit; take an earlier copy")
+    try:
+        return parse_json(about["values"]), header, memoryview(content)[8 + length :]
+    except (ValueError, KeyError, TypeError) as error:
+        raise SprintlabError(f"{path} is no checkpoint: {printable(error)}") from error
+
+
+# --- values -----------------------------------------------------------------------------------------------
+
+
+def _packed(value: Any, tensors: dict[str, torch.Tensor], name: str) -> Any:
+    """A value as JSON; tensors and arrays go into ``tensors`` under their names."""
+    import torch
+
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, np.generic):
+        return _packed(value.item(), tensors, name)
+    if isinstance(value, torch.Tensor):
+        tensors[name] = value
+        return {"$tensor": name}
+    if isinstance(value, np.ndarray):
+        return _packed_array(cast("np.ndarray[Any, Any]", value), tensors, name)
+    if isinstance(value, list | tuple | Mapping):
+        return _packed_items(value, tensors, name)
+    return _packed_object(value, tensors, name)
+
+
+def _packed_array(value: np.ndarray[Any, Any], tensors: dict[str, torch.Tensor], name: str) -> Any:
+    import torch
+
+    wide = value.astype(np.int64) if value.dtype.kind == "u" and value.dtype.itemsize > 1 else value
+    tensors[name] = torch.from_numpy(np.ascontiguousarray(wide).copy())
+    return {"$array": name, "dtype": str(value.dtype)}
+
+
+def _packed_items(value: Any, tensors: dict[str, torch.Tensor], name: str) -> Any:
+    if isinstance(value, tuple):
+        return {"$tuple": _packed(list(cast("tuple[Any, ...]", value)), tensors, name)}
+    if isinstance(value, list):
+        items = cast("list[Any]", value)
+        return [_packed(item, tensors, f"{name}.{place}") for place, item in enumerate(items)]
+    pairs = cast("Mapping[Any, Any]", value)
+    for key in pairs:
+        if not isinstance(key, str) or key.startswith("$"):
+            raise SprintlabError(f"{name} has the key {key!r}, which a checkpoint cannot keep: use texts")
+    return {key: _packed(item, tensors, f"{name}.{key}") for key, item in pairs.items()}
+
+
+def _packed_object(value: Any, tensors: dict[str, torch.Tensor], name: str) -> Any:
+    """Settings by the import path of their class; refuses what is nothing of the kind."""
+    if isinstance(value, UnknownSettings):
+        return {"$class": value.path, "fields": _packed(dict(value.values), tensors, name)}
+    if isinstance(value, Progress):
+        return _packed(vars(value), tensors, name)
+    if is_dataclass(value) and not isinstance(value, type):
+        items = {item.name: getattr(value, item.name) for item in fields(value) if item.init}
+        path = f"{type(value).__module__}:{type(value).__qualname__}"
+        return {"$class": path, "fields": _packed(items, tensors, name)}
+    raise SprintlabError(
+        f"{name} is of {type(value).__name__}, which a checkpoint cannot keep: use numbers, texts, tuples, "
+        "tensors and frozen dataclasses of these"
+    )
+
+
+def _unpacked(value: Any, table: Mapping[str, Any], content: memoryview, depth: int = 0) -> Any:
+    """Inverse of ``_packed``."""
+    if depth > _DEEPEST:
+        raise ValueError("it is nested too deeply")
+    if isinstance(value, list):
+        return [_unpacked(item, table, content, depth + 1) for item in cast("list[Any]", value)]
+    if not isinstance(value, dict):
+        return value
+    entry = cast("dict[str, Any]", value)
+    if "$tensor" in entry:
+        return _tensor(entry["$tensor"], table, content)
+    if "$array" in entry:
+        kind = np.dtype(str(entry["dtype"]))
+        if kind.kind not in "biuf":
+            raise ValueError("an array is of no number")
+        return _tensor(entry["$array"], table, content).numpy().astype(kind)
+    if "$tuple" in entry:
+        return tuple(_unpacked(entry["$tuple"], table, content, depth + 1))
+    if "$class" in entry:
+        known = cast("dict[str, Any]", _unpacked(entry["fields"], table, content, depth + 1))
+        return _settings(str(entry["$class"]), known)
+    return {key: _unpacked(item, table, content, depth + 1) for key, item in entry.items()}
+
+
+def _tensor(name: Any, table: Mapping[str, Any], content: memoryview) -> torch.Tensor:
+    import torch
+
+    if len(table) > _MOST_TENSORS:
+        raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
+    entry = table[name]
+    torch_name, size = _TYPES[entry["dtype"]]
+    shape, (start, end) = [int(side) for side in entry["shape"]], entry["data_offsets"]
+    inside = 0 <= start <= end <= len(content) and all(side >= 0 for side in shape) and len(shape) <= 16
+    if not inside or end - start != math.prod(shape) * size:
+        raise ValueError(f"the size of tensor {name} is not that of its shape")
+    kind = getattr(torch, torch_name)
+    if start == end:
+        return torch.zeros(shape, dtype=kind)
+    return torch.frombuffer(bytearray(content[start:end]), dtype=kind).reshape(shape)
+
+
+def _settings(path: str, values: dict[str, Any]) -> Any:
+    """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
+    module_name, _, name = path.partition(":")
+    if module_name.partition(".")[0] == "sprintlab":
+        module = importlib.import_module(module_name)
+    else:
+        module = sys.modules.get(module_name)
+    found: Any = module
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    if not isinstance(found, type) or not is_dataclass(found):
+        return UnknownSettings(path, values)
+    if not found.__dataclass_params__.frozen or found.__module__ != module_name:  # type: ignore[attr-defined]
+        raise ValueError(f"{printable(path, 80)} is no class of settings")
+    return found(**values)
+
+
+def _check_state(state: Any) -> None:
+    """Refuse values that no run writes. Raises ``ValueError`` and others."""
+    from sprintlab.training.settings import TrainingSettings
+
+    if not isinstance(state["settings"], TrainingSettings):
+        raise ValueError("it has no settings of a training")
+    for name in ("command_line", "device", "date"):
+        if not isinstance(state[name], str):
+            raise ValueError(f"its {name} is no text")
+    if not all(isinstance(version, str) for version in state["versions"].values()):
+        raise ValueError("its versions are no texts")
+    progress = Progress(**state["progress"])
+    for row in ({"iteration": progress.iteration, "steps": progress.environment_steps}, *progress.log):
+        if not all(isinstance(number, int | float) for number in row.values()):
+            raise ValueError("its log holds what is no number")
+    if not math.isfinite(progress.seconds):
+        raise ValueError("its time is no finite number")
+    if not isinstance(state["config_hash"], str) or not isinstance(state["learner"]["actor"], dict):
+        raise ValueError("it has no policy")

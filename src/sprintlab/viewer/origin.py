@@ -1,0 +1,63 @@
+"""Who may open a WebSocket of the live page: the page itself, and no other page in the same browser."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import Any
+
+import websockets.asyncio.server
+
+_LOCAL_NAMES = ("localhost",)
+
+
+def is_own_origin(origin: str, host: str, served_at: str) -> bool:
+    """Whether a WebSocket was opened by the page that this server serves.
+
+    A name other than the one that is served is refused even where origin and host agree: whoever owns that
+    name can let it lead to this machine.
+
+    Args:
+        origin: the request's header of that name; empty if there is none.
+        host: the same.
+        served_at: the host that the page is served at, as the user gave it.
+    """
+    return origin.lower() in (f"http://{host.lower()}", f"https://{host.lower()}") and _is_own_name(
+        host, served_at
+    )
+
+
+def _is_own_name(host: str, served_at: str) -> bool:
+    name = host.lower()
+    name = name[1 : name.index("]")] if name.startswith("[") and "]" in name else name.partition(":")[0]
+    if name in (*_LOCAL_NAMES, served_at.lower()):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@contextmanager
+def own_origin_only(served_at: str) -> Generator[None, None, None]:
+    """Servers of WebSockets that start in the block refuse what another page opens, with status 403."""
+    serve = websockets.asyncio.server.serve
+
+    def guarded(*arguments: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
+        def judge(connection: Any, request: Any) -> Any:
+            headers = request.headers
+            if headers.get("Upgrade", "").lower() == "websocket":
+                origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
+                if not (len(origins) == len(hosts) == 1 and is_own_origin(origins[0], hosts[0], served_at)):
+                    return connection.respond(403, "This page takes its own connections only.\n")
+            return None if process_request is None else process_request(connection, request)
+
+        return serve(*arguments, process_request=judge, **options)
+
+    websockets.asyncio.server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve

@@ -1,0 +1,135 @@
+"""``import sprintlab as sl``: light, complete, and usable from a plain script."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sprintlab as sl
+from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = ("numpy", "torch", "mujoco", "onnxruntime", "matplotlib", "rich", "msgspec", "scipy", "warp")
+
+
+def run_python(*arguments, folder=ROOT):
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], capture_output=True, text=True, cwd=folder, timeout=500
+    )
+
+
+def test_importing_loads_nothing_else():
+    code = f"""
+import sys
+before = set(sys.modules)
+import sprintlab
+loaded = {{name.partition(".")[0] for name in set(sys.modules) - before}}
+assert not loaded & set({HEAVY!r}), loaded
+assert loaded <= {{"sprintlab", "__future__"}}, loaded
+"""
+    result = run_python("-c", code)
+    assert result.returncode == 0, result.stderr
+
+
+def test_every_public_name_is_there_and_declared_for_type_checkers():
+    assert set(sl.__all__) <= set(dir(sl))
+    assert all(getattr(sl, name) is not None for name in sl.__all__)
+    tree = ast.parse((ROOT / "src/sprintlab/__init__.py").read_text(encoding="utf-8"))
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
+    declared = {
+        alias.asname or alias.name: node.module
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert declared == {name: f"sprintlab.{home}" for name, home in sl._HOMES.items()}
+    assert sorted(sl._HOMES) == sl.__all__
+
+
+def test_what_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        sl.nothing  # noqa: B018
+
+
+def test_policies_are_found_by_name_and_name_their_robot():
+    found = sl.policies()
+    assert {"sprint", "go1-sprint"} <= {item.name for item in found}
+    go1 = found.to_dict()["go1-sprint"]
+    assert go1["robot"] == "go1" and Path(go1["path"]).is_file()
+    assert "go1-sprint" in str(found)
+    assert sl.load_policy("go1-sprint").contract.robot_name == "go1"
+    with pytest.raises(PolicyFileError, match="no policy named 'nobody'"):
+        sl.load_policy("nobody")
+
+
+def test_a_method_is_changed_by_dotted_names():
+    settings = sl.method("baseline", {"ppo.steps": 16, "rewards.progress": 1}, robot="go1", environments=64)
+    assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)
+    assert settings.rewards.progress == 1.0 and settings.simulation.environments == 64
+    with pytest.raises(InvalidValueError, match="sprint"):
+        sl.method("sprnt")
+    with pytest.raises(SprintlabError, match="'stepz'"):
+        sl.method("sprint", {"ppo.stepz": 16})
+
+
+def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    go1_race = sl.race("go1-sprint", top_speed=1.0, distance=2.0, trials=1, workers=1)
+    numbers = go1_race.to_dict()
+    assert numbers["robot"] == "go1" and numbers["trials"] == 1
+    assert numbers["held_speed_m_s"] == pytest.approx(1.0, abs=0.3)
+    assert f"{numbers['held_speed_m_s']:.2f}" in str(go1_race) and "audit" in repr(go1_race)
+    drawn = go1_race.plot("gait")
+    assert drawn._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(InvalidValueError, match="torque_speed"):
+        go1_race.plot("gate")
+    page = go1_race.report("mine")
+    assert page == Path("mine/report.html") and page.is_file() and Path("mine/replay.html").is_file()
+    with pytest.raises(SprintlabError, match="exists already"):
+        go1_race.report("mine")
+
+
+def test_an_evaluation_prints_and_draws_itself():
+    search = sl.SearchOptions(trials=1, start=1.0, top=1.5, grid=0.5)
+    found = sl.evaluate("go1-sprint", search=search, workers=1)
+    numbers = found.to_dict()
+    assert numbers["raw"]["max_velocity_m_s"] == found.max_velocity == pytest.approx(1.5, abs=0.4)
+    assert [row["top_speed_m_s"] for row in numbers["self_paced"]["speeds"]] == [1.0, 1.5]
+    assert f"{found.max_velocity:.2f}" in str(found)
+    assert found.plot().axes[0].get_xlabel().startswith("commanded")
+
+
+SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
+TINY = {
+    "environments=4096": "environments=8",
+    "iterations=3200, minutes=20.0": 'iterations=2, device="cpu"',
+    "trials=10": "trials=1, top_speed=1.0, distance=2.0, workers=2",
+}
+
+
+@pytest.mark.slow
+def test_the_dozen_lines_train_export_race_and_report(tmp_path):
+    pytest.importorskip("torch")
+    text = SCRIPT
+    for full, tiny in TINY.items():
+        assert full in text
+        text = text.replace(full, tiny)
+    (tmp_path / "script.py").write_text(text, encoding="utf-8")
+    result = run_python("script.py", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "policy policy, command up to 1 m/s" in result.stdout
+    assert (tmp_path / "runs/quickstart-race/report.html").is_file()
+    assert "sprintlab.cli" not in SCRIPT
+
+
+def test_a_script_without_a_guard_is_told_so_once(tmp_path):
+    unguarded = (
+        "import sprintlab as sl\nprint('read')\nsl.race('go1-sprint', top_speed=1.0, trials=1, workers=2)\n"
+    )
+    (tmp_path / "script.py").write_text(unguarded, encoding="utf-8")
+    result = run_python("script.py", folder=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.count('if __name__ == "__main__"') == 1
+    assert "bootstrapping" not in result.stderr

@@ -1,0 +1,94 @@
+"""Energy in all four quadrants: what goes in comes out or becomes heat, in every form of the law."""
+
+import numpy as np
+import pytest
+import torch
+
+from sprintlab.motors import (
+    Gear,
+    copper_loss,
+    drive_torque,
+    electrical_power,
+    joint_torque,
+    motor_speed,
+    saturate,
+    shaft_torque,
+)
+from sprintlab.plant import PreparedDrive
+from sprintlab.robots import load_robot
+
+VELOCITY = np.array([-30.0, -6.0, -0.3, -0.01, 0.01, 0.3, 6.0, 30.0])
+TORQUE = np.array([-90.0, -30.0, -2.0, 2.0, 30.0, 90.0])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("bp2")
+
+
+@pytest.fixture(scope="module")
+def points(robot):
+    """Every torque at every speed, the same on all twelve joints ``(n, 12)``."""
+    torque, velocity = np.meshgrid(TORQUE, VELOCITY)
+    ones = np.ones(len(robot.joint_names))
+    return torque.reshape(-1, 1) * ones, velocity.reshape(-1, 1) * ones
+
+
+def test_electrical_input_is_joint_output_and_heat(robot, points):
+    desired, velocity = points
+    drive = drive_torque(robot.motors, robot.gear, desired, velocity, robot.bus_voltage)
+    speed = motor_speed(robot.gear, velocity)
+    electrical = electrical_power(robot.motors, drive.motor_torque, speed)
+    gear_loss = saturate(robot.motors, drive.motor_torque) * speed - drive.torque * velocity
+    copper = copper_loss(robot.motors, drive.motor_torque)
+    np.testing.assert_allclose(electrical, drive.torque * velocity + copper + gear_loss, atol=1e-9)
+    assert (gear_loss >= -1e-12).all()
+    assert (copper >= 0.0).all()
+    assert (electrical - drive.torque * velocity >= -1e-12).all(), "a drive that makes energy"
+
+
+def test_a_closed_cycle_returns_less_than_it_takes(robot):
+    """The same joint torque out and back: driving costs more than braking gives."""
+    velocity = np.full(12, 10.0)
+    shaft = np.full(12, 4.0)
+    out = joint_torque(robot.gear, shaft, velocity)
+    back = shaft_torque(robot.gear, out, -velocity)
+    assert (back < shaft).all()
+    np.testing.assert_allclose(back, shaft * np.asarray(robot.gear.efficiency) ** 2, rtol=1e-6)
+
+
+def test_the_gear_passes_all_on_at_rest_and_turns_smoothly():
+    gear = Gear(ratio=6.0, efficiency=0.9)
+    velocity = np.linspace(-5.0, 5.0, 20001)
+    torque = joint_torque(gear, np.full_like(velocity, 3.0), velocity)
+    assert torque[10000] == pytest.approx(18.0)
+    assert torque[-1] == pytest.approx(18.0 * 0.9, rel=1e-3)
+    assert torque[0] == pytest.approx(18.0 / 0.9, rel=1e-3)
+    assert np.abs(np.diff(torque)).max() < 0.002
+    np.testing.assert_allclose(shaft_torque(gear, torque, velocity), 3.0)
+
+
+def test_the_prepared_law_and_tensors_are_the_same_law(robot, points):
+    desired, velocity = points
+    wanted = drive_torque(robot.motors, robot.gear, desired, velocity, robot.bus_voltage).torque
+    prepared = PreparedDrive(robot, robot.bus_voltage)
+    for row in range(len(desired)):
+        np.testing.assert_allclose(prepared(desired[row], velocity[row]).torque, wanted[row], rtol=1e-12)
+    tensors = drive_torque(
+        robot.motors, robot.gear, torch.tensor(desired), torch.tensor(velocity), robot.bus_voltage
+    )
+    np.testing.assert_allclose(tensors.torque, wanted, rtol=1e-9)
+
+
+def test_the_loss_is_stable_at_a_kilohertz(robot):
+    """A motor that holds its peak torque against a spring comes to rest, with explicit 1 kHz steps."""
+    inertia = float(robot.armature[2])
+    joint = Gear(ratio=float(robot.gear.ratio[2]), efficiency=float(robot.gear.efficiency[2]))
+    peak, stiffness, angle, velocity = float(robot.motors.peak_torque[2]), 160.0, 0.0, 0.0
+    rest = peak * joint.ratio / stiffness
+    for _ in range(3000):
+        torque = float(joint_torque(joint, np.array(peak), np.array(velocity)))
+        velocity += 0.001 * (torque - stiffness * angle - 0.5 * velocity) / inertia
+        angle += 0.001 * velocity
+    assert abs(velocity) < 1e-6
+    assert angle == pytest.approx(rest, rel=1e-3)

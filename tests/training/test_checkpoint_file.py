@@ -1,0 +1,208 @@
+"""A checkpoint runs no code, notices every flipped bit, and keeps settings of one's own."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import struct
+import sys
+import types
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco_warp")
+
+import torch
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.training.runs import checkpoint as module
+from sprintlab.training.runs.checkpoint import (
+    Progress,
+    UnknownSettings,
+    check_checkpoint,
+    read_checkpoint,
+    unknown_settings,
+    write_checkpoint,
+)
+from sprintlab.training.settings import RewardSettings, RewardWeight, TrainingSettings
+
+_SIDEWAYS = RewardWeight(first=-0.5, second=-2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnRewards(RewardSettings):
+    sideways_velocity: RewardWeight = _SIDEWAYS
+
+
+def state(settings: TrainingSettings | None = None) -> dict:
+    settings = settings or TrainingSettings()
+    return {
+        "settings": settings,
+        "config_hash": settings.digest(),
+        "command_line": "sprintlab train sprint",
+        "device": "CPU",
+        "versions": {"torch": "2"},
+        "date": "2026-01-01",
+        "progress": Progress(iteration=2, log=[{"iteration": 1, "reward": 0.1 + 0.2}]),
+        "learner": {
+            "actor": {"0.weight": torch.randn(3, 4), "count": torch.tensor(5), "empty": torch.zeros(0, 2)},
+            "moments": [torch.randn(7), torch.randn(2, 2).to(torch.bfloat16)],
+        },
+        "generators": {"numpy": np.random.RandomState(3).get_state(), "torch": torch.get_rng_state()},
+    }
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    target = tmp_path / "checkpoint.pt"
+    write_checkpoint(state(), target)
+    return target
+
+
+def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
+    given = state()
+    write_checkpoint(given, tmp_path / "c.pt")
+    read = read_checkpoint(tmp_path / "c.pt")
+    assert read["settings"] == given["settings"] and read["settings"].digest() == given["config_hash"]
+    assert read["progress"] == given["progress"]
+    for name, tensor in given["learner"]["actor"].items():
+        assert torch.equal(read["learner"]["actor"][name], tensor)
+    for mine, theirs in zip(read["learner"]["moments"], given["learner"]["moments"], strict=True):
+        assert mine.dtype == theirs.dtype and torch.equal(mine, theirs)
+    generator = np.random.RandomState()
+    generator.set_state(read["generators"]["numpy"])
+    assert generator.random_sample() == np.random.RandomState(3).random_sample()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_every_flipped_bit_is_noticed(path: Path, seed: int) -> None:
+    content = bytearray(path.read_bytes())
+    place = int(np.random.default_rng(seed).integers(len(content) * 8))
+    content[place // 8] ^= 1 << place % 8
+    path.write_bytes(content)
+    for read in (check_checkpoint, read_checkpoint):
+        with pytest.raises(SprintlabError) as refusal:
+            read(path)
+        assert "\n" not in str(refusal.value)
+
+
+class Evil:
+    def __init__(self, target: Path) -> None:
+        self.target = target
+
+    def __reduce__(self):
+        return Path.touch, (self.target,)
+
+
+@pytest.mark.parametrize("form", ["torch", "pickle"])
+def test_a_pickle_is_not_opened(tmp_path: Path, form: str) -> None:
+    mark, path = tmp_path / "ran", tmp_path / "checkpoint.pt"
+    if form == "torch":
+        torch.save({"format": 3, "settings": Evil(mark)}, path)
+    else:
+        path.write_bytes(pickle.dumps(Evil(mark), protocol=2))
+    with pytest.raises(SprintlabError, match="can run code"):
+        read_checkpoint(path)
+    assert not mark.exists()
+
+
+def rewritten(path: Path, change) -> None:
+    """The file with other values and a checksum that fits: a stranger can make one."""
+    content = path.read_bytes()
+    (length,) = struct.unpack_from("<Q", content)
+    header = json.loads(content[8 : 8 + length])
+    values = json.loads(header["__metadata__"]["values"])
+    change(values, header)
+    header["__metadata__"]["values"] = json.dumps(values)
+    header["__metadata__"]["sha256"] = "0" * 64
+    text = json.dumps(header).encode()
+    whole = struct.pack("<Q", len(text)) + text + content[8 + length :]
+    path.write_bytes(whole.replace(b"0" * 64, module._checksum(whole).encode(), 1))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "subprocess:Popen",
+        "os:system",
+        "sprintlab.cli.main:main",
+        "sprintlab.training.runs.checkpoint:Progress",
+    ],
+)
+def test_classes_of_no_settings_are_not_made(path: Path, name: str) -> None:
+    def change(values, _header):
+        values["settings"]["fields"]["rewards"] = {"$class": name, "fields": {}}
+
+    rewritten(path, change)
+    try:
+        settings = read_checkpoint(path)["settings"]
+    except SprintlabError as refusal:
+        assert "\n" not in str(refusal)
+    else:
+        assert isinstance(settings.rewards, UnknownSettings)
+
+
+def test_modules_are_not_imported_for_a_stranger(path: Path, tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "trap.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def change(values, _header):
+        values["settings"]["fields"]["rewards"] = {"$class": "trap:Rewards", "fields": {}}
+
+    rewritten(path, change)
+    assert unknown_settings(read_checkpoint(path)["settings"]) == ["trap:Rewards"]
+    assert not (tmp_path / "ran").exists() and "trap" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda v, h: v["settings"]["fields"]["ppo"]["fields"].update(hidden={"$tuple": [10**9]}),
+        lambda v, h: v["settings"]["fields"].update(unheard_of=1),
+        lambda v, h: v.update(settings=3),
+        lambda v, h: v["progress"].update(log=[{"reward": "x"}]),
+        lambda v, h: v["progress"].update(log=3),
+        lambda v, h: v.pop("learner"),
+        lambda v, h: h["state.learner.actor.0.weight"].update(shape=[10**6, 10**6]),
+        lambda v, h: h["state.learner.actor.0.weight"].update(data_offsets=[0, 2**60]),
+        lambda v, h: h["state.learner.actor.0.weight"].update(dtype="object"),
+        lambda v, h: h.pop("state.learner.actor.0.weight"),
+        lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="O"),
+    ],
+)
+def test_values_that_no_run_writes(path: Path, change) -> None:
+    rewritten(path, change)
+    with pytest.raises(SprintlabError) as refusal:
+        read_checkpoint(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_another_version_is_named(path: Path) -> None:
+    rewritten(path, lambda v, h: h["__metadata__"].update(format="5"))
+    with pytest.raises(SprintlabError, match="format 5; this version reads 4"):
+        read_checkpoint(path)
+
+
+def test_settings_of_ones_own_come_back_where_they_are_known(tmp_path: Path, monkeypatch) -> None:
+    settings = replace(TrainingSettings(), rewards=OwnRewards())
+    write_checkpoint(state(settings), tmp_path / "c.pt")
+    known = types.ModuleType(OwnRewards.__module__)
+    known.OwnRewards = OwnRewards
+    monkeypatch.setitem(sys.modules, OwnRewards.__module__, known)
+    assert read_checkpoint(tmp_path / "c.pt")["settings"] == settings
+    monkeypatch.delitem(sys.modules, OwnRewards.__module__)
+    read = read_checkpoint(tmp_path / "c.pt")
+    assert unknown_settings(read["settings"]) == [f"{OwnRewards.__module__}:OwnRewards"]
+    assert read["config_hash"] == settings.digest()  # what an export needs is there all the same
+    write_checkpoint(read, tmp_path / "again.pt")
+    assert read_checkpoint(tmp_path / "again.pt")["settings"] == read["settings"]
+
+
+def test_what_cannot_be_kept_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SprintlabError, match=r"state\.device is of BytesIO"):
+        write_checkpoint({**state(), "device": io.BytesIO()}, tmp_path / "c.pt")
+    assert list(tmp_path.iterdir()) == []
