@@ -53,7 +53,7 @@ class Turning(Printed):
         for row in turning_rows(self.found):
             table.add_row(*row)
         yield table
-        yield "Columns: shares of the largest yaw rate that friction allows, at most 1 rad/s; left is positive."
+        yield "Columns: shares of the largest yaw rate that friction allows (at most 1 rad/s), left positive."
         least = self.found.least_gain
         worst = f"{100 * least:.0f} %" if least == least else "undefined, since one fell"
         yield f"Worst turn with |v w| up to half of mu g: {worst}. Falls: {self.found.falls}."

@@ -29,6 +29,7 @@ from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
+from sprintlab.cli.steering import Lap, Turning
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
@@ -42,6 +43,8 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Turning, tyro.conf.subcommand(name="turning")]
+    | Annotated[Lap, tyro.conf.subcommand(name="lap")]
     | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
