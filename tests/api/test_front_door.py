@@ -1,6 +1,7 @@
 """``import sprintlab as sl``: light, complete, and usable from a plain script."""
 
 import ast
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -133,3 +134,27 @@ def test_a_script_without_a_guard_is_told_so_once(tmp_path):
     assert result.returncode == 1
     assert result.stderr.count('if __name__ == "__main__"') == 1
     assert "bootstrapping" not in result.stderr
+
+
+def test_the_notebook_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((ROOT / "examples/quickstart.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        *before, last = ast.parse(cell).body
+        exec(compile(ast.Module(before, []), "cell", "exec"), names)
+        if isinstance(last, ast.Expr):
+            names["shown"] = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        else:
+            exec(compile(ast.Module([last], []), "cell", "exec"), names)
+    assert "<pre" in names["race"]._repr_mimebundle_()["text/html"]
+    assert names["settings"].rewards.progress == 0.3
+
+
+def test_the_page_shows_the_script_that_is_tested():
+    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    body = SCRIPT[SCRIPT.index("import sprintlab") :]
+    assert body.strip() in page
+    public = {name for name in sl.__all__ if name[0].islower()}
+    assert all(f"sl.{name}" in page for name in public)

@@ -33,6 +33,7 @@ from sprintlab.cli.steering import Lap, Turning
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.reading import printable
 
 REFUSED = 2
@@ -88,9 +89,7 @@ def run(arguments: Sequence[str]) -> int:
     if list(arguments[:1]) == ["train"] and len(arguments) > 1:
         return run_training(arguments[1:])
     if list(arguments) == ["--version"]:
-        from importlib.metadata import version
-
-        print(f"sprintlab {version('sprintlab')}")
+        print(f"sprintlab {package_version('sprintlab')}")
         return 0
     return parse(arguments).run()
 

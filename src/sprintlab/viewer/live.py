@@ -30,6 +30,9 @@ FloatArray = NDArray[np.float64]
 POLICY_RATE = 50.0
 """Policy steps a second [Hz]."""
 
+HEADING_SLACK = 0.1
+"""How far a standing robot may turn away before it is turned back [rad]."""
+
 COMMAND_ACCELERATION = 4.0
 """How fast the command follows the knob [m/s^2]: as in the evaluation's profile."""
 
@@ -280,6 +283,8 @@ class Session:
         turn = float(limit_yaw_rate(np.asarray(knobs.yaw_rate), np.asarray(speed), knobs.friction))
         self._heading = float(wrap_angle(np.asarray(self._heading + turn / POLICY_RATE)))
         error = float(wrap_angle(np.asarray(base.heading - self._heading)))
+        if speed == 0.0 and turn == 0.0 and abs(error) < HEADING_SLACK:
+            return np.zeros(3)  # a robot that is to stand is left in peace
         yaw_rate = turn + float(heading_command(error, 0.0, speed))
         return np.array([speed, 0.0, float(limit_yaw_rate(np.asarray(yaw_rate), np.asarray(speed), 0.7))])
 

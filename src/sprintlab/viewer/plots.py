@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from sprintlab.viewer.live import Glimpse, Knobs
 
 PLOT_SECONDS = 10.0
 """Simulated time that the curves show [s]."""
+
+SPEED_WINDOW = 0.4
+"""Time over which the shown speed is averaged [s]."""
 
 _STEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0, 50.0, 100.0)
 _HEIGHT = 120
@@ -44,6 +48,7 @@ class Plots:
     def __init__(self, server: viser.ViserServer, robot: RobotDescription) -> None:
         self._envelope = EnvelopePlot(robot)
         self._curves: deque[tuple[float, float, float, float]] = deque()
+        self._recent: deque[tuple[float, float]] = deque()
         self._last: Glimpse | None = None
         gui = server.gui
         self._status = gui.add_html(_STYLE)
@@ -60,15 +65,25 @@ class Plots:
 
     def add(self, glimpse: Glimpse) -> None:
         """One more point of the curves, which forget what is older than ``PLOT_SECONDS``."""
-        self._curves.append((glimpse.time, glimpse.speed, glimpse.command[0], glimpse.bus_power / 1e3))
+        self._recent.append((glimpse.time, glimpse.speed))
+        while self._recent[0][0] < glimpse.time - SPEED_WINDOW:
+            self._recent.popleft()
+        speed = self._mean_speed()
+        self._curves.append((glimpse.time, speed, glimpse.command[0], glimpse.bus_power / 1e3))
         while self._curves[0][0] < glimpse.time - PLOT_SECONDS:
             self._curves.popleft()
         if len(glimpse.joint_speed):
             self._last = glimpse
 
+    def _mean_speed(self) -> float:
+        """Over a few strides: the trunk swings with each, and a swing is not a speed."""
+        return sum(speed for _, speed in self._recent) / len(self._recent)
+
     def draw(self, glimpse: Glimpse, knobs: Knobs, pace: float) -> None:
         """Send numbers, curves and motors to the page; ``pace`` is in simulated seconds a second."""
-        self._status.content = _STYLE + status_text(glimpse, pace)
+        self._status.content = _STYLE + status_text(
+            replace(glimpse, speed=self._mean_speed()) if self._recent else glimpse, pace
+        )
         if len(self._curves) < 2 or self._last is None:
             return
         moment, speed, command, power = np.array(self._curves).T

@@ -1,4 +1,4 @@
-"""The robot over a grid, drawn by viser."""
+"""The robot on a running track, drawn by viser."""
 
 # MuJoCo's compiled module has no type stubs.
 # pyright: reportAttributeAccessIssue=false
@@ -6,16 +6,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
+from sprintlab.commands.track import LANE_WIDTH
 from sprintlab.robots import ModelOptions, build_model
 from sprintlab.viewer.live import Session
 from sprintlab.viewer.meshes import robot_surfaces
 
-_GRID_SECTION = 5.0
-_LIGHT_GROUND, _DARK_GROUND = (188, 196, 205), (52, 58, 66)
+LANES = 9
+_MARKS_EVERY = 10.0  # lines across the track [m]
+_REACH = 60.0  # how far the track is drawn, ahead and behind [m]
+_LINE = 0.025  # half the width of a line [m]
+_TRACK, _DARK_TRACK = (152, 72, 50), (96, 46, 34)
+_GRASS, _DARK_GRASS = (96, 122, 84), (40, 52, 38)
+_PAINT = (238, 238, 238)
 
 
 class Scene:
@@ -31,21 +39,26 @@ class Scene:
         self._data = session.plant.data
         self._world = self._scene.add_frame("/world", show_axes=False)
         self._trunk = session.plant.model.body("trunk").id
-        self._grid = self._scene.add_grid(
-            "/world/ground",
-            width=60.0,
-            height=60.0,
-            cell_size=1.0,
-            section_size=_GRID_SECTION,
-            fade_distance=40.0,
-            plane_color=_LIGHT_GROUND,
-            plane_opacity=0.9,
-        )
+        self._ground = self._scene.add_frame("/world/ground", show_axes=False)
+        self._dark = False
+        self._add_ground()
         self._frames: dict[int, viser.FrameHandle] = {}
         self._add_robot(session)
         server.initial_camera.position = (-1.6, -2.4, 0.9)
         server.initial_camera.look_at = (0.1, 0.0, 0.35)
         self._slope = 0.0
+
+    def _add_ground(self) -> None:
+        """Grass, the track of the replay on it, lane lines, and a line across every ten metres."""
+        track, grass = (_DARK_TRACK, _DARK_GRASS) if self._dark else (_TRACK, _GRASS)
+        half = 0.5 * LANES * LANE_WIDTH
+        patches = {
+            "grass": (_rectangles([(-_REACH, _REACH, -_REACH, _REACH)], -0.008), grass),
+            "track": (_rectangles([(-_REACH, _REACH, -half - 0.5, half + 0.5)], -0.004), track),
+            "lines": (_rectangles(track_lines(), -0.001), _PAINT),
+        }
+        for name, ((vertices, faces), color) in patches.items():
+            self._scene.add_mesh_simple(f"/world/ground/{name}", vertices, faces, color=color, side="double")
 
     def _add_robot(self, session: Session) -> None:
         dressed = build_model(session.robot, ModelOptions(visuals=True))
@@ -69,12 +82,38 @@ class Scene:
         for body, frame in self._frames.items():
             frame.position = position[body] - centre
             frame.wxyz = quaternion[body]
-        x, y = np.mod(centre[:2], _GRID_SECTION)
-        self._grid.position = (-x, -y, 0.0)
+        # Along the track the ground repeats every ten metres; sideways it stays where it is, so that a robot
+        # that leaves its lane is seen to leave it.
+        self._ground.position = (-float(np.mod(centre[0], _MARKS_EVERY)), -float(centre[1]), 0.0)
         if slope != self._slope:
             self._slope = slope
             self._world.wxyz = (math.cos(0.5 * slope), 0.0, -math.sin(0.5 * slope), 0.0)
 
     def darken(self, dark: bool) -> None:
         """Give the ground the colour that fits a dark or a light page."""
-        self._grid.plane_color = _DARK_GROUND if dark else _LIGHT_GROUND
+        if dark != self._dark:
+            self._dark = dark
+            self._add_ground()
+
+
+def track_lines() -> list[tuple[float, float, float, float]]:
+    """Painted rectangles ``(x from, x to, y from, y to)`` [m]: lane lines, and one every ten metres."""
+    half = 0.5 * LANES * LANE_WIDTH
+    along = [lane * LANE_WIDTH - half for lane in range(LANES + 1)]
+    across = np.arange(-_REACH, _REACH + 1e-9, _MARKS_EVERY).tolist()
+    return [(-_REACH, _REACH, y - _LINE, y + _LINE) for y in along] + [
+        (x - _LINE, x + _LINE, -half, half) for x in across
+    ]
+
+
+def _rectangles(
+    places: Sequence[tuple[float, float, float, float]], height: float
+) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Vertices and faces of level rectangles at a height [m]."""
+    corners = [
+        (x, y, height) for left, right, low, high in places for x in (left, right) for y in (low, high)
+    ]
+    faces = [
+        (4 * n + a, 4 * n + b, 4 * n + c) for n in range(len(places)) for a, b, c in ((0, 2, 3), (0, 3, 1))
+    ]
+    return np.array(corners, dtype=np.float32), np.array(faces, dtype=np.uint32)
