@@ -32,6 +32,7 @@ from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.reading import printable
 
 REFUSED = 2
@@ -85,9 +86,7 @@ def run(arguments: Sequence[str]) -> int:
     if list(arguments[:1]) == ["train"] and len(arguments) > 1:
         return run_training(arguments[1:])
     if list(arguments) == ["--version"]:
-        from importlib.metadata import version
-
-        print(f"sprintlab {version('sprintlab')}")
+        print(f"sprintlab {package_version('sprintlab')}")
         return 0
     return parse(arguments).run()
 

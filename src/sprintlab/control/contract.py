@@ -19,6 +19,7 @@ from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import ObservationLayout
 from sprintlab.core.checks import check_finite, check_positive
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
+from sprintlab.core.extras import package_version
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
 CONTRACT_KEY = "sprintlab_contract"
@@ -364,7 +365,7 @@ def software_versions(*packages: str) -> dict[str, str]:
     versions = {"python": platform.python_version()}
     for package in ("sprintlab", *packages):
         try:
-            versions[package] = metadata.version(package)
+            versions[package] = package_version(package)
         except metadata.PackageNotFoundError as error:
             raise InvalidValueError("package", package, "an installed package") from error
     return versions

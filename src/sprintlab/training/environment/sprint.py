@@ -12,8 +12,6 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-from rsl_rl.env import VecEnv
-from tensordict import TensorDict
 
 from sprintlab.commands import (
     CommandState,
@@ -58,8 +56,11 @@ _LOGGED = (
 _PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
 
 
-class SprintEnvironment(VecEnv):
-    """``n`` robots that chase scheduled commands (an rsl_rl ``VecEnv``).
+class SprintEnvironment:
+    """``n`` robots that chase scheduled commands.
+
+    Everything that it hands out is a buffer of its own, which the next step writes over; where a learner
+    keeps references, ``sprintlab.integrations.rsl_rl`` hands out copies.
 
     Observation groups: ``actor`` ``(n, 45 H)`` with noise and filter, ``critic`` ``(n, 53)``: clean frame,
     body velocity 3, height 1, foot contacts 4. ``estimate`` ``(n, 8)`` is the low-passed estimate that an
@@ -178,15 +179,19 @@ class SprintEnvironment(VecEnv):
         self.steady.fill_(float(steady))
         self.weights.copy_(self._first_weights * (1 - stage) + self._second_weights * stage)
 
-    # --- rsl_rl ------------------------------------------------------------------------------------------
+    # --- a step ------------------------------------------------------------------------------------------
 
-    def get_observations(self) -> TensorDict:
-        """The present observations (the environment's own buffers)."""
-        groups = {"actor": self.actor_observation, "critic": self.critic_observation}
-        return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
+    def get_observations(self) -> dict[str, torch.Tensor]:
+        """The present observations by group: the environment's own buffers."""
+        return {"actor": self.actor_observation, "critic": self.critic_observation}
 
-    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """One policy step of 20 ms; rewards are per second times 0.02 s."""
+    def step(
+        self, actions: torch.Tensor
+    ) -> tuple[dict[str, torch.Tensor], torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+        """One policy step of 20 ms: observations, rewards (per second times 0.02 s), reset mask, time-outs.
+
+        All of it are the environment's own buffers.
+        """
         self.write_action(actions)
         self.advance()
         return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
