@@ -32,6 +32,7 @@ from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
+from sprintlab.cli.steering import Lap, Turning
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
@@ -46,6 +47,8 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Turning, tyro.conf.subcommand(name="turning")]
+    | Annotated[Lap, tyro.conf.subcommand(name="lap")]
     | Annotated[Audit, tyro.conf.subcommand(name="audit")]
     | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
@@ -64,7 +67,7 @@ Command = (
 
 GROUPS = {
     "see it": ("race", "play", "replay"),
-    "measure": ("evaluate", "robustness", "audit", "limit"),
+    "measure": ("evaluate", "turning", "lap", "robustness", "audit", "limit"),
     "motors and robots": ("motor", "robot"),
     "train": ("train", "sweep", "learning", "export", "doctor"),
     "deploy": ("run", "robot-sim", "report"),

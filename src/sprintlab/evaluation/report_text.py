@@ -185,7 +185,8 @@ def _speed_sentences(result: RaceResult) -> Iterator[str]:
 def _stop_sentences(result: RaceResult) -> Iterator[str]:
     """Whether it obeys the command to stop."""
     for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        speed = max((trial.metrics.final_speed for trial in group.completed), default=0.0)
+        upright = [trial for trial in group.trials if not trial.fall_reason]
+        speed = max((trial.metrics.final_speed for trial in upright), default=0.0)
         if speed > REST_SPEED:
             yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
 
