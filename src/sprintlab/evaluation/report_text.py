@@ -98,7 +98,26 @@ def result_rows(result: RaceResult) -> Iterator[ResultRow]:
         raw, paced = (_with_spread(group, item) for group in (result.raw, result.self_paced))
         yield ResultRow(name=item.name, raw=raw, self_paced=paced, unit=item.unit, meaning=item.meaning)
     raw, paced = (f"{group.falls} of {len(group.trials)}" for group in (result.raw, result.self_paced))
-    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that did not complete")
+    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that fell")
+    raw, paced = (f"{group.not_stopped} of {len(group.trials)}" for group in (result.raw, result.self_paced))
+    meaning = f"trials that were not below {REST_SPEED:g} m/s in the last second"
+    yield ResultRow(name="did not stop", raw=raw, self_paced=paced, unit="", meaning=meaning)
+    yield from _battery_row(result)
+
+
+def _battery_row(result: RaceResult) -> Iterator[ResultRow]:
+    """Held speed of one raw trial on battery and warm windings."""
+    if result.battery is None:
+        return
+    metrics = result.battery.metrics
+    ends = f"bus down to {metrics.lowest_bus_voltage:.1f} V, windings up to {metrics.hottest_winding:.0f} °C"
+    yield ResultRow(
+        name="held speed on battery and warm windings",
+        raw=number(metrics.held_speed, 2),
+        self_paced="",
+        unit="m/s",
+        meaning=f"one nominal trial; {ends}",
+    )
 
 
 def spread(group: SpeedResult, field: str) -> float:
@@ -154,7 +173,8 @@ def _speed_sentences(result: RaceResult) -> Iterator[str]:
 def _stop_sentences(result: RaceResult) -> Iterator[str]:
     """Whether it obeys the command to stop."""
     for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        speed = max((trial.metrics.final_speed for trial in group.completed), default=0.0)
+        upright = [trial for trial in group.trials if not trial.fall_reason]
+        speed = max((trial.metrics.final_speed for trial in upright), default=0.0)
         if speed > REST_SPEED:
             yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
 
