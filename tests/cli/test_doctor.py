@@ -31,7 +31,7 @@ def by_name(text):
 
 
 def test_json_only_and_no_fault_without_gpu_or_opengl(call, nothing_to_try):
-    outcome = call("doctor", "--json")
+    outcome = call("doctor", "--json", "--thorough")
     found = by_name(outcome.out)
     assert outcome.status == 0 and json.loads(outcome.out)["ok"] is True
     assert found["mujoco"]["state"] == "ok"
@@ -54,7 +54,7 @@ def test_a_gpu_that_pytorch_cannot_use_is_a_fault(call, nothing_to_try, monkeypa
     monkeypatch.setattr(doctor.shutil, "which", lambda name: f"/usr/bin/{name}")
     listed = namedtuple("Done", "returncode stdout stderr")(0, "NVIDIA H100, 580.65, 81559 MiB\n", "")
     monkeypatch.setattr(doctor.subprocess, "run", lambda *arguments, **options: listed)
-    outcome = call("doctor", "--json")
+    outcome = call("doctor", "--json", "--thorough")
     found = by_name(outcome.out)
     assert outcome.status == 1
     assert found["GPU driver"]["state"] == "ok"

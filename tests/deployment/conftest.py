@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+import os
+import time as clock
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +15,8 @@ import pytest
 
 from sprintlab.commands import heading_command
 from sprintlab.control import Policy, load_policy, shipped_policy
+from sprintlab.deployment.bus import open_bus, open_endpoint
+from sprintlab.deployment.bus.ends import COMMAND, STATE
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.interface import (
     ControlTick,
@@ -23,6 +27,7 @@ from sprintlab.deployment.interface import (
     Request,
     RobotState,
     SourceView,
+    encode,
 )
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 from sprintlab.motors import torque_limits
@@ -114,6 +119,9 @@ class Rig:
     pause: Callable[[], int] = lambda: 1
     ticks: list[ControlTick] = field(default_factory=list)
     last_state: RobotState | None = None
+    bus: tuple[Any, Any] | None = None
+    on_bytes: Callable[[bytes], bytes] = lambda content: content
+    on_command_bytes: Callable[[bytes], bytes] = lambda content: content
     heard: float = 0.0
     sent: dict[int, int] = field(default_factory=dict)
 
@@ -124,7 +132,7 @@ class Rig:
 
     def step(self) -> ControlTick:
         """One step of the controller, then of the robot until the controller's next one."""
-        states = self.on_states([self.simulated.state(self.now)])
+        states = self.to_controller(self.on_states([self.simulated.state(self.now)]))
         tick = self.controller.step(self.now, states, self.on_fix(self.simulated.fix(self.now)))
         if self.last_state is not tick.state:
             self.last_state, self.heard = tick.state, tick.time
@@ -134,13 +142,46 @@ class Rig:
         assert np.isfinite(tick.velocity).all()
         command = self.on_command(tick.command)
         if command is not None:
-            self.simulated.accept(command)
+            self.to_robot(command)
         pause = self.pause()
         for _ in range(pause):
             self.simulated.step()
         self.now += pause * MILLISECOND
         self.ticks.append(tick)
         return tick
+
+    def to_controller(self, states: list[RobotState]) -> list[RobotState]:
+        """Carry states over the bus, if there is one, and wait until each has arrived or was refused."""
+        if self.bus is None:
+            return states
+        interface, endpoint = self.bus
+        arrived: list[RobotState] = []
+        refused = interface.malformed
+        for state in states:
+            endpoint._put(STATE, self.on_bytes(encode(state)))
+        deadline = clock.monotonic() + 10.0
+        while len(arrived) + interface.malformed - refused < len(states):
+            state = interface.receive()
+            if state is not None:
+                arrived.append(state)
+            assert clock.monotonic() < deadline, "a message was lost on the bus"
+        return arrived
+
+    def to_robot(self, command: JointCommand) -> None:
+        """The same for a command; what the robot's end drops does not reach the robot."""
+        if self.bus is None:
+            self.simulated.accept(command)
+            return
+        interface, endpoint = self.bus
+        dropped = endpoint.malformed + endpoint.foreign
+        interface._put(COMMAND, self.on_command_bytes(encode(command)))
+        deadline = clock.monotonic() + 10.0
+        while endpoint.malformed + endpoint.foreign == dropped:
+            arrived = endpoint.receive_command()
+            if arrived is not None:
+                self.simulated.accept(arrived)
+                return
+            assert clock.monotonic() < deadline, "a message was lost on the bus"
 
     def age(self, state: RobotState | None) -> float:
         """How old a state is when the answer to it acts [s], from the command that it names."""
@@ -251,9 +292,29 @@ def gallop(sprint_robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     return Snapshot.take(rig, sprint_policy)
 
 
+@pytest.fixture(scope="module", params=["shm", "zenoh"])
+def bus_ends(request: pytest.FixtureRequest, gallop: Snapshot) -> Iterator[tuple[Any, Any]]:
+    """Both ends of a bus, opened in the name of the controller that gallops."""
+    if request.param == "zenoh":
+        pytest.importorskip("zenoh")
+    address = f"{request.param}://matrix-{os.getpid()}"
+    endpoint = open_endpoint(address)
+    interface = open_bus(address, session=gallop.controller.session)
+    yield interface, endpoint
+    interface.close()
+    endpoint.close()
+
+
 @pytest.fixture
 def running(gallop: Snapshot) -> Rig:
     """The gallop, continued."""
     rig = gallop.restore()
     assert rig.speed > 6.0 and rig.controller.mode.value == "run"
     return rig
+
+
+@pytest.fixture
+def running_on_bus(running: Rig, bus_ends: tuple[Any, Any]) -> Rig:
+    """The gallop, continued with a bus between controller and robot."""
+    running.bus = bus_ends
+    return running

@@ -78,24 +78,36 @@ def options(folder: Path, **changes) -> TrainOptions:
     return TrainOptions(output=folder, **(given | changes))
 
 
+def wait_for_lines(log: Path, child: int, lines: int) -> None:
+    """Wait until a process has written its log so many times, or has ended."""
+
+    def written() -> tuple[int, int]:
+        return (log.stat().st_mtime_ns, log.stat().st_ino) if log.exists() else (0, 0)
+
+    before = written()
+    while lines:
+        if os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
+            return
+        if written() != before:
+            before, lines = written(), lines - 1
+        time.sleep(0.001)
+
+
 def test_killed_twenty_times_the_run_is_the_run_that_was_never_killed(tmp_path: Path) -> None:
     straight, killed = tmp_path / "straight", tmp_path / "killed"
     limit = ("--iterations", str(ITERATIONS))
-    began = time.monotonic()
     assert finish(start(*FLAGS, *limit, "--output", str(straight))) == 0
-    spent = read_checkpoint(straight / "checkpoint.pt")["progress"].seconds
-    starting, iteration = time.monotonic() - began - spent, spent / ITERATIONS
-    generator, kills, reached = random.Random(0), 0, [0]
-    while kills < 20 or (kills < 60 and len(set(reached)) < 5):  # more where the machine is slow to start
+    generator, reached = random.Random(0), [0]
+    for _ in range(20):
         checkpoint = killed / "checkpoint.pt"
         resume = ("--resume",) if checkpoint.exists() else ()
         # No child may do it all, or there would be nothing left to kill on a machine that starts quickly.
         until = str(min(ITERATIONS - 1, reached[-1] + 3))
         child = start(*FLAGS, "--iterations", until, "--output", str(killed), *resume)
-        time.sleep(generator.uniform(0.1 * starting, starting + 3.0 * iteration))
+        wait_for_lines(killed / "log.jsonl", child, generator.randrange(3))
+        time.sleep(generator.uniform(0.0, 0.02))  # somewhere in what it does next
         os.kill(child, signal.SIGKILL)
         assert finish(child) in (-signal.SIGKILL, 0)
-        kills += 1
         if checkpoint.exists():
             reached.append(read_checkpoint(checkpoint)["progress"].iteration)
             iterations = [row["iteration"] for row in rows(killed)]

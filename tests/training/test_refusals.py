@@ -56,7 +56,7 @@ def test_a_disk_that_is_full_from_the_start_promises_no_checkpoint(tmp_path, mon
     def full(*_arguments):
         raise SprintlabError("No space left on device")
 
-    monkeypatch.setattr("sprintlab.training.runs.runner.atomic_write_bytes", full)
+    monkeypatch.setattr("sprintlab.training.runs.checkpoint.atomic_write_bytes", full)
     few = ["--environments", "2", "--iterations", "1", "--device", "cpu", "--no-tensorboard", "--no-cloud"]
     assert main(["train", "sprint", *few, "--output", str(tmp_path)]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]

@@ -208,6 +208,9 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
             "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
             "cost_of_transport": None if best is None else best.mean("cost_of_transport"),
+            "stride_frequency_Hz": None if best is None else best.mean("stride_frequency"),
+            "stance_s": None if best is None else best.mean("stance_time"),
+            "duty": None if best is None else best.mean("mean_duty"),
             "speeds": list(rows.values()),
         }
     )
@@ -262,6 +265,9 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Table:
     if any(search["common_speed_m_s"] is not None for search in searches):
         add("J at the common speed", "rad²/s", "J_common_rad2_s")
     add("cost of transport at the highest command", "", "cost_of_transport")
+    add("stride frequency at the highest command", "Hz", "stride_frequency_Hz")
+    add("stance at the highest command, median", "s", "stance_s")
+    add("duty factor at the highest command", "", "duty")
     return table
 
 
@@ -276,7 +282,7 @@ def _cell(search: dict[str, Any], *keys: str) -> str | Text:
         return "yes" if value else "no"
     if isinstance(value, list):
         return styled("[bold red]FAILED[/]") if value else "passed"
-    return f"{value:.2f}"
+    return f"{value:.3f}" if keys[-1] in ("stance_s", "duty") else f"{value:.2f}"
 
 
 def audit_failures(speeds: list[dict[str, Any]]) -> dict[str, list[float]]:

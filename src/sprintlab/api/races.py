@@ -18,6 +18,8 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+from sprintlab.core.checks import check_range
+from sprintlab.core.files import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +31,10 @@ Progress = Callable[[str], None]
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
+
+
+HIGHEST_SPEED = 40.0
+"""Highest speed that a robot is asked for [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -62,6 +68,7 @@ class Race(Printed):
         yield audit_table(self.result.audit)
         for item in self.result.audit.failed:
             yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield from _engines(self.result)
         yield from self.result.notes
 
     def plot(self, figure: str = "speed") -> Figure:
@@ -111,7 +118,7 @@ def race(
     robot: RobotChoice = None,
     top_speed: float | None = None,
     distance: float = 100.0,
-    engine: Literal["mujoco", "drake"] = "mujoco",
+    engine: Literal["mujoco", "drake", "both"] = "mujoco",
     trials: int = 5,
     seed: int = 0,
     drive: DriveOptions | None = None,
@@ -128,7 +135,8 @@ def race(
         robot: name, folder or table; that of the policy's contract when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
-        engine: mujoco, or drake: the second engine (extra drake).
+        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
+            and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         drive: motor model, battery and heat; the published numbers' when left out.
@@ -142,15 +150,17 @@ def race(
         SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
     """
     leave_to_the_parent()
+    _check_race(top_speed, seed, workers, folder)
     path = policy_path(policy)
     name = robot_for(path, robot)
     from sprintlab.plant import on_engine
 
-    plant = on_engine((drive or DriveOptions()).plant(), engine)
+    both = engine == "both"
+    plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
     settings = protocol_settings(trials, seed, plant=plant)
     options: dict[str, Any] = {
         "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
-        "workers": workers,
+        "workers": workers, "second_engine": "drake" if both else None,
     }  # fmt: skip
     if folder is None:
         from sprintlab.evaluation.race import evaluate_race
@@ -164,6 +174,17 @@ def race(
     files = run_race(path, name, Path(folder), video=video, command_line=words, progress=progress, **options)
     progress("writing the replay")
     return _with_replay(files, path, name)
+
+
+def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:
+    """Refuse before any work what no race can be run with. Raises ``SprintlabError``."""
+    if top_speed is not None:
+        check_range("top_speed", top_speed, 0.1, HIGHEST_SPEED, "m/s")
+    if workers is not None:
+        check_range("workers", workers, 1, 1024)
+    check_range("seed", seed, 0, 2**32 - 1)
+    if folder is not None:
+        check_writable(folder)
 
 
 def _with_replay(files: RaceFiles, policy: Path, robot: str) -> Race:
@@ -216,6 +237,22 @@ def battery_text(trial: TrialResult) -> str:
         return f"{held} (fell: {trial.fall_reason})"
     lowest, hottest = trial.metrics.lowest_bus_voltage, trial.metrics.hottest_winding
     return f"{held} (down to {lowest:.1f} V, up to {hottest:.0f} °C)"
+
+
+def _engines(result: RaceResult) -> Iterator[RenderableType]:
+    """The sprint and the raw trials in both engines, where there are two."""
+    from sprintlab.evaluation.report_text import engine_fault, engine_table
+
+    both = engine_table(result)
+    if both is None:
+        return
+    table = plain_table("Two engines", "quantity", *both["names"], "unit", numbers=tuple(both["names"]))
+    for row in both["rows"]:
+        table.add_row(*row)
+    yield ""
+    yield table
+    if fault := engine_fault(result):
+        yield Text(f"marked: {fault}", style="bold red")
 
 
 def audit_table(audit: AuditReport) -> Table:

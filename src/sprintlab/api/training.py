@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,13 +15,14 @@ from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Printed, in_notebook, plain_table
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import JSON_LIMIT, parse_json, read_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.training.settings import TrainingSettings
 
-NEEDED = ("torch", "warp", "mujoco_warp", "rsl_rl")
+NEEDED = ("torch", "warp", "mujoco_warp")
 MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
 
 
@@ -46,8 +46,8 @@ class Training(Printed):
         """
         path = self.folder / "log.jsonl"
         try:
-            return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        except (OSError, ValueError) as error:
+            return [parse_json(line) for line in read_text(path, JSON_LIMIT, what="log").splitlines()]
+        except ValueError as error:
             raise SprintlabError(f"{path} cannot be read: {error}") from error
 
     def to_dict(self) -> dict[str, Any]:
@@ -176,12 +176,32 @@ def export(checkpoint: Path | str, output: Path | str, recording: Path | None = 
     Raises:
         SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
     """
-    if not Path(checkpoint).is_file():
-        raise SprintlabError(f"checkpoint {checkpoint} does not exist")
     require_training()
+    check_export(Path(checkpoint), Path(output), recording)
     from sprintlab.training.runs.export import export_checkpoint
 
     return export_checkpoint(Path(checkpoint), Path(output), recording).path
+
+
+def check_export(checkpoint: Path, output: Path, recording: Path | None) -> None:
+    """Refuse at once what can be seen without PyTorch, whose import takes many seconds.
+
+    Raises:
+        SprintlabError: the checkpoint or the recording cannot be read, or the policy cannot be written.
+    """
+    from sprintlab.core.files import check_writable
+    from sprintlab.training.runs.checkpoint import check_checkpoint
+
+    if not checkpoint.is_file():
+        raise SprintlabError(f"checkpoint {checkpoint} does not exist")
+    if output.is_dir():
+        raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
+    check_checkpoint(checkpoint)
+    check_writable(output)
+    if recording is not None:
+        from sprintlab.training.runs.replay import read_recording
+
+        read_recording(recording)
 
 
 def require_training() -> None:
@@ -221,6 +241,10 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
-    from sprintlab.training.runs.run import TrainOptions, train
+    from sprintlab.training.runs.options import TrainOptions, check_places
 
-    return train(TrainOptions(settings=settings, **options))
+    wanted = TrainOptions(settings=settings, **options)
+    check_places(wanted)  # before PyTorch is imported, which takes many seconds
+    from sprintlab.training.runs.run import train
+
+    return train(wanted)

@@ -17,8 +17,9 @@ from typing import Literal
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console, styled
+from sprintlab.core.extras import package_version
 
-State = Literal["ok", "missing", "broken"]
+State = Literal["ok", "missing", "broken", "not tried"]
 LEAST_DISK = 1e9
 """Free space that a training run with its checkpoints and logs should find [bytes]."""
 _PROBE_SECONDS = 120.0
@@ -42,7 +43,7 @@ device = sys.argv[1]
 function = torch.compile(lambda x: (x * 2 + 1).sum())
 assert float(function(torch.ones(64, device=device))) == 192.0
 """
-COLOURS = {"ok": "green", "missing": "yellow", "broken": "red"}
+COLOURS = {"ok": "green", "missing": "yellow", "broken": "red", "not tried": "dim"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,8 @@ class Finding:
 
     Attributes:
         name: of the thing.
-        state: ``ok``; ``missing``: not here, and not needed by everybody; ``broken``: here, but unusable.
+        state: ``ok``; ``missing``: not here, and not needed by everybody; ``broken``: here, but unusable;
+            ``not tried``: it would take long, see ``--thorough``.
         found: version, number, or what went wrong.
         needed_for: what does not work without it.
         advice: what to do; empty where it is ok.
@@ -71,20 +73,25 @@ class Doctor:
     Exit status 1 where something is broken, 0 otherwise: what is merely not installed is no fault. With
     --training it is 1 too where training on a GPU is not possible.
 
+    What takes long (importing PyTorch, compiling, rendering) is tried with --thorough or --training only.
+
     Attributes:
         training: also count what GPU training needs and does not find as a fault.
+        thorough: also try CUDA, graph capture, compilation and rendering: half a minute and more.
         folder: whose disk runs are to be written to.
         json: print JSON only.
     """
 
     training: tyro.conf.FlagCreatePairsOff[bool] = False
+    thorough: tyro.conf.FlagCreatePairsOff[bool] = False
     folder: Path = Path(".")
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
         """Examine and print; 1 for a fault."""
         with progress_bar(quiet=self.json) as report:
-            found = list(examine(self.folder, lambda name: report(name, None)))
+            thorough = self.thorough or self.training
+            found = list(examine(self.folder, lambda name: report(name, None), thorough))
         faults = [finding for finding in found if self._is_fault(finding)]
         if self.json:
             print_json({"ok": not faults, "findings": [asdict(finding) for finding in found]})
@@ -117,12 +124,15 @@ def _by_advice(found: list[Finding]) -> dict[str, list[str]]:
     return names
 
 
-def examine(folder: Path, begin: Callable[[str], None] = lambda name: None) -> Iterator[Finding]:
+def examine(
+    folder: Path, begin: Callable[[str], None] = lambda name: None, thorough: bool = False
+) -> Iterator[Finding]:
     """Every finding, in the order in which one depends on another.
 
     Args:
         folder: whose disk is looked at.
         begin: called with the name of what is looked at next.
+        thorough: also try what takes long.
     """
     yield Finding(name="Python", state="ok", found=platform.python_version(), needed_for="everything")
     yield Finding(name="platform", state="ok", found=platform.platform(), needed_for="everything")
@@ -131,9 +141,16 @@ def examine(folder: Path, begin: Callable[[str], None] = lambda name: None) -> I
         _driver, _cuda, _graph_capture, _compiler, _compilation, _onnxruntime, _opengl,
     )  # fmt: skip
     for check in checks:
-        begin((check.__doc__ or "").rstrip("."))
-        yield check()
+        name = (check.__doc__ or "").rstrip(".")
+        begin(name)
+        tried = thorough or check not in _SLOW
+        yield check() if tried else _untried(name, _SLOW[check])
     yield disk(folder)
+
+
+def _untried(name: str, use: str) -> Finding:
+    advice = "sprintlab doctor --thorough tries it"
+    return Finding(name=name, state="not tried", found="", needed_for=use, advice=advice)
 
 
 # --- packages --------------------------------------------------------------------------------------------
@@ -143,10 +160,10 @@ def package_findings() -> Iterator[Finding]:
     """Every package that sprintlab or one of its extras asks for, against the range that it asks for."""
     from packaging.requirements import Requirement
 
-    yield Finding(name="sprintlab", state="ok", found=metadata.version("sprintlab"), needed_for="everything")
+    yield Finding(name="sprintlab", state="ok", found=package_version("sprintlab"), needed_for="everything")
     seen: set[str] = set()
     # What several extras bring is named for the commonest use: the base first, then training.
-    asked = sorted(metadata.requires("sprintlab") or [], key=lambda text: _extra(text) not in ("", "train"))
+    asked = sorted(_requirements(), key=lambda text: _extra(text) not in ("", "train"))
     for text in asked:
         requirement = Requirement(text)
         extra = _extra(text)
@@ -156,6 +173,14 @@ def package_findings() -> Iterator[Finding]:
             continue
         seen.add(requirement.name)
         yield package_finding(requirement.name, str(requirement.specifier), extra)
+
+
+def _requirements() -> list[str]:
+    """What sprintlab asks for; nothing is known of it where it runs from a source tree."""
+    try:
+        return metadata.requires("sprintlab") or []
+    except metadata.PackageNotFoundError:
+        return []
 
 
 def _extra(requirement: str) -> str:
@@ -368,3 +393,12 @@ def disk(folder: Path) -> Finding:
         advice = f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB"
         return Finding(name="disk", state="broken", found=found, needed_for="runs", advice=advice)
     return Finding(name="disk", state="ok", found=found, needed_for="runs")
+
+
+_SLOW = {
+    _cuda: "training on a GPU",
+    _graph_capture: "training at full speed",
+    _compilation: "training at full speed",
+    _opengl: "videos",
+}
+"""What takes long to try, and what it is needed for."""

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import tyro
 
-from sprintlab.api.training import require_training
+from sprintlab.api.training import check_export, require_training
 from sprintlab.cli.output import print_json, progress_bar
-from sprintlab.core.errors import SprintlabError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +35,8 @@ class Export:
             SprintlabError: the checkpoint or the recording is missing or refused, or the extra is not
                 installed.
         """
-        if not self.checkpoint.is_file():
-            raise SprintlabError(f"checkpoint {self.checkpoint} does not exist")
         require_training()
+        check_export(self.checkpoint, self.output, self.recording)
         from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:

@@ -37,14 +37,18 @@ class Learning:
         """
         require_training()
         checkpoint = self.run_folder / "checkpoint.pt" if self.run_folder.is_dir() else self.run_folder
+        from sprintlab.core.files import check_writable
+        from sprintlab.training.runs.checkpoint import check_checkpoint, read_checkpoint
+
+        # Before PyTorch is imported, which takes many seconds.
+        if "growth" not in check_checkpoint(checkpoint):
+            raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
+        check_writable((self.output or checkpoint.parent) / "learning.png")
         with progress_bar(quiet=self.json) as report:
             report("reading the run", None)
             from sprintlab.training.runs.figures import learning_figures
-            from sprintlab.training.runs.runner import read_checkpoint
 
             state = read_checkpoint(checkpoint)
-            if "growth" not in state:
-                raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
             numbers = learning_numbers(state)
             report("drawing", None)
             pictures = learning_figures(checkpoint, self.output or checkpoint.parent)

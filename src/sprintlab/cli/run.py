@@ -45,6 +45,7 @@ class Run:
         no_log: write none.
         duration: come down after this time [s].
         priority: of the real-time scheduler, 1 to 99.
+        core: of the processor, on which the control loop stays: one that is kept free of other work.
         no_real_time: keep the normal scheduler.
         lock_step: take time from a simulated robot and answer each of its steps.
         json: print JSON only.
@@ -61,6 +62,7 @@ class Run:
     no_log: tyro.conf.FlagCreatePairsOff[bool] = False
     duration: float | None = None
     priority: int = 50
+    core: int | None = None
     no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
     lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -81,6 +83,7 @@ class Run:
         options = LoopOptions(
             lock_step=self.lock_step,
             priority=None if self.no_real_time else self.priority,
+            core=self.core,
             duration=self.duration,
             attended=self.source.startswith(_ATTENDED),
         )
@@ -140,7 +143,11 @@ class Run:
 
     def _drive(self, controller: Controller, bus: Any, options: Any, log: Any) -> LoopReport:
         from sprintlab.deployment.controller import run_loop
+        from sprintlab.deployment.controller.realtime import lacking
 
+        if not options.lock_step:
+            for remark in lacking(options.priority, options.core):
+                stderr_console().print(f"real time: {remark}", soft_wrap=True, markup=False)
         stderr_console().print(f"driving {self.bus}; Ctrl-C brings the robot down", soft_wrap=True)
         with counted_interruptions() as interrupted, _status_line(quiet=self.json) as status:
             return run_loop(controller, bus, options, log=log, interrupted=interrupted, status=status)
@@ -160,8 +167,6 @@ class Run:
             table.add_row(*row)
         stdout_console().print(table)
         stdout_console().print(_latency_table(report))
-        for remark in report.grant.remarks if report.grant else ():
-            stderr_console().print(remark, soft_wrap=True)
 
 
 @contextmanager

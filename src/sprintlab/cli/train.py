@@ -50,9 +50,13 @@ def run_training(arguments: Sequence[str]) -> int:
     for word in (argument.partition("=")[0] for argument in arguments):
         if word in DECIDED:
             raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
-    from sprintlab.training.runs.run import TrainOptions, train
+    from sprintlab.training.runs.options import TrainOptions, check_places
 
-    train(_parse(TrainOptions, method_as_option(arguments)))
+    options = _parse(TrainOptions, method_as_option(arguments))
+    check_places(options)  # before PyTorch is imported, which takes many seconds
+    from sprintlab.training.runs.run import train
+
+    train(options)
     return 0
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+from importlib import metadata
 
 from sprintlab.core.errors import SprintlabError
 
@@ -22,3 +24,17 @@ def require_package(module: str, *, extra: str, use: str) -> None:
         raise SprintlabError(
             f"{use} needs the package {module}, which is not installed: pip install 'sprintlab[{extra}]'"
         )
+
+
+def package_version(name: str) -> str:
+    """Version of an installed package; sprintlab's own also where it runs from a source tree.
+
+    Raises:
+        importlib.metadata.PackageNotFoundError: another package is not installed.
+    """
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        if name != "sprintlab":
+            raise
+        return str(importlib.import_module("sprintlab").__version__)

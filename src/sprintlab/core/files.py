@@ -63,6 +63,25 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse, before any work, a place where nothing can be written; leaves nothing behind.
+
+    Args:
+        path: of the file or folder that is to be written; folders above it may be missing.
+
+    Raises:
+        SprintlabError: a folder above it is a file, or nothing can be made there.
+    """
+    place = Path(path).absolute().parent
+    try:
+        while not place.exists():
+            place = place.parent
+        with tempfile.TemporaryDirectory(dir=place, prefix=".sprintlab-"):
+            pass
+    except OSError as error:
+        raise SprintlabError(f"cannot write {path}: {place}: {error.strerror or error}") from error
+
+
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write ``text`` as UTF-8 in one step; errors as in ``atomic_write_bytes``."""
     atomic_write_bytes(path, text.encode("utf-8"))

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from sprintlab.control import PolicyContract, load_policy
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
     atomic_write_bytes,
@@ -69,6 +69,7 @@ def run_race(
     distance: float = 100.0,
     settings: ProtocolSettings | None = None,
     step_check: bool = False,
+    second_engine: str | None = None,
     workers: int | None = None,
     video: bool = True,
     command_line: str = "",
@@ -84,6 +85,7 @@ def run_race(
         distance: of the sprint [m].
         settings: trials, seeds, plant.
         step_check: also compare 1 ms with 0.25 ms steps.
+        second_engine: also run the sprint and the raw trials in this engine.
         workers: processes; ``None`` takes one a core.
         video: also render an MP4 where that is possible.
         command_line: as typed, for the report.
@@ -104,6 +106,7 @@ def run_race(
             distance=distance,
             settings=settings,
             step_check=step_check,
+            second_engine=second_engine,
             workers=workers,
         )
         return _write(target, result, policy, robot_name, video, command_line, progress)
@@ -152,7 +155,7 @@ def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dic
         "training command": training.command_line,
         "training seed": str(training.seed),
         "training device": training.device,
-        "versions": ", ".join(f"{name} {metadata.version(name)}" for name in SOFTWARE),
+        "versions": ", ".join(f"{name} {package_version(name)}" for name in SOFTWARE),
         "machine": f"Python {platform.python_version()}, {platform.platform()}",
     }
 

@@ -331,7 +331,7 @@ class Plant:
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
         position = self._position[self._joint_position]
-        if np.all((position > self._free_lower) & (position < self._free_upper)):
+        if ((position > self._free_lower) & (position < self._free_upper)).all():
             torque = 0.0
         else:
             velocity = self._velocity[self._joint_velocity]

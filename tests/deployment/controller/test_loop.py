@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
-import time
+import subprocess
+import sys
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.bus.ends import ControllerEnd
 from sprintlab.deployment.controller import LoopOptions, run_loop
-from sprintlab.deployment.controller.realtime import real_time
+from sprintlab.deployment.controller.realtime import isolated_cores, lacking, real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotState, message_size
 
@@ -134,21 +135,40 @@ def test_a_robot_that_never_speaks_is_given_up(start):
     assert {command.mode for command in bus.sent} == {JointMode.OFF}
 
 
-def test_the_clock_paces_the_loop_and_misses_are_counted(start):
+class FakeClock:
+    """Time that passes only when somebody sleeps: the machine's load plays no part."""
+
+    def __init__(self):
+        self.now = 5_000_000_000
+
+    def monotonic_ns(self):
+        return self.now
+
+    def monotonic(self):
+        return 1e-9 * self.now
+
+    def sleep(self, seconds):
+        self.now += round(1e9 * seconds)
+
+
+def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     controller, bus = start(Sleeper())
-    slow = 0
+    clock, slow = FakeClock(), 0
+    monkeypatch.setattr("sprintlab.deployment.controller.loop.time", clock)
 
     def status(controller, report):
         nonlocal slow
         slow += 1
-        time.sleep(0.005)
+        clock.sleep(0.0055)
 
-    began = time.monotonic()
+    began = clock.monotonic()
     report = run_loop(controller, bus, LoopOptions(priority=None, duration=0.5), status=status)
-    elapsed = time.monotonic() - began
-    assert report.end == "passive" and elapsed >= report.duration >= 0.5
-    assert slow >= 2 and report.deadline_misses >= slow and report.skipped >= 3 * slow
-    assert report.steps + report.skipped == pytest.approx(1000.0 * report.duration, abs=20)
+    assert report.end == "passive" and slow == 6  # at 0, 0.1, … 0.5 s
+    assert report.duration == pytest.approx(0.5, abs=0.006)
+    assert clock.monotonic() - began == pytest.approx(report.duration, abs=0.006)
+    assert report.deadline_misses == slow and report.skipped == 4 * slow
+    assert report.steps + report.skipped == pytest.approx(1000.0 * report.duration, abs=6)
+    assert report.wake_up.longest == pytest.approx(0.0005)
     data = report.to_dict()
     assert data["microseconds"]["compute"]["count"] == report.steps
     assert data["microseconds"]["policy_step"]["max"] is None
@@ -224,6 +244,52 @@ def test_what_is_not_permitted_is_remarked_upon(monkeypatch):
     with real_time(50) as grant:
         assert grant.priority is None
     assert any("real-time priority is not permitted" in remark for remark in grant.remarks)
+
+
+BURN = "import os, sys; os.sched_setaffinity(0, {int(sys.argv[1])}); print(flush=True)\nwhile True: pass"
+
+
+def test_priority_keeps_the_jitter_of_a_busy_machine_away(start):
+    """The loop on a core that three other processes keep busy, with the real-time scheduler and without."""
+    if not hasattr(os, "sched_setaffinity"):
+        pytest.skip("needs Linux")
+    core = min(os.sched_getaffinity(0))
+    with real_time(50) as grant:
+        if grant.priority is None:
+            pytest.skip("real-time priority is not permitted here")
+    command = [sys.executable, "-c", BURN, str(core)]
+    burners = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(3)]
+    late = {}
+    try:
+        for burner in burners:
+            burner.stdout.readline()
+        for priority in (None, 50):
+            controller, bus = start(Sleeper())
+            options = LoopOptions(priority=priority, core=core, duration=1.5)
+            late[priority] = run_loop(controller, bus, options)
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.communicate()
+    without, with_priority = (late[priority].wake_up for priority in (None, 50))
+    print(f"jitter [us] without {without.to_dict()}, with {with_priority.to_dict()}")
+    assert with_priority.percentile(99.0) < without.percentile(99.0)
+    assert late[50].skipped / late[50].steps < late[None].skipped / late[None].steps
+
+
+def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
+    isolated = tmp_path / "isolated"
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._ISOLATED", isolated)
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: True)
+    assert isolated_cores() == ()
+    assert any("--core" in remark for remark in lacking(None))
+    core = min(os.sched_getaffinity(0))
+    isolated.write_text(f"{core}-{core},900-902\n")
+    assert isolated_cores() == (core, 900, 901, 902)
+    before = os.sched_getaffinity(0)
+    assert lacking(None, core) == ()
+    assert os.sched_getaffinity(0) == before
+    assert any("core 900" in remark for remark in lacking(None, 900))
 
 
 @pytest.mark.parametrize(

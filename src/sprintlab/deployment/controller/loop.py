@@ -32,6 +32,7 @@ class LoopOptions:
         lock_step: take time from the robot's states and answer each: a simulated robot then waits for the
             controller, and the result does not depend on the machine's load.
         priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
+        core: of the processor, on which the loop stays; None for any.
         duration: end after this time [s], in order; None for no end.
         attended: an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end.
         patience: how long to wait for the robot's first state, or for another controller to leave it [s].
@@ -42,6 +43,7 @@ class LoopOptions:
 
     lock_step: bool = False
     priority: int | None = 50
+    core: int | None = None
     duration: float | None = None
     attended: bool = False
     patience: float = 10.0
@@ -50,6 +52,8 @@ class LoopOptions:
         check_positive("loop.patience", self.patience, "s")
         if self.priority is not None:
             check_range("loop.priority", self.priority, 1, 99)
+        if self.core is not None:
+            check_range("loop.core", self.core, 0, 1023)
         if self.duration is not None:
             check_positive("loop.duration", self.duration, "s")
 
@@ -139,7 +143,7 @@ def run_loop(
     if options.lock_step:
         loop.run(loop.run_lock_step)
     else:
-        with real_time(options.priority) as grant:
+        with real_time(options.priority, options.core) as grant:
             loop.report.grant = grant
             loop.run(loop.run_real_time)
     loop.report.malformed = bus.malformed

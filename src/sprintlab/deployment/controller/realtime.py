@@ -9,7 +9,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
+_ISOLATED = Path("/sys/devices/system/cpu/isolated")
 _LOCK_ALL = 1 | 2  # MCL_CURRENT | MCL_FUTURE
 _SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK
 _DEFAULT_SLACK = 50_000  # ns
@@ -22,24 +24,31 @@ class RealTimeGrant:
     Attributes:
         memory_locked: no page of the process can be swapped out.
         priority: of the real-time scheduler (SCHED_FIFO); None where it was not permitted or not asked for.
-        remarks: why something was refused, in words.
+        remarks: what the loop lacks, in words: refused, or not set up on this machine.
+        cores: the loop runs on one of these.
     """
 
     memory_locked: bool
     priority: int | None
     remarks: tuple[str, ...]
+    cores: tuple[int, ...] = ()
 
 
 @contextmanager
-def real_time(priority: int | None) -> Iterator[RealTimeGrant]:
+def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTimeGrant]:
     """Lock the memory, raise the priority, keep the garbage collector out; all undone at the end.
 
     What is not permitted is left out and remarked upon: the loop runs anyway, and counts its misses.
 
     Args:
         priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
+        core: to stay on; None for any.
     """
     remarks: list[str] = []
+    before = _cores()
+    cores = _pin(core, remarks)
+    if not set(cores) <= set(isolated_cores()):
+        remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
     gc.collect()
     gc.freeze()
     collected = gc.isenabled()
@@ -48,8 +57,12 @@ def real_time(priority: int | None) -> Iterator[RealTimeGrant]:
     granted = _raise_priority(priority, remarks)
     _set_timer_slack(1)
     try:
-        yield RealTimeGrant(memory_locked=locked, priority=granted, remarks=tuple(remarks))
+        yield RealTimeGrant(
+            memory_locked=locked, priority=granted, remarks=tuple(remarks), cores=tuple(sorted(cores))
+        )
     finally:
+        if core is not None and before:
+            os.sched_setaffinity(0, before)
         if granted is not None:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         if locked:
@@ -58,6 +71,41 @@ def real_time(priority: int | None) -> Iterator[RealTimeGrant]:
         gc.unfreeze()
         if collected:
             gc.enable()
+
+
+def lacking(priority: int | None, core: int | None = None) -> tuple[str, ...]:
+    """What a loop that asks for this would lack here, in words; all granted is undone again."""
+    with real_time(priority, core) as grant:
+        return grant.remarks
+
+
+def isolated_cores() -> tuple[int, ...]:
+    """Cores on which the kernel puts nothing by itself (``isolcpus``)."""
+    try:
+        text = _ISOLATED.read_text(encoding="ascii").strip()
+    except OSError:
+        return ()
+    cores: list[int] = []
+    for part in filter(None, text.split(",")):
+        first, _, last = part.partition("-")
+        cores += range(int(first), int(last or first) + 1)
+    return tuple(cores)
+
+
+def _cores() -> set[int]:
+    return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()
+
+
+def _pin(core: int | None, remarks: list[str]) -> set[int]:
+    """Stay on one core; returns those on which this thread may run."""
+    if core is not None:
+        try:
+            os.sched_setaffinity(0, {core})
+        except (OSError, ValueError, AttributeError) as error:
+            remarks.append(
+                f"the loop cannot stay on core {core}: {getattr(error, 'strerror', None) or error}"
+            )
+    return _cores()
 
 
 def _lock_memory(remarks: list[str]) -> bool:

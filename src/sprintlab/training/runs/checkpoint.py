@@ -98,9 +98,14 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     return state
 
 
-def check_checkpoint(path: Path) -> None:
-    """Refuse what is no whole checkpoint, without PyTorch: at once. Raises as ``read_checkpoint``."""
-    _opened(path)
+def check_checkpoint(path: Path) -> set[str]:
+    """Names of what a checkpoint holds, without PyTorch: at once.
+
+    Raises:
+        SprintlabError: missing, truncated, damaged, of another format, or written by something else.
+    """
+    values, _, _ = _opened(path)
+    return set(cast("dict[str, Any]", values)) if isinstance(values, dict) else set()
 
 
 def unknown_settings(settings: object) -> list[str]:

@@ -5,106 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
-from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.checks import check_choice
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.learner.distributed import Workers, join_workers
-from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
 from sprintlab.training.runs.checkpoint import unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
+from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, recording
 from sprintlab.training.runs.runner import Runner, command_line, read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 SETTINGS_NAME = "settings.json"
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainOptions:
-    """How to train.
-
-    Attributes:
-        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands, or
-            literal-acs: commands that follow the robot and move toward nothing.
-        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
-        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
-            ``tensorboard/``.
-        minutes: stop after this much time in this sitting.
-        iterations: stop at this iteration of the run; some 450 after ``settings.stages.steady_iteration``.
-        environments: robots side by side.
-        seed: of every random generator.
-        device: ``cuda:0``, ``cpu`` or ``auto``.
-        resume: go on from the checkpoint in ``output``.
-        start_from: another run's checkpoint whose networks and curriculum this run begins with.
-        save_seconds: time between checkpoints.
-        milestones: keep the policy as it is at every multiple of this training time [s], as
-            ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
-        keep_schedule: take the command schedule from ``settings`` instead of the method's default.
-        keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
-        keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
-            if it had not stopped. Without, robots start from standing when it is taken up.
-        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
-        tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
-        wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
-        figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
-        cloud: at the end, two more seconds of the robots for ``cloud.npz``: where their motors work.
-        settings: everything else; ``method`` and ``environments`` are put into it.
-
-    Raises:
-        InvalidValueError: an unknown method or a number out of range.
-    """
-
-    method: str = "sprint"
-    preset: str = "sprintlab"
-    output: Path = Path("runs/train")
-    minutes: float = 20.0
-    iterations: int = 3200
-    environments: int = 8192
-    seed: int = 0
-    device: str = "auto"
-    resume: bool = False
-    start_from: Path | None = None
-    save_seconds: float = 60.0
-    milestones: float | None = None
-    keep_schedule: bool = False
-    keep_motor_model: bool = False
-    keep_robots: bool = True
-    fused: bool = True
-    tensorboard: bool = True
-    wandb: str | None = None
-    figures: bool = False
-    cloud: bool = True
-    settings: TrainingSettings = TrainingSettings()
-
-    def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(ALL_METHODS))
-        check_choice("preset", self.preset, PRESETS)
-        check_positive("minutes", self.minutes, "min")
-        check_range("iterations", self.iterations, 1, 10**9)
-        check_range("seed", self.seed, 0, 2**32 - 1)
-        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
-        if self.milestones is not None:
-            check_range("milestones", self.milestones, 1.0, 1e6, "s")
-        check_range("environments", self.environments, 2, 10**6)
-        if self.wandb is not None and not self.tensorboard:
-            raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
-
-    def full_settings(self) -> TrainingSettings:
-        """The settings with method, environments and seed in place."""
-        chosen = preset_settings(self.preset, self.settings)
-        simulation = replace(chosen.simulation, environments=self.environments)
-        base = replace(chosen, simulation=simulation, seed=self.seed)
-        settings = method_settings(self.method, base)
-        if self.keep_motor_model:
-            settings = replace(settings, actuator_model=base.actuator_model)
-        return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
 
 
 def pick_device(wanted: str) -> str:
@@ -140,10 +59,9 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
     """
     if options.wandb is not None:
         require_package("wandb", extra="wandb", use="--wandb")
+    check_places(options, restartable)
     workers = join_workers()
     checkpoint = options.output / "checkpoint.pt"
-    if options.resume and not checkpoint.is_file():
-        raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
     with exclusive(options.output, restartable) if workers.leads else nullcontext():
         if workers.leads:
             _remove_halves(options.output)

@@ -1,0 +1,128 @@
+"""What a training is asked to do, and whether it can begin: known at once, without PyTorch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.files import check_writable
+from sprintlab.robots import load_robot
+from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
+from sprintlab.training.runs.checkpoint import check_checkpoint
+from sprintlab.training.settings import TrainingSettings
+
+_GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """How to train.
+
+    Attributes:
+        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands, or
+            literal-acs: commands that follow the robot and move toward nothing.
+        preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
+        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
+            ``tensorboard/``.
+        minutes: stop after this much time in this sitting.
+        iterations: stop at this iteration of the run; some 450 after ``settings.stages.steady_iteration``.
+        environments: robots side by side.
+        seed: of every random generator.
+        device: ``cuda:0``, ``cpu`` or ``auto``.
+        resume: go on from the checkpoint in ``output``.
+        start_from: another run's checkpoint whose networks and curriculum this run begins with.
+        save_seconds: time between checkpoints.
+        milestones: keep the policy as it is at every multiple of this training time [s], as
+            ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
+        keep_schedule: take the command schedule from ``settings`` instead of the method's default.
+        keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
+        keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
+            if it had not stopped. Without, robots start from standing when it is taken up.
+        fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
+        tensorboard: curves in ``output/tensorboard``: ``tensorboard --logdir runs``.
+        wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
+        figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
+        cloud: at the end, two more seconds of the robots for ``cloud.npz``: where their motors work.
+        settings: everything else; ``method`` and ``environments`` are put into it.
+
+    Raises:
+        InvalidValueError: an unknown method or a number out of range.
+    """
+
+    method: str = "sprint"
+    preset: str = "sprintlab"
+    output: Path = Path("runs/train")
+    minutes: float = 20.0
+    iterations: int = 3200
+    environments: int = 8192
+    seed: int = 0
+    device: str = "auto"
+    resume: bool = False
+    start_from: Path | None = None
+    save_seconds: float = 60.0
+    milestones: float | None = None
+    keep_schedule: bool = False
+    keep_motor_model: bool = False
+    keep_robots: bool = True
+    fused: bool = True
+    tensorboard: bool = True
+    wandb: str | None = None
+    figures: bool = False
+    cloud: bool = True
+    settings: TrainingSettings = TrainingSettings()
+
+    def __post_init__(self) -> None:
+        check_choice("method", self.method, tuple(ALL_METHODS))
+        check_choice("preset", self.preset, PRESETS)
+        check_positive("minutes", self.minutes, "min")
+        check_range("iterations", self.iterations, 1, 10**9)
+        check_range("seed", self.seed, 0, 2**32 - 1)
+        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
+        if self.milestones is not None:
+            check_range("milestones", self.milestones, 1.0, 1e6, "s")
+        check_range("environments", self.environments, 2, 10**6)
+        if self.wandb is not None and not self.tensorboard:
+            raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
+
+    def full_settings(self) -> TrainingSettings:
+        """The settings with method, environments and seed in place."""
+        chosen = preset_settings(self.preset, self.settings)
+        simulation = replace(chosen.simulation, environments=self.environments)
+        base = replace(chosen, simulation=simulation, seed=self.seed)
+        settings = method_settings(self.method, base)
+        if self.keep_motor_model:
+            settings = replace(settings, actuator_model=base.actuator_model)
+        return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
+
+
+def check_places(options: TrainOptions, restartable: bool = False) -> None:
+    """Refuse a run that cannot begin: its device, robot, folder, or the checkpoint that it starts from.
+
+    Args:
+        options: of the run.
+        restartable: whether a checkpoint in the folder is gone on from.
+
+    Raises:
+        SprintlabError: names what is in the way.
+    """
+    _check_device(options.device)
+    checkpoint = options.output / "checkpoint.pt"
+    if options.resume and not checkpoint.is_file():
+        raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
+    if checkpoint.exists() and not (options.resume or restartable):
+        raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
+    for source in (checkpoint if options.resume else None, options.start_from):
+        if source is not None and "growth" not in check_checkpoint(source):
+            raise SprintlabError(f"{source} is a milestone, which holds a policy only: export it")
+    load_robot(options.settings.robot)
+    check_writable(options.output / "checkpoint.pt")
+
+
+def _check_device(device: str) -> None:
+    kind, _, number = device.partition(":")
+    if device not in ("auto", "cpu", "cuda") and not (kind == "cuda" and number.isdecimal()):
+        raise InvalidValueError("device", device, "choose one of auto, cpu, cuda, cuda:0, ...")
+    if kind == "cuda" and not any(Path(name).exists() for name in _GPU_FILES):
+        raise SprintlabError(f"device {device} asked for, but this machine has no GPU")
