@@ -129,9 +129,9 @@ class ZenohInterface(_ZenohEnd, ControllerEnd):
 
     def _join(self, address: BusAddress) -> None:
         """Ask the robot for leave to drive it."""
-        self._claim(address)
-        self._watcher = self._watch("robot")
         self._subscribers = {channel: self._subscribe(channel) for channel in (STATE, FIX)}
+        self._claim(address)  # from then on the robot speaks, and the subscriptions are known there
+        self._watcher = self._watch("robot")
         self._publishers = {COMMAND: self._publisher(COMMAND)}
 
     def _claim(self, address: BusAddress) -> None:
@@ -178,6 +178,11 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
     def peer_left(self) -> bool:
         """Whether the controller that was let in is gone, in good order or not."""
         return self._closed or (self._holder != 0 and not self._held())
+
+    @property
+    def ready(self) -> bool:
+        """Whether a controller was let in: what is published before reaches nobody."""
+        return self._holder != 0
 
     def _join(self, address: BusAddress) -> None:
         del address  # a second robot cannot listen at the same place
