@@ -1,6 +1,7 @@
 """The house rules: floors, no PyTorch below training, short functions, no code in ``__init__``."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -64,3 +65,18 @@ def test_init_files_only_pass_names_on(path):
         for statement in statements
         if isinstance(statement, ast.Assign)
     )
+
+
+def test_what_the_architecture_page_points_to_is_there():
+    page = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    answers = page[page.index("## Where is what") : page.index("## What flows where")]
+    named = re.findall(r"`((?:[a-z_]+\.)+[A-Za-z_]+)`", answers)
+    found = [name for name in named if not name.startswith("sl.")]
+    assert len(found) >= 10
+    for name in found:
+        folder, _, last = name.rpartition(".")
+        if (SOURCE / name.replace(".", "/")).with_suffix(".py").is_file():
+            continue
+        place = SOURCE / folder.replace(".", "/")
+        text = (place / "__init__.py" if place.is_dir() else place.with_suffix(".py")).read_text("utf-8")
+        assert re.search(rf"\b{last}\b", text), name

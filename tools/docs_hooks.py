@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ from mkdocs.structure.files import File
 sys.path.insert(0, str(Path(__file__).parent))
 from command_reference import command_reference
 
+from sprintlab.motors import library_motors, load_library_motor
+
 COMMANDS_PAGE = "commands.md"
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL)
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
@@ -22,7 +25,27 @@ _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL
 def on_files(files: Any, config: Any) -> Any:
     """Add the page that is written from the code."""
     files.append(File.generated(config, COMMANDS_PAGE, content=command_reference()))
+    files.append(File.generated(config, "explorer/motors.js", content=motor_library()))
     return files
+
+
+def motor_library() -> str:
+    """The actuators of the library as the envelope explorer reads them, SI units, motor side."""
+    entries = [
+        {
+            "name": actuator.name,
+            "title": actuator.title,
+            "resistance": float(actuator.motor.stator_resistance),
+            "inductance": float(actuator.motor.q_axis_inductance),
+            "flux": float(actuator.motor.flux_linkage),
+            "polePairs": float(actuator.motor.pole_pairs),
+            "peakCurrent": float(actuator.motor.peak_torque / actuator.motor.torque_constant),
+            "gear": float(actuator.gear.ratio),
+            "bus": float(actuator.bus_voltage),
+        }
+        for actuator in map(load_library_motor, library_motors())
+    ]
+    return f"const motorLibrary = {json.dumps(entries)};\n"
 
 
 def on_page_content(content: str, **_: Any) -> str:

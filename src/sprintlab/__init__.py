@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
     from sprintlab.api.search import SearchOptions
+    from sprintlab.api.steering import Lap, Turning, lap, turning
     from sprintlab.api.training import Training, export, method, train
     from sprintlab.core.errors import SprintlabError
     from sprintlab.motors import torque_limits
@@ -32,14 +33,17 @@ __version__ = "0.1.0"
 __all__ = [
     "DriveOptions",
     "Evaluation",
+    "Lap",
     "Limit",
     "Race",
     "SearchOptions",
     "SprintlabError",
     "Training",
     "TrainingSettings",
+    "Turning",
     "evaluate",
     "export",
+    "lap",
     "limit",
     "load_policy",
     "load_robot",
@@ -49,19 +53,23 @@ __all__ = [
     "robot_names",
     "torque_limits",
     "train",
+    "turning",
 ]
 
 _HOMES = {
     "DriveOptions": "api.drive",
     "Evaluation": "api.evaluations",
+    "Lap": "api.steering",
     "Limit": "api.limits",
     "Race": "api.races",
     "SearchOptions": "api.search",
     "SprintlabError": "core.errors",
     "Training": "api.training",
     "TrainingSettings": "training.settings",
+    "Turning": "api.steering",
     "evaluate": "api.evaluations",
     "export": "api.training",
+    "lap": "api.steering",
     "limit": "api.limits",
     "load_policy": "api.policies",
     "load_robot": "robots",
@@ -71,6 +79,7 @@ _HOMES = {
     "robot_names": "robots",
     "torque_limits": "motors",
     "train": "api.training",
+    "turning": "api.steering",
 }
 """Where each public name lives, below this package."""
 

@@ -48,8 +48,9 @@ def test_the_version_is_that_of_the_package(call):
 
 
 def test_robot_list(call):
-    assert call("robot", "list").out.split() == ["bp2", "bp2-first", "go1"]
-    assert json.loads(call("robot", "list", "--json").out) == ["bp2", "bp2-first", "go1"]
+    names = ["bp2", "bp2-first", "bp2-strong", "bp2-weak", "go1"]
+    assert call("robot", "list").out.split() == names
+    assert json.loads(call("robot", "list", "--json").out) == names
 
 
 def test_piped_output_has_no_colours(call):

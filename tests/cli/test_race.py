@@ -1,6 +1,5 @@
 """The main job from the command line, with a policy that stands still."""
 
-import functools
 import json
 import re
 
@@ -9,7 +8,6 @@ import pytest
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation import race_files
-from sprintlab.evaluation.race import evaluate_race
 
 PROMISED = {
     "time_100m_s",
@@ -25,13 +23,13 @@ PROMISED = {
 FIGURES = {"sprint", "speed", "torque_speed", "gait", "base_rates", "power"}
 
 
-def test_race_leaves_a_complete_folder(call, policy, tmp_path, monkeypatch):
+def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     folder = tmp_path / "run"
     # One metre instead of a hundred: a robot that stands has failed the sooner, the shorter the way.
-    monkeypatch.setattr(race_files, "evaluate_race", functools.partial(evaluate_race, distance=1.0))
     outcome = call(
-        "race", policy, "--out", folder, "--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video"
-    )
+        "race", policy, "--out", folder, "--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video",
+        "--distance", 1,
+    )  # fmt: skip
     assert outcome.status == 0
     assert "not finished" in outcome.out and str(folder / "report.html") in outcome.out
     assert "\x1b" not in outcome.out

@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from sprintlab.control import (
+    MEASURED_TERMS,
+    OBSERVATION_TERMS,
     ObservationLayout,
     Proprioception,
     fill_history,
@@ -38,9 +40,13 @@ def as_torch(terms):
 def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
     layout, terms = ObservationLayout(), draw_terms()
     frame = observation_frame(layout, **terms)
-    assert frame.shape == (6, 45) and layout.frame_size == 45 and layout.input_size == 225
+    assert (
+        frame.shape == (6, 45)
+        and layout.for_joints(12).frame_size == 45
+        and layout.for_joints(12).input_size == 225
+    )
     start = 0
-    for term in layout.terms:
+    for term in layout.for_joints(12).terms:
         size = SIZES[term.name]
         expected = terms[term.name] * np.array(term.scales)
         np.testing.assert_allclose(frame[:, start : start + size], expected, rtol=1e-12)
@@ -49,7 +55,7 @@ def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
 
 
 def test_default_scales():
-    scales = {term.name: term.scales for term in ObservationLayout().terms}
+    scales = {term.name: term.scales for term in ObservationLayout().for_joints(12).terms}
     assert scales["command"] == (0.25, 1.0, 1.0)
     rest = {name: set(factors) for name, factors in scales.items() if name != "command"}
     assert rest == {
@@ -126,3 +132,30 @@ def test_projected_gravity_is_the_world_down_axis_in_the_body_frame(torch):
 def test_impossible_layouts_are_refused(settings):
     with pytest.raises(InvalidValueError):
         ObservationLayout(**settings)
+
+
+def test_sizes_follow_from_the_number_of_joints():
+    """Thirteen joints: contract, frame and proprioception grow with them."""
+    observation = ObservationLayout(history_length=3).for_joints(13)
+    assert (observation.frame_size, observation.input_size, observation.measured_size) == (48, 144, 32)
+    parts = {
+        name: np.full((2, observation.place(name).stop - observation.place(name).start), value)
+        for value, name in enumerate(("angular_velocity", "projected_gravity", "command"), 1)
+    }
+    parts |= {name: np.ones((2, 13)) for name in ("joint_position", "joint_velocity", "previous_action")}
+    frame = observation_frame(observation.layout, **parts)
+    assert frame.shape == (2, 48)
+    scales = np.concatenate([term.scales for term in observation.terms])
+    place = observation.place("command")
+    np.testing.assert_allclose(frame[:, place] / scales[place], 3.0)
+    measured = join_proprioception(Proprioception(*(parts[term.name] for term in MEASURED_TERMS)))
+    again = split_proprioception(measured)
+    assert [part.shape[-1] for part in again] == [3, 3, 13, 13]
+
+
+def test_mirror_signs_agree_with_mirrored_vectors():
+    """Exchanging left and right turns y over: polar vectors flip y, rotations flip x and z."""
+    signs = {term.name: term.mirror for term in OBSERVATION_TERMS}
+    flip = np.diag([1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(signs["projected_gravity"], np.diag(flip))
+    np.testing.assert_array_equal(signs["angular_velocity"], np.linalg.det(flip) * np.diag(flip))

@@ -35,6 +35,7 @@ from sprintlab.training.settings import PpoSettings, SimulationSettings, Trainin
 ROBOTS, STEPS, HIDDEN = 6, 5, (32, 16)
 PPO_SETTINGS = PpoSettings(steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN, learning_rate=1e-3)
 SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=ROBOTS), ppo=PPO_SETTINGS)
+OBSERVATION = SETTINGS.observation.for_joints(12)
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +65,13 @@ def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
 def test_an_update_is_rsl_rl_s_update() -> None:
     """Same networks, same rollout, one mini-batch an epoch: the parameters end up the same."""
     torch.manual_seed(4)
-    actor, critic = build_actor(SETTINGS, load_robot("bp2")), Critic(PPO_SETTINGS)
+    actor, critic = build_actor(SETTINGS, load_robot("bp2")), Critic(PPO_SETTINGS, OBSERVATION)
     inputs = 53 + SETTINGS.estimator.latent
     noise = {"class_name": "GaussianDistribution", "init_std": 0.8, "std_type": "scalar"}
     their_actor, their_critic = rsl_model("actor", inputs, 12, noise), rsl_model("critic", 53, 1, None)
     copy_layers(their_actor, actor.policy)
     copy_layers(their_critic, critic.value)
-    rollout = Rollout(ROBOTS, STEPS, 225, 16, 12, "cpu")
+    rollout = Rollout(ROBOTS, STEPS, OBSERVATION, 16, "cpu")
     observation = TensorDict(
         {"actor": torch.zeros(ROBOTS, inputs), "critic": torch.zeros(ROBOTS, 53)}, batch_size=[ROBOTS]
     )

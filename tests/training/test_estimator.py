@@ -14,11 +14,12 @@ from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.robots import load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch, estimator_losses, policy_losses
-from sprintlab.training.learner.networks import COMMAND, Actor, Critic, Normalizer
+from sprintlab.training.learner.networks import Actor, Critic, Normalizer
 from sprintlab.training.settings import EstimatorSettings, TrainingSettings
 
 SETTINGS = TrainingSettings()
-HISTORY = SETTINGS.observation.input_size
+OBSERVATION = SETTINGS.observation.for_joints(12)
+HISTORY, COMMAND = OBSERVATION.input_size, OBSERVATION.place("command")
 SAMPLES = 64
 
 
@@ -88,7 +89,7 @@ def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
 
 
 def test_the_policy_s_loss_leaves_the_estimator_alone_and_the_other_way_round(actor: Actor) -> None:
-    critic = Critic(SETTINGS.ppo)
+    critic = Critic(SETTINGS.ppo, OBSERVATION)
     loss, _ = policy_losses(actor, critic, policy_batch(actor), actor.std.detach().clone(), SETTINGS.ppo)
     loss.backward()
     assert all(parameter.grad is None for parameter in actor.estimator.parameters())
@@ -159,7 +160,7 @@ def test_running_moments_are_those_of_all_samples() -> None:
 
 
 def test_bfloat16_moves_the_loss_by_little(actor: Actor) -> None:
-    critic, batch = Critic(SETTINGS.ppo), policy_batch(actor)
+    critic, batch = Critic(SETTINGS.ppo, OBSERVATION), policy_batch(actor)
     std = actor.std.detach().clone()
     losses = [
         policy_losses(actor, critic, batch, std, replace(SETTINGS.ppo, precision=precision))[0]

@@ -78,7 +78,7 @@ def test_a_replay_shows_the_network_what_the_runtime_builds(checkpoint, tmp_path
     assert seen.observation.shape == (len(run.command), policy.layout.input_size)
     newest = seen.observation[:, -policy.layout.input_size // policy.layout.history_length :]
     np.testing.assert_allclose(
-        newest[1:, -12:], policy.layout.previous_action_scale * seen.action[:-1], atol=1e-6
+        newest[1:, -12:], policy.layout.layout.previous_action_scale * seen.action[:-1], atol=1e-6
     )
     np.testing.assert_array_equal(seen.previous_estimate[1:], seen.estimate[:-1])
 

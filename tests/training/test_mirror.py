@@ -10,11 +10,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
+from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.mirror import Mirror
-from sprintlab.training.learner.networks import COMMAND
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 STEPS = 4
@@ -22,6 +22,9 @@ SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=16),
     ppo=PpoSettings(steps=STEPS, epochs=4, mini_batches=2, hidden=(32, 16), mirror_epochs=True),
 )
+
+OBSERVATION = SETTINGS.observation.for_joints(12)
+COMMAND = OBSERVATION.place("command")
 
 
 def filled(settings: TrainingSettings = SETTINGS) -> EstimatorPpo:
@@ -48,7 +51,7 @@ def asymmetry(learner: EstimatorPpo, mirror: Mirror, histories: torch.Tensor) ->
 
 
 def test_the_mirror_of_a_mirror_is_the_original() -> None:
-    mirror = Mirror(5, "cpu")
+    mirror = Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     for name, size in (("history", 225), ("truth", 53), ("action", 12), ("spread", 12)):
         values = torch.randn(7, size)
         reflection = getattr(mirror, name)
@@ -65,7 +68,7 @@ def test_a_mirrored_robot_sees_the_mirror_image() -> None:
         randomization=SETTINGS.randomization.without(),
         episodes=replace(SETTINGS.episodes, clone_share=0.0, fast_start_share=0.0),
     )
-    environment, mirror = SprintEnvironment(settings, "cpu"), Mirror(5, "cpu")
+    environment, mirror = SprintEnvironment(settings, "cpu"), Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     for _, tensor in sorted(environment.state().items()):
         if tensor.shape[:1] == (2,):
             tensor[1] = tensor[0]
@@ -83,7 +86,7 @@ def test_a_mirrored_robot_sees_the_mirror_image() -> None:
 
 
 def test_the_rollout_s_image_is_complete_and_asks_the_estimator_anew() -> None:
-    learner, mirror = filled(), Mirror(5, "cpu")
+    learner, mirror = filled(), Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     learner._prepare()
     rollout = learner.rollout
     image, plain = rollout.policy_batch(2, 5, mirrored=True), rollout.policy_batch(2, 5)
@@ -100,7 +103,7 @@ def test_the_rollout_s_image_is_complete_and_asks_the_estimator_anew() -> None:
 
 
 def test_mirrored_epochs_make_the_policy_more_symmetric() -> None:
-    mirror, found = Mirror(5, "cpu"), {}
+    mirror, found = Mirror(OBSERVATION, load_robot("bp2"), "cpu"), {}
     quick = replace(SETTINGS.ppo, desired_kl=0.5, entropy=0.0)
     for mirrored in (False, True):
         learner = filled(replace(SETTINGS, ppo=replace(quick, mirror_epochs=mirrored)))
@@ -113,7 +116,7 @@ def test_mirrored_epochs_make_the_policy_more_symmetric() -> None:
 
 
 def test_the_normalizers_statistics_are_symmetric() -> None:
-    learner, mirror = filled(), Mirror(5, "cpu")
+    learner, mirror = filled(), Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     learner.update()
     for normalizer in (learner.actor.normalizer, learner.critic.normalizer):
         torch.testing.assert_close(mirror.truth(normalizer.mean), normalizer.mean, atol=1e-6, rtol=1e-5)

@@ -98,6 +98,8 @@ def limit(
     factors: Sequence[float] = (0.9, 1.1),
     quick: bool = False,
     starts: int = 6,
+    max_stride: float | None = None,
+    min_duty: float | None = None,
     seed: int = 0,
     results: Path | str = "results",
     progress: Callable[[str, float | None], None] | None = None,
@@ -108,7 +110,9 @@ def limit(
         robot: name, folder or table.
         factors: on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
-        starts: random strides tried before a speed counts as too fast; more find a little more.
+        starts: random strides to begin from; more find a little more.
+        max_stride: highest stride frequency that counts [Hz]; None: what the motors allow.
+        min_duty: lowest share of a stride in which a foot stands; None: what the motors allow.
         seed: of the random strides.
         results: folder whose result.json files say what trained policies reach.
         progress: called with what is being done and the share done.
@@ -120,7 +124,8 @@ def limit(
     from sprintlab.robots import load_robot
     from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 
-    settings, described = SearchSettings(starts=starts, seed=seed), load_robot(robot)
+    settings = SearchSettings(starts=starts, seed=seed, max_stride=max_stride, min_duty=min_duty)
+    described = load_robot(robot)
     estimate = speed_limit(
         described,
         settings=settings,

@@ -68,6 +68,7 @@ class Race(Printed):
         yield audit_table(self.result.audit)
         for item in self.result.audit.failed:
             yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield from _engines(self.result)
         yield from self.result.notes
 
     def plot(self, figure: str = "speed") -> Figure:
@@ -117,7 +118,7 @@ def race(
     robot: RobotChoice = None,
     top_speed: float | None = None,
     distance: float = 100.0,
-    engine: Literal["mujoco", "drake"] = "mujoco",
+    engine: Literal["mujoco", "drake", "both"] = "mujoco",
     trials: int = 10,
     seed: int = 0,
     drive: DriveOptions | None = None,
@@ -134,7 +135,8 @@ def race(
         robot: name, folder or table; that of the policy's contract when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
-        engine: mujoco, or drake: the second engine (extra drake).
+        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
+            and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         drive: motor model, battery and heat; the published numbers' when left out.
@@ -153,11 +155,12 @@ def race(
     name = robot_for(path, robot)
     from sprintlab.plant import on_engine
 
-    plant = on_engine((drive or DriveOptions()).plant(), engine)
+    both = engine == "both"
+    plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
     settings = protocol_settings(trials, seed, plant=plant)
     options: dict[str, Any] = {
         "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
-        "workers": workers,
+        "workers": workers, "second_engine": "drake" if both else None,
     }  # fmt: skip
     if folder is None:
         from sprintlab.evaluation.race import evaluate_race
@@ -219,6 +222,22 @@ def result_table(result: RaceResult) -> Table:
         "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
     )
     return table
+
+
+def _engines(result: RaceResult) -> Iterator[RenderableType]:
+    """The sprint and the raw trials in both engines, where there are two."""
+    from sprintlab.evaluation.report_text import engine_fault, engine_table
+
+    both = engine_table(result)
+    if both is None:
+        return
+    table = plain_table("Two engines", "quantity", *both["names"], "unit", numbers=tuple(both["names"]))
+    for row in both["rows"]:
+        table.add_row(*row)
+    yield ""
+    yield table
+    if fault := engine_fault(result):
+        yield Text(f"marked: {fault}", style="bold red")
 
 
 def audit_table(audit: AuditReport) -> Table:

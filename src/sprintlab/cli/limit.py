@@ -21,7 +21,9 @@ class Limit:
         figure: picture to draw (.png, .pdf or .svg); none when left out.
         factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
-        starts: random strides tried before a speed counts as too fast; more find a little more.
+        starts: random strides to begin from; more find a little more.
+        max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
+        min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         seed: of the random strides.
         results: folder whose result.json files say what trained policies reach.
         json: print JSON only.
@@ -32,6 +34,8 @@ class Limit:
     factors: tuple[float, ...] = (0.9, 1.1)
     quick: tyro.conf.FlagCreatePairsOff[bool] = False
     starts: int = 6
+    max_stride: float | None = None
+    min_duty: float | None = None
     seed: int = 0
     results: Path = Path("results")
     json: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -45,6 +49,8 @@ class Limit:
                 factors=self.factors,
                 quick=self.quick,
                 starts=self.starts,
+                max_stride=self.max_stride,
+                min_duty=self.min_duty,
                 seed=self.seed,
                 results=self.results,
                 progress=report,

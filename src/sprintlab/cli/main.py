@@ -7,13 +7,16 @@ once.
 
 from __future__ import annotations
 
+import difflib
 import os
 import sys
+import textwrap
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import tyro
 
+from sprintlab.cli.audit import Audit
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
@@ -29,6 +32,7 @@ from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
+from sprintlab.cli.steering import Lap, Turning
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
@@ -43,6 +47,9 @@ Command = (
     | Annotated[Play, tyro.conf.subcommand(name="play")]
     | Annotated[Replay, tyro.conf.subcommand(name="replay")]
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
+    | Annotated[Turning, tyro.conf.subcommand(name="turning")]
+    | Annotated[Lap, tyro.conf.subcommand(name="lap")]
+    | Annotated[Audit, tyro.conf.subcommand(name="audit")]
     | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
     | Annotated[Limit, tyro.conf.subcommand(name="limit")]
@@ -56,6 +63,60 @@ Command = (
     | Annotated[Export, tyro.conf.subcommand(name="export")]
     | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
 )
+
+
+GROUPS = {
+    "see it": ("race", "play", "replay"),
+    "measure": ("evaluate", "turning", "lap", "robustness", "audit", "limit"),
+    "motors and robots": ("motor", "robot"),
+    "train": ("train", "sweep", "learning", "export", "doctor"),
+    "deploy": ("run", "robot-sim", "report"),
+}
+"""The commands by what one wants; a command that stands nowhere else is listed under "more"."""
+
+
+def commands() -> dict[str, str]:
+    """Every command and the first sentence of what it does."""
+    found = {}
+    for member in get_args(Command):
+        kind, how = get_args(member)[:2]
+        found[how.name] = (kind.__doc__ or "").strip().partition("\n")[0]
+    return found
+
+
+def grouped_help() -> str:
+    """What ``sprintlab --help`` prints: the commands by what one wants."""
+    known = commands()
+    rest = tuple(name for name in known if not any(name in group for group in GROUPS.values()))
+    groups = {**GROUPS, **({"more": rest} if rest else {})}
+    lines = [
+        "usage: sprintlab COMMAND [OPTIONS]",
+        "",
+        "How fast can a legged robot run before its motors, not its controller, stop it?",
+    ]
+    for title, names in groups.items():
+        lines += ["", title]
+        for name in names:
+            lines += textwrap.wrap(
+                known[name], 100, initial_indent=f"  {name:<11} ", subsequent_indent=" " * 14
+            )
+    return "\n".join(
+        [*lines, "", "sprintlab COMMAND --help lists a command's options; sprintlab --version the version."]
+    )
+
+
+def refuse_unknown(name: str) -> None:
+    """Name the nearest command where somebody mistyped one.
+
+    Raises:
+        SprintlabError: there is no such command.
+    """
+    known = commands()
+    if name.startswith("-") or name in known:
+        return
+    near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}?" if near else "sprintlab --help lists all commands"
+    raise SprintlabError(f"there is no command {printable(name)}: {hint}")
 
 
 def parse(arguments: Sequence[str]) -> Any:
@@ -85,6 +146,10 @@ def run(arguments: Sequence[str]) -> int:
     """
     if list(arguments[:1]) == ["train"] and len(arguments) > 1:
         return run_training(arguments[1:])
+    if not arguments or list(arguments[:1]) in (["--help"], ["-h"]):
+        print(grouped_help())
+        return 0 if arguments else REFUSED
+    refuse_unknown(arguments[0])
     if list(arguments) == ["--version"]:
         print(f"sprintlab {package_version('sprintlab')}")
         return 0

@@ -25,7 +25,8 @@ class Race:
         out: result folder; runs/race-<date>-<time> when left out.
         top_speed: speed of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
-        engine: mujoco, or drake: the second engine (extra drake).
+        engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
+            and raw trials once more in Drake.
         trials: seeded trials each way of giving the command.
         seed: decides joint noise, friction and payload of every trial.
         workers: processes; one a core when left out.
@@ -40,7 +41,7 @@ class Race:
     out: Path | None = None
     top_speed: float | None = None
     distance: float = 100.0
-    engine: Literal["mujoco", "drake"] = "mujoco"
+    engine: Literal["mujoco", "drake", "both"] = "mujoco"
     trials: int = 10
     seed: int = 0
     workers: int | None = None

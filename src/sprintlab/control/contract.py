@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from sprintlab.control.filters import LowPass
-from sprintlab.control.observation import ObservationLayout
+from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
 from sprintlab.core.checks import check_finite, check_positive
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.core.extras import package_version
@@ -205,13 +205,13 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             check_positive(field, getattr(self, field))
 
     @property
-    def layout(self) -> ObservationLayout:
-        """The observation layout with this contract's scales and history.
+    def layout(self) -> Observation:
+        """The observation with this contract's joints, scales and history.
 
         Raises:
             ContractMismatchError: the frame is not one that this version builds.
         """
-        return layout_from_contract(self.observation)
+        return layout_from_contract(self.observation, len(self.joint_names))
 
     @property
     def proprioception_filter(self) -> LowPass:
@@ -219,31 +219,26 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         return LowPass(cutoff_hz=self.filters.proprioception_cutoff_hz, rate_hz=self.policy_rate_hz)
 
 
-def observation_contract(layout: ObservationLayout) -> ObservationContract:
-    """What the contract says of a layout."""
+def observation_contract(layout: Observation) -> ObservationContract:
+    """What the contract says of an observation."""
     terms = tuple(TermContract(name=term.name, scales=term.scales) for term in layout.terms)
     return ObservationContract(terms=terms, history_length=layout.history_length)
 
 
-def layout_from_contract(observation: ObservationContract) -> ObservationLayout:
+def layout_from_contract(observation: ObservationContract, joints: int) -> Observation:
     """Inverse of ``observation_contract``.
 
     Raises:
         ContractMismatchError: terms, sizes or order differ from what this version builds.
     """
-    standard = observation_contract(ObservationLayout())
+    standard = observation_contract(ObservationLayout().for_joints(joints))
     _require_equal("observation.terms", _term_sizes(observation), _term_sizes(standard), "this version")
     _require_equal("observation.history_order", observation.history_order, HISTORY_ORDER, "this version")
-    scales = [term.scales for term in observation.terms]
-    layout = ObservationLayout(
-        angular_velocity_scale=scales[0][0],
-        projected_gravity_scale=scales[1][0],
-        command_scale=(scales[2][0], scales[2][1], scales[2][2]),
-        joint_position_scale=scales[3][0],
-        joint_velocity_scale=scales[4][0],
-        previous_action_scale=scales[5][0],
-        history_length=observation.history_length,
-    )
+    scales: dict[str, Any] = {
+        f"{term.name}_scale": item.scales if term.name == "command" else item.scales[0]
+        for term, item in zip(OBSERVATION_TERMS, observation.terms, strict=True)
+    }
+    layout = ObservationLayout(**scales, history_length=observation.history_length).for_joints(joints)
     for term, possible in zip(observation.terms, layout.terms, strict=True):
         _require_equal(f"observation.{term.name} scales", term.scales, possible.scales, "this version")
     return layout
@@ -291,7 +286,7 @@ def make_contract(
     return PolicyContract(
         **robot_section(robot),
         action_limit=action_limit,
-        observation=observation_contract(layout),
+        observation=observation_contract(layout.for_joints(len(robot.joint_names))),
         filters=FilterContract(
             proprioception_cutoff_hz=proprioception_filter.cutoff_hz,
             estimate_cutoff_hz=None if estimate_filter is None else estimate_filter.cutoff_hz,
@@ -313,7 +308,7 @@ def check_contract(contract: PolicyContract, robot: RobotDescription) -> None:
     _require_equal("format_version", contract.format_version, FORMAT_VERSION, "this version")
     _require_equal("policy_rate_hz", contract.policy_rate_hz, POLICY_RATE_HZ, "this version")
     _require_equal("motor_rate_hz", contract.motor_rate_hz, MOTOR_RATE_HZ, "this version")
-    layout_from_contract(contract.observation)
+    layout_from_contract(contract.observation, len(contract.joint_names))
     check_estimate(contract)
     for field, value in robot_section(robot).items():
         _compare_robot_field(field, getattr(contract, field), value, robot)

@@ -1,4 +1,7 @@
-"""What a policy sees: 45 numbers a step, stacked over a short history."""
+"""What a policy sees: one frame per step, stacked over a short history.
+
+For a robot of twelve joints a frame ``F`` has 45 numbers.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,35 @@ from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError
 
 JOINT_COUNT = 12
-PROPRIOCEPTION_SIZE = 3 + 3 + 2 * JOINT_COUNT
-FRAME_SIZE = PROPRIOCEPTION_SIZE + 3 + JOINT_COUNT
+"""Joints in the messages and recordings of a quadruped; a policy has as many as its robot."""
+
+_VECTOR, _ROTATION = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
+
+
+class TermSpecification(NamedTuple):
+    """One term of the observation: contract, buffers, networks, mirror and draws derive from it."""
+
+    name: str
+    """As in the contract, and as the argument of ``observation_frame``."""
+    size: int | None
+    """Numbers; ``None``: one per joint."""
+    noise: str | None
+    """Amplitude in the training's randomization; ``None``: not measured, so neither noisy nor filtered."""
+    mirror: tuple[float, ...] | None
+    """Signs when left and right are exchanged; ``None``: joints change places, with the robot's signs."""
+
+
+OBSERVATION_TERMS = (
+    TermSpecification("angular_velocity", 3, "angular_velocity_noise", _ROTATION),
+    TermSpecification("projected_gravity", 3, "gravity_noise", _VECTOR),
+    TermSpecification("command", 3, None, (1.0, -1.0, -1.0)),
+    TermSpecification("joint_position", None, "joint_position_noise", None),
+    TermSpecification("joint_velocity", None, "joint_velocity_noise", None),
+    TermSpecification("previous_action", None, None, None),
+)
+"""The observation, in the order of the frame. Command: forward, sideways speed, yaw rate."""
+MEASURED_TERMS = tuple(term for term in OBSERVATION_TERMS if term.noise is not None)
+"""What sensors say, in the order of ``Proprioception``."""
 
 
 class ObservationTerm(NamedTuple):
@@ -50,33 +80,70 @@ class ObservationLayout:
     def __post_init__(self) -> None:
         if len(self.command_scale) != 3:
             raise InvalidValueError("command_scale", self.command_scale, "three scales: vx, vy, yaw rate")
-        for term in self.terms:
+        for term in self.for_joints(1).terms:
             for scale in term.scales:
                 check_positive(f"{term.name} scale", scale)
         if type(self.history_length) is not int or self.history_length < 1:
             raise InvalidValueError("history_length", self.history_length, "a whole number of at least 1")
 
+    def for_joints(self, joints: int) -> Observation:
+        """The observation of a robot with so many joints."""
+        return Observation(layout=self, joints=joints)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """The observation of one robot: sizes and places of all terms."""
+
+    layout: ObservationLayout
+    """Scales and history."""
+    joints: int
+    """Actuated joints of the robot."""
+
     @property
     def terms(self) -> tuple[ObservationTerm, ...]:
         """The terms in the order in which the frame holds them."""
-        return (
-            ObservationTerm("angular_velocity", (self.angular_velocity_scale,) * 3),
-            ObservationTerm("projected_gravity", (self.projected_gravity_scale,) * 3),
-            ObservationTerm("command", tuple(self.command_scale)),
-            ObservationTerm("joint_position", (self.joint_position_scale,) * JOINT_COUNT),
-            ObservationTerm("joint_velocity", (self.joint_velocity_scale,) * JOINT_COUNT),
-            ObservationTerm("previous_action", (self.previous_action_scale,) * JOINT_COUNT),
-        )
+        found: list[ObservationTerm] = []
+        for term in OBSERVATION_TERMS:
+            scale: float | tuple[float, ...] = getattr(self.layout, f"{term.name}_scale")
+            size = self.size(term)
+            found.append(
+                ObservationTerm(term.name, tuple(scale) if isinstance(scale, tuple) else (scale,) * size)
+            )
+        return tuple(found)
+
+    def size(self, term: TermSpecification) -> int:
+        """Numbers of a term."""
+        return self.joints if term.size is None else term.size
+
+    def place(self, name: str) -> slice:
+        """Where a frame holds a term."""
+        start = 0
+        for term in OBSERVATION_TERMS:
+            if term.name == name:
+                return slice(start, start + self.size(term))
+            start += self.size(term)
+        raise InvalidValueError("term", name, "one of " + ", ".join(term.name for term in OBSERVATION_TERMS))
+
+    @property
+    def history_length(self) -> int:
+        """Frames in the network input."""
+        return self.layout.history_length
 
     @property
     def frame_size(self) -> int:
         """Numbers in one frame."""
-        return FRAME_SIZE
+        return sum(self.size(term) for term in OBSERVATION_TERMS)
+
+    @property
+    def measured_size(self) -> int:
+        """Numbers that come from sensors: those that are noisy and low-passed."""
+        return sum(self.size(term) for term in MEASURED_TERMS)
 
     @property
     def input_size(self) -> int:
         """Numbers in the network input: frame size times history length."""
-        return FRAME_SIZE * self.history_length
+        return self.frame_size * self.history_length
 
 
 class Proprioception(NamedTuple):
@@ -85,8 +152,8 @@ class Proprioception(NamedTuple):
     Attributes:
         angular_velocity: body frame [rad/s] ``(..., 3)``.
         projected_gravity: unit gravity vector, body frame ``(..., 3)``.
-        joint_position: relative to the default pose [rad] ``(..., 12)``.
-        joint_velocity: [rad/s] ``(..., 12)``.
+        joint_position: relative to the default pose [rad] ``(..., joints)``.
+        joint_velocity: [rad/s] ``(..., joints)``.
     """
 
     angular_velocity: Array
@@ -96,14 +163,17 @@ class Proprioception(NamedTuple):
 
 
 def join_proprioception(parts: Proprioception) -> Array:
-    """The thirty proprioceptive numbers ``(..., 30)``: what the low-pass runs over."""
+    """All measured numbers ``(..., 6 + 2 joints)``: what the low-pass runs over."""
     xp = namespace(*parts)
     return xp.concat(tuple(parts), axis=-1)
 
 
 def split_proprioception(values: Array) -> Proprioception:
     """Inverse of ``join_proprioception`` (views, not copies)."""
-    return Proprioception(values[..., 0:3], values[..., 3:6], values[..., 6:18], values[..., 18:30])
+    joints = (values.shape[-1] - 6) // 2
+    return Proprioception(
+        values[..., 0:3], values[..., 3:6], values[..., 6 : 6 + joints], values[..., 6 + joints :]
+    )
 
 
 def projected_gravity(quaternion: Array) -> Array:
@@ -124,16 +194,16 @@ def observation_frame(
     joint_velocity: Array,
     previous_action: Array,
 ) -> Array:
-    """One scaled frame ``(..., 45)`` in the order of ``layout.terms``.
+    """One scaled frame ``(..., F)`` in the order of ``OBSERVATION_TERMS``.
 
     Args:
         layout: order and scales.
         angular_velocity: body frame [rad/s] ``(..., 3)``.
         projected_gravity: unit gravity vector, body frame ``(..., 3)``.
         command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
-        joint_position: relative to the default pose [rad] ``(..., 12)``.
-        joint_velocity: [rad/s] ``(..., 12)``.
-        previous_action: the action of the step before ``(..., 12)``.
+        joint_position: relative to the default pose [rad] ``(..., joints)``.
+        joint_velocity: [rad/s] ``(..., joints)``.
+        previous_action: the action of the step before ``(..., joints)``.
     """
     xp = namespace(angular_velocity, command, joint_position)
     scaled_command = [command[..., i : i + 1] * scale for i, scale in enumerate(layout.command_scale)]
@@ -149,24 +219,24 @@ def observation_frame(
 
 
 def push_history(history: Array, frame: Array) -> Array:
-    """History ``(..., H, 45)`` with ``frame`` ``(..., 45)`` as its newest, the oldest dropped."""
+    """History ``(..., H, F)`` with ``frame`` ``(..., F)`` as its newest, the oldest dropped."""
     xp = namespace(history, frame)
     return xp.concat((history[..., 1:, :], frame[..., None, :]), axis=-2)
 
 
 def fill_history(frame: Array, history_length: int) -> Array:
-    """History ``(..., H, 45)`` of a fresh start: the first frame throughout."""
+    """History ``(..., H, F)`` of a fresh start: the first frame throughout."""
     xp = namespace(frame)
     shape = (*frame.shape[:-1], history_length, frame.shape[-1])
     return xp.broadcast_to(frame[..., None, :], shape)
 
 
 def update_history(history: Array, frame: Array, fresh: Array) -> Array:
-    """``push_history``, but rows marked in ``fresh`` ``(n,)`` start anew; history ``(n, H, 45)``."""
+    """``push_history``, but rows marked in ``fresh`` ``(n,)`` start anew; history ``(n, H, F)``."""
     return where_rows(fresh, fill_history(frame, history.shape[-2]), push_history(history, frame))
 
 
 def network_input(history: Array) -> Array:
-    """The flattened history ``(..., H * 45)``, oldest frame first."""
+    """The flattened history ``(..., H * F)``, oldest frame first."""
     xp = namespace(history)
     return xp.reshape(history, (*history.shape[:-2], history.shape[-2] * history.shape[-1]))

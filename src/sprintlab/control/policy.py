@@ -14,13 +14,14 @@ from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
 from sprintlab.control.contract import (
     CONTRACT_KEY,
+    ESTIMATE_TERMS,
     PolicyContract,
     check_contract,
     check_estimate,
     decode_contract,
 )
 from sprintlab.control.observation import (
-    JOINT_COUNT,
+    Observation,
     Proprioception,
     fill_history,
     join_proprioception,
@@ -42,7 +43,7 @@ SHIPPED_POLICIES = Path(__file__).parents[1] / "policies"
 POLICY_LIMIT = 64 << 20
 """Largest policy file that is read [bytes]."""
 
-ESTIMATE_SIZE = 8
+ESTIMATE_SIZE = sum(term.size for term in ESTIMATE_TERMS)
 """Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
 
 _INPUT, _OUTPUT = "observation", "action"
@@ -116,18 +117,18 @@ class Policy:
 
     def _decide_one(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
         if self._single is None:
-            self._single = _SingleRun(self._session, self.layout.input_size, self.estimates)
+            self._single = _SingleRun(self._session, self.layout, self.estimates)
         return self._single(observation, previous_estimate)
 
 
 class _SingleRun:
     """One robot's step in memory that is allocated once and bound to the network."""
 
-    def __init__(self, session: Any, input_size: int, estimates: bool) -> None:
+    def __init__(self, session: Any, layout: Observation, estimates: bool) -> None:
         self._session, self._estimates = session, estimates
-        self._observation = np.zeros((1, input_size), dtype=np.float32)
+        self._observation = np.zeros((1, layout.input_size), dtype=np.float32)
         self._previous = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
-        self._action = np.zeros((1, JOINT_COUNT), dtype=np.float32)
+        self._action = np.zeros((1, layout.joints), dtype=np.float32)
         self._estimate = np.zeros((1, ESTIMATE_SIZE), dtype=np.float32)
         self._binding: Any = session.io_binding()
         inputs, outputs = {_INPUT: self._observation}, {_OUTPUT: self._action}
@@ -189,7 +190,7 @@ class PolicyRuntime:
         self._estimate: FloatArray | None = None
         self._filtered: FloatArray | None = None
         self._history: FloatArray | None = None
-        self._previous_action: FloatArray = np.zeros(JOINT_COUNT)
+        self._previous_action: FloatArray = np.zeros(self._layout.joints)
 
     @property
     def previous_action(self) -> FloatArray:
@@ -216,7 +217,8 @@ class PolicyRuntime:
             InvalidValueError: a value is NaN or infinite or has the wrong shape; the runtime's state is
                 then unchanged.
         """
-        for field, size in zip(Measurement._fields, (3, 3, JOINT_COUNT, JOINT_COUNT), strict=True):
+        joints = self._layout.joints
+        for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
         frame = self._frame(measurement, np.asarray(command))
@@ -235,7 +237,7 @@ class PolicyRuntime:
         value = join_proprioception(Proprioception(*relative))
         self._filtered = value if self._filtered is None else self._filter.step(self._filtered, value)
         return observation_frame(
-            self._layout,
+            self._layout.layout,
             **split_proprioception(self._filtered)._asdict(),
             command=command,
             previous_action=self._previous_action,
@@ -267,7 +269,7 @@ def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = N
         check_contract(contract, robot)
     check_estimate(contract)
     policy = Policy(contract, session)
-    inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: JOINT_COUNT}
+    inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: policy.layout.joints}
     if policy.estimates:
         inputs[_PREVIOUS] = outputs[_ESTIMATE] = ESTIMATE_SIZE
     _check_tensors(path, "input", session.get_inputs(), inputs)

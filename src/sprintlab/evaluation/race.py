@@ -13,13 +13,16 @@ from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, step_size_requests
 from sprintlab.evaluation.results import (
+    EngineResult,
     RaceResult,
     SpeedResult,
     SprintResult,
     StepSizeCheck,
     TrialResult,
 )
+from sprintlab.evaluation.second_engine import engine_requests, stored_remark
 from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.plant import check_engine
 from sprintlab.robots import RobotDescription
 
 COARSE_GRID = 1.0
@@ -34,6 +37,7 @@ def evaluate_race(
     distance: float = 100.0,
     settings: ProtocolSettings | None = None,
     step_check: bool = False,
+    second_engine: str | None = None,
     workers: int | None = None,
 ) -> RaceResult:
     """Run a policy over a distance and through the seeded trials at its top speed, raw and self-paced.
@@ -45,9 +49,11 @@ def evaluate_race(
         distance: [m].
         settings: trials, seeds, plant.
         step_check: also run one trial with 1 ms and 0.25 ms steps.
+        second_engine: also run the sprint and the raw trials in this engine, with the same draws.
         workers: processes; ``None`` takes one a core.
 
     Raises:
+        SprintlabError: the second engine is not installed.
         PolicyFileError: the file is no policy.
         ContractMismatchError: the policy was made for another robot.
         SimulationError: the simulation left the realm of finite numbers.
@@ -56,11 +62,18 @@ def evaluate_race(
     started = time.perf_counter()
     settings = settings or ProtocolSettings()
     check_positive("distance", distance, "m")
+    if second_engine is not None:
+        check_engine(second_engine)
     with TrialPool(policy, robot, workers) as pool:
         notes = settings.plant.remarks
         if top_speed is None:
             top_speed = find_top_speed(pool, settings)
             notes += (f"top speed {top_speed:g} m/s found by a search with single trials",)
+        second = None
+        if second_engine is not None:
+            second = _run_second(pool, top_speed, distance, settings, second_engine)
+        elif remark := stored_remark(Path(policy)):
+            notes += (remark,)
         outcome = _run_all(pool, top_speed, distance, settings, step_check)
     return RaceResult(
         robot=robot.name,
@@ -75,6 +88,8 @@ def evaluate_race(
         wall_time=time.perf_counter() - started,
         step_check=outcome.step_check,
         notes=notes,
+        engine=settings.plant.engine,
+        second_engine=second,
     )
 
 
@@ -162,6 +177,16 @@ def _run_all(
         ),
         step_check=_step_check(coarse, fine, checks) if step_check else None,
     )
+
+
+def _run_second(
+    pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, engine: str
+) -> EngineResult:
+    results = pool.run(engine_requests(top_speed, distance, settings, engine))
+    sprints = [result for result in results if isinstance(result, SprintResult)]
+    trials = [result for result in results if isinstance(result, TrialResult)]
+    raw = _speed_result(top_speed, False, trials, settings)
+    return EngineResult(engine=engine, sprint=sprints[0], raw=raw)
 
 
 def _speed_result(

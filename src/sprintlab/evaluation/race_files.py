@@ -69,6 +69,7 @@ def run_race(
     distance: float = 100.0,
     settings: ProtocolSettings | None = None,
     step_check: bool = False,
+    second_engine: str | None = None,
     workers: int | None = None,
     video: bool = True,
     command_line: str = "",
@@ -84,6 +85,7 @@ def run_race(
         distance: of the sprint [m].
         settings: trials, seeds, plant.
         step_check: also compare 1 ms with 0.25 ms steps.
+        second_engine: also run the sprint and the raw trials in this engine.
         workers: processes; ``None`` takes one a core.
         video: also render an MP4 where that is possible.
         command_line: as typed, for the report.
@@ -104,6 +106,7 @@ def run_race(
             distance=distance,
             settings=settings,
             step_check=step_check,
+            second_engine=second_engine,
             workers=workers,
         )
         return _write(target, result, policy, robot_name, video, command_line, progress)

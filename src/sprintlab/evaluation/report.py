@@ -19,6 +19,8 @@ from sprintlab.evaluation.report_text import (
     audit_limit,
     audit_value,
     audit_verdict,
+    engine_fault,
+    engine_table,
     number,
     result_rows,
     setup_rows,
@@ -26,6 +28,7 @@ from sprintlab.evaluation.report_text import (
     summary,
 )
 from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, TrialResult
+from sprintlab.evaluation.second_engine import ENGINE_STEPS
 from sprintlab.robots import RobotDescription
 
 Progress = Callable[[str], None]
@@ -40,6 +43,9 @@ METHOD = (
     "Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. Self-paced: "
     "the command never leads or lags the measured speed by more than 1 m/s."
 )
+
+_DRAKE_STEPS = ENGINE_STEPS["drake"]
+DRAKE_REMARK = f"Run in the second engine ({_DRAKE_STEPS}), not in MuJoCo; the rest holds for both."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,21 +125,29 @@ def render_report(
         subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
         verdict=f"exploit audit {audit_verdict(result.audit)}",
         audit_passed=result.audit.passed,
-        failures=[audit_failure(item) for item in result.audit.failed],
+        failures=list(_failures(result)),
         tiles=list(_tiles(result)),
         summary=summary(result, robot),
         setup=list(setup_rows(result, robot)),
         results=list(result_rows(result)),
+        engines=engine_table(result),
         figures=[embedded(picture) for picture in pictures],
         audit=[_audit_row(item) for item in result.audit.items],
         trials=list(_trial_rows(result)),
         joints=list(_joint_rows(result, robot)),
-        method=METHOD,
+        method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
         facts=[*facts, *(("note", note) for note in result.notes)],
         video=None if video is None else _base64(video),
         video_message=video_message,
         replay=replay,
     )
+
+
+def _failures(result: RaceResult) -> Iterator[str]:
+    """What speaks against the speeds, in words."""
+    yield from map(audit_failure, result.audit.failed)
+    if fault := engine_fault(result):
+        yield fault
 
 
 def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,14 @@ from sprintlab.evaluation.results import (
     RaceResult,
     SpeedResult,
     SprintResult,
+)
+from sprintlab.evaluation.second_engine import (
+    ENGINE_NAMES,
+    ENGINE_STEPS,
+    comparison_sentence,
+    engine_rows,
+    first_engine,
+    mark,
 )
 from sprintlab.robots import RobotDescription
 
@@ -120,9 +129,31 @@ def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
         _sprint_sentence(result),
         *_speed_sentences(result),
         *_stop_sentences(result),
+        *_engine_sentences(result),
         *_motor_sentences(result, robot),
         _audit_sentence(result),
     ]
+
+
+def engine_table(result: RaceResult) -> dict[str, Any] | None:
+    """Both engines side by side: their names and the rows; ``None`` where there is only one."""
+    if result.second_engine is None:
+        return None
+    both = first_engine(result), result.second_engine
+    return {"names": [ENGINE_NAMES[run.engine] for run in both], "rows": list(engine_rows(*both))}
+
+
+def engine_fault(result: RaceResult) -> str:
+    """What the second engine has against the speeds; empty where nothing, or where it was not asked."""
+    if result.second_engine is None:
+        return ""
+    found = mark(result.raw, result.second_engine.raw)
+    return f"second engine, {ENGINE_NAMES[result.second_engine.engine]}: {found}" if found else ""
+
+
+def _engine_sentences(result: RaceResult) -> Iterator[str]:
+    if result.second_engine is not None:
+        yield comparison_sentence(first_engine(result), result.second_engine)
 
 
 def _sprint_sentence(result: RaceResult) -> str:
@@ -154,7 +185,8 @@ def _speed_sentences(result: RaceResult) -> Iterator[str]:
 def _stop_sentences(result: RaceResult) -> Iterator[str]:
     """Whether it obeys the command to stop."""
     for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        speed = max((trial.metrics.final_speed for trial in group.completed), default=0.0)
+        upright = [trial for trial in group.trials if not trial.fall_reason]
+        speed = max((trial.metrics.final_speed for trial in upright), default=0.0)
         if speed > REST_SPEED:
             yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
 
@@ -191,7 +223,7 @@ def setup_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[st
         f"peak torque {_list(limits)} N m, gear ratio {_list(ratios)}, {robot.bus_voltage:g} V bus",
     )
     yield "policy", f"{result.policy}, 50 Hz"
-    yield "plant", "MuJoCo C, 0.25 ms steps, 1 kHz motor loop, refined motor model"
+    yield "plant", f"{ENGINE_STEPS[result.engine]}, 1 kHz motor loop, refined motor model"
     yield (
         "trials",
         f"{len(result.raw.trials)} with the raw command and {len(result.self_paced.trials)} self-paced, "

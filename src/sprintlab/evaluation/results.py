@@ -431,6 +431,33 @@ class StepSizeCheck:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EngineResult:
+    """The sprint and the raw trials of a race in one engine.
+
+    Attributes:
+        engine: one of ``sprintlab.plant.ENGINES``.
+        sprint: over the distance, raw command.
+        raw: the seeded trials, raw command.
+    """
+
+    engine: str
+    sprint: SprintResult
+    raw: SpeedResult
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as JSON-ready values, under the keys of ``result.json``."""
+        return json_ready(
+            {
+                "engine": self.engine,
+                "sprint_time_s": self.sprint.time,
+                **quantity_numbers(self.raw.mean),
+                "falls": self.raw.falls,
+                "trials": len(self.raw.trials),
+            }
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class RaceResult:
     """The 100 m and the protocol at the policy's top speed.
 
@@ -446,6 +473,8 @@ class RaceResult:
         audit: worst case over every trial.
         mass: total mass of the robot [kg].
         wall_time: how long the race took to compute [s].
+        engine: the physics that it was run in, one of ``sprintlab.plant.ENGINES``.
+        second_engine: the 100 m and the raw trials in another engine, ``None`` when that was not asked for.
     """
 
     robot: str
@@ -460,6 +489,8 @@ class RaceResult:
     wall_time: float
     step_check: StepSizeCheck | None = None
     notes: tuple[str, ...] = field(default=())
+    engine: str = "mujoco"
+    second_engine: EngineResult | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
@@ -485,6 +516,8 @@ class RaceResult:
                 "self_paced": _speed_summary(self.self_paced),
                 "audit": self.audit.to_dict(),
                 "step_size_check": None if self.step_check is None else _step_summary(self.step_check),
+                "engine": self.engine,
+                "second_engine": None if self.second_engine is None else self.second_engine.to_dict(),
                 "mass_kg": self.mass,
                 "wall_time_s": self.wall_time,
                 "notes": list(self.notes),

@@ -25,6 +25,7 @@ from sprintlab.robots import RobotDescription
 PACE_WINDOW = 1.0
 """Self-paced: the command stays within this distance of the measured speed [m/s]."""
 
+_REST = 2.0  # after a sprint the command stays zero for so long, the last second of which tells a stop [s]
 _SLOWEST_USEFUL_SHARE = 0.25  # a sprint slower than this share of its command is given up
 
 
@@ -102,7 +103,7 @@ class _ProfileCourse:
 
 @dataclass
 class _SprintCourse:
-    """Rise and hold until the distance is run, then brake and stand for a second."""
+    """Rise and hold until the distance is run, then brake and stand for 2 s."""
 
     profile: SprintProfile
     distance: float
@@ -116,14 +117,14 @@ class _SprintCourse:
 
     @property
     def longest(self) -> float:
-        return self.profile.end_time(self.latest_finish) + self.profile.stand
+        return self.profile.end_time(self.latest_finish) + _REST
 
     def speed(self, time: float, base: BaseState) -> float | None:
         if self.finish_time is None and base.distance >= self.distance:
             self.finish_time = time
         end = self.latest_finish
         if self.finish_time is not None:
-            end = self.profile.end_time(self.finish_time) + self.profile.stand
+            end = self.profile.end_time(self.finish_time) + _REST
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
 
 

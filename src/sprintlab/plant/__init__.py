@@ -1,11 +1,12 @@
 """The simulated robot that evaluation measures and deployment drives: MuJoCo C, true motor limits."""
 
 from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
-from sprintlab.plant.engines import check_engine, on_engine, open_plant
+from sprintlab.plant.engines import DRAKE_TIMESTEP, check_engine, on_engine, open_plant
 from sprintlab.plant.plant import ENGINES, BaseState, JointDrive, MotionRecorder, Plant, PlantOptions
 from sprintlab.plant.settings import TrialSettings
 
 __all__ = [
+    "DRAKE_TIMESTEP",
     "ENGINES",
     "BaseState",
     "JointDrive",

@@ -7,6 +7,8 @@ from sprintlab.robots.description import (
     Mechanics,
     RobotDescription,
     SoftStop,
+    mirror_joints,
+    mirror_legs,
     robot_fingerprint,
 )
 from sprintlab.robots.foot import (
@@ -60,6 +62,8 @@ __all__ = [
     "friction_ratio",
     "load_robot",
     "load_robot_file",
+    "mirror_joints",
+    "mirror_legs",
     "pair_parameters",
     "parameter_table",
     "robot_fingerprint",

@@ -263,6 +263,23 @@ class RobotDescription:
         return np.asarray(self.motors.rotor_inertia) * np.asarray(self.gear.ratio) ** 2
 
 
+def mirror_legs(robot: RobotDescription) -> tuple[int, ...]:
+    """Index of the leg on the other side, per leg: FL and FR, RL and RR."""
+    other = {"L": "R", "R": "L"}
+    return tuple(robot.leg_names.index(name[:-1] + other[name[-1]]) for name in robot.leg_names)
+
+
+def mirror_joints(robot: RobotDescription) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Joints when left and right are exchanged: whose value each takes ``(joints,)``, and with which sign.
+
+    Abduction turns about x and changes its sign; hip and knee turn about y and keep it.
+    """
+    other = {"L": "R", "R": "L"}
+    parts = [name.split("_", 1) for name in robot.joint_names]
+    order = tuple(robot.joint_names.index(f"{leg[:-1]}{other[leg[-1]]}_{joint}") for leg, joint in parts)
+    return order, tuple(-1.0 if joint == "abad" else 1.0 for _, joint in parts)
+
+
 def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 

@@ -54,7 +54,7 @@ def load_robot_file(path: str | Path) -> RobotDescription:
     """
     table = read_table(path)
     try:
-        return _describe(table)
+        return describe_table(table)
     except InvalidValueError as error:
         raise RobotModelError(f"robot table {path}: {error}") from error
 
@@ -102,7 +102,8 @@ def _known_tables() -> dict[str, Path]:
     return tables
 
 
-def _describe(table: ParameterTable) -> RobotDescription:
+def describe_table(table: ParameterTable) -> RobotDescription:
+    """The robot that a checked parameter table says."""
     mechanics = _mechanics(table)
     pose = _per_joint(table, "default_angle")
     foot_radius = table.number("foot.radius")

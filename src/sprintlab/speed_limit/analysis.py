@@ -12,18 +12,17 @@ import numpy as np
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import read_json
-from sprintlab.motors import Gear, copper_loss, desaturate
+from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
-from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
+from sprintlab.speed_limit.search import Fastest, SearchSettings, climbs, fastest_stride
 from sprintlab.speed_limit.stride import GROUPS, STANCE_POINTS, Stride, evaluate
 
 Progress = Callable[[str, float | None], None]
 
 _WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
 _FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
-_SEARCH_STEPS = 18  # speeds that a search tries, about; for the progress bar
 
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
     "hip torque": ("hip in stance", "hip in swing"),
@@ -177,7 +176,7 @@ def speed_limit(
         settings, starts=max(2, settings.starts // 2)
     )  # a similar robot's stride is a good start
     variants = [(name, factor) for name in scalings(runner) for factor in factors]
-    meter = _Meter(progress, 1 + len(causes) + len(variants))
+    meter = _Meter(progress, 1 + len(causes) + len(variants), climbs(settings, near=1))
     best = fastest_stride(runner, settings, tick=meter.search("speed limit"))
     lifted = tuple(_lift(runner, beside, best, cause, meter.search(f"without {cause}")) for cause in causes)
     sensitivities = tuple(
@@ -206,8 +205,8 @@ def speed_limit(
 class _Meter:
     """Turns the ticks of searches into shares of the whole."""
 
-    def __init__(self, progress: Progress | None, searches: int) -> None:
-        self._progress, self._searches, self._begun = progress, searches, 0
+    def __init__(self, progress: Progress | None, searches: int, climbs: int) -> None:
+        self._progress, self._searches, self._climbs, self._begun = progress, searches, climbs, 0
 
     def search(self, what: str) -> Callable[[], None]:
         """The tick of the next search."""
@@ -217,7 +216,7 @@ class _Meter:
         def tick() -> None:
             ticks[0] += 1
             if self._progress is not None:
-                self._progress(what, (first + min(ticks[0] / _SEARCH_STEPS, 1.0)) / self._searches)
+                self._progress(what, (first + min(ticks[0] / self._climbs, 1.0)) / self._searches)
 
         return tick
 
@@ -274,7 +273,7 @@ def stride_facts(runner: Runner, stride: Stride, speed: float) -> StrideFacts:
     period, duty = float(stride.period[0]), float(stride.duty[0])
     velocity, torque = stride.velocity[0], stride.torque[0]
     power = runner.legs * torque * velocity
-    heat = runner.legs * _copper(runner, torque).sum(-1)
+    heat = runner.legs * _copper(runner, torque, velocity).sum(-1)
     peak = runner.peak_torque
     room = np.minimum(stride.upper[0] - torque, torque - stride.lower[0])
     full = _mean(stride, (room < (1.0 - _FULL) * peak).astype(float))
@@ -307,10 +306,10 @@ def _mean(stride: Stride, values: FloatArray) -> FloatArray:
     return np.asarray(total / stride.period[0])
 
 
-def _copper(runner: Runner, torque: FloatArray) -> FloatArray:
-    """Heat in the windings of hip and knee for their torques ``(p, 2)`` [W]."""
-    scale = np.asarray(runner.gear.ratio) * np.asarray(runner.gear.efficiency)
-    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, torque / scale)))
+def _copper(runner: Runner, torque: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Heat in the windings of hip and knee for their torques and velocities ``(p, 2)`` [W]."""
+    on_shaft = shaft_torque(runner.gear, torque, velocity)
+    return np.asarray(copper_loss(runner.motors, desaturate(runner.motors, on_shaft)))
 
 
 def _no_load(runner: Runner) -> FloatArray:

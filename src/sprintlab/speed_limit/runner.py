@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from sprintlab.motors import Gear, PmsmParameters, saturate, torque_limits
+from sprintlab.motors import Gear, MotorModel, PmsmParameters, joint_torque, saturate, torque_limits
 from sprintlab.robots import KneeSpring, RobotDescription
 from sprintlab.speed_limit.leg import FloatArray, PlanarLeg, planar_leg
 
@@ -29,6 +29,7 @@ class Runner:
         legs: number of legs that share the load.
         foot_friction: sliding friction coefficient.
         knee_spring: series spring between the knee's drive and the shank; None without one.
+        motor_model: torque limits of the motors, one of ``sprintlab.motors.MOTOR_MODELS``.
     """
 
     leg: PlanarLeg
@@ -42,20 +43,23 @@ class Runner:
     legs: int
     foot_friction: float
     knee_spring: KneeSpring | None
+    motor_model: MotorModel = "refined"
 
     @property
     def peak_torque(self) -> FloatArray:
-        """Greatest torque of hip and knee at standstill ``(2,)`` [N m]."""
-        return self.joint_limits(np.zeros(2))[1]
+        """Greatest driving torque of hip and knee near standstill ``(2,)`` [N m]."""
+        upper = torque_limits(self.motors, np.zeros(2), self.bus_voltage, self.motor_model)[1]
+        return np.asarray(joint_torque(self.gear, saturate(self.motors, upper)))
 
     def joint_limits(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest torque at the joints ``(..., 2)`` [N m]: envelope, saturation, gear."""
         ratio = np.asarray(self.gear.ratio)
-        lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage)
-        scale = ratio * np.asarray(self.gear.efficiency)
-        return scale * np.asarray(saturate(self.motors, lower)), scale * np.asarray(
-            saturate(self.motors, upper)
+        lower, upper = torque_limits(self.motors, velocity * ratio, self.bus_voltage, self.motor_model)
+        least, greatest = (
+            np.asarray(joint_torque(self.gear, saturate(self.motors, limit), velocity))
+            for limit in (lower, upper)
         )
+        return least, greatest
 
     def friction(self, velocity: FloatArray) -> FloatArray:
         """Torque that the joints' friction takes ``(..., 2)`` [N m]."""

@@ -1,4 +1,10 @@
-"""The highest speed at which a stride keeps every limit."""
+"""The highest speed at which a stride keeps every limit.
+
+The speed is an unknown of the search like the shape of the stride. From each starting stride, least squares
+lower the violations of all limits while a weak pull raises the speed; the pull is then taken back in steps
+(a quadratic penalty method), and what is left is checked at its own speed. Each start therefore tells a limit
+of its own: their spread says how far the search can be trusted.
+"""
 
 from __future__ import annotations
 
@@ -24,36 +30,46 @@ from sprintlab.speed_limit.stride import (
 
 Tick = Callable[[], None]
 
-_KEPT = 3e-3  # a stride is possible when nothing is broken by more; ``_MARGIN`` of stride.py is inside it
-_STEP = 1e-5  # of the scaled parameters, for differences
-_EVALUATIONS = 120  # at most, in a local search
-_SHAKE = 0.7  # of a known stride, in units of ``_SCALES``
-_GROWTH, _PROBE = 1.25, 1.06
-_FASTEST_PACE, _STEPS_DOWN = 7.5, 14  # in roots of g times leg length: horses and cheetahs reach 5 to 6
+KEPT = 3e-3
+"""A stride is possible when nothing is broken by more; ``_MARGIN`` of stride.py is inside it."""
+_STEP = 1e-5  # of the scaled parameters and of the speed, for differences
+_EVALUATIONS = 150  # at most, in a local search
+_PULLS = (0.05, 0.01, 0.003)  # weights of the pull on the speed, one after the other
+_FIRM = 6.0  # m/s between speed and goal at which a pull's weight is meant
+_RETREATS = (0.0, 0.001, 0.003, 0.006, 0.01, 0.02)  # shares of the speed given up until a stride is possible
+_SHAKES = (0.3, 0.7)  # of the best stride, in units of ``_SCALES``
+_PACES = (3.4, 5.6)  # speeds to begin at, in roots of g times leg length: horses and cheetahs reach 5 to 6
+_SLOW = 0.5  # share of the speed to begin at once more when a start ends nowhere
+_DEFAULT_CEILING = 10.0  # in the same unit: where the pull leads when no ceiling is given
 _SCALES = np.r_[0.05, 0.03, 0.05, 0.05, 0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, np.full(2 * SWING_WAVES, 0.15)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings:
-    """How hard to look.
+    """How hard to look, and which strides count.
 
     Attributes:
-        starts: random strides from which a speed is tried before it counts as too fast.
-        resolution: relative width of the interval in which the limit is left.
+        starts: random strides to begin from; as many more begin at the best stride so far, shaken.
         seed: of the random strides.
+        max_stride: highest stride frequency that counts [Hz]; None: what the motors allow.
+        min_duty: lowest share of a stride in which a foot is on the ground; None: what the motors allow.
 
     Raises:
         InvalidValueError: a field is out of range.
     """
 
     starts: int = 6
-    resolution: float = 0.004
     seed: int = 0
+    max_stride: float | None = None
+    min_duty: float | None = None
 
     def __post_init__(self) -> None:
         check_range("starts", self.starts, 1, 1000)
-        check_range("resolution", self.resolution, 1e-4, 0.1)
         check_range("seed", self.seed, 0, 2**32 - 1)
+        if self.max_stride is not None:
+            check_range("max_stride", self.max_stride, 1.1, 16.0, "Hz")
+        if self.min_duty is not None:
+            check_range("min_duty", self.min_duty, 0.04, 0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +80,19 @@ class Fastest:
         speed: [m/s].
         parameters: of the stride ``(PARAMETERS,)``: the witness that this speed is possible in the model.
         bounded: False where the search ended at its ceiling.
+        found: speed that each start came to, in order; 0 where it came to no possible stride [m/s].
     """
 
     speed: float
     parameters: FloatArray
     bounded: bool = True
+    found: tuple[float, ...] = ()
+
+    @property
+    def spread(self) -> float:
+        """From the best to the third best start [m/s]: what one more run of the search may change."""
+        ranked = sorted(self.found, reverse=True)
+        return ranked[0] - ranked[min(2, len(ranked) - 1)] if ranked else 0.0
 
 
 def fastest_stride(
@@ -76,132 +100,97 @@ def fastest_stride(
     settings: SearchSettings | None = None,
     *,
     groups: Sequence[str] = GROUPS,
-    near: Fastest | None = None,
-    ceiling: float = 60.0,
+    near: Fastest | Sequence[Fastest] = (),
+    ceiling: float | None = None,
     tick: Tick | None = None,
 ) -> Fastest:
-    """The highest speed at which a stride keeps the limits: bracketed from above, then halved.
+    """The highest speed at which a stride keeps the limits: the best of several climbs.
 
     Args:
         runner: the robot.
-        settings: how hard to look.
+        settings: how hard to look, and bounds on frequency and duty.
         groups: the limits to keep, of ``GROUPS``.
-        near: result for a similar robot, to begin with.
-        ceiling: speed at which to stop looking [m/s].
-        tick: called after each speed that was tried.
+        near: results for similar robots, to begin with.
+        ceiling: speed at which to stop looking [m/s]; None: far above what any runner reaches.
+        tick: called after each climb.
 
     Raises:
-        SimulationError: no stride is possible even at walking speed.
+        SimulationError: no start came to a possible stride.
         SprintlabError: SciPy, which the extra ``analysis`` brings, is not installed.
     """
     require_package("scipy", extra="analysis", use="the speed limit")
     settings = settings or SearchSettings()
-    search = _Search(runner, settings, tuple(groups), tick)
-    slow, known = _first_possible(search, near)
-    growth = _GROWTH if near is None else _PROBE
-    while True:
-        slow, known, fast = _ascend(search, slow, known, growth, ceiling)
-        if fast is None:
-            return Fastest(speed=slow, parameters=known, bounded=False)
-        slow, known = _bisect(search, slow, known, fast, settings.resolution)
-        # A search can miss a possible stride: what lies a little beyond is looked at once more.
-        beyond = search.possible(_PROBE * slow, known)
-        if beyond is None:
-            return Fastest(speed=slow, parameters=known)
-        slow, known = _PROBE * slow, beyond
+    search = _Search(runner, settings, tuple(groups), ceiling)
+    known = (near,) if isinstance(near, Fastest) else tuple(near)
+    best, found = (0.0, np.zeros(PARAMETERS)), []
+    for start, speed in search.starts(known):
+        climbed = search.climb(start, speed)
+        found.append(climbed[0])
+        best = max(best, climbed, key=lambda item: item[0])
+        if tick is not None:
+            tick()
+    if best[0] == 0.0:
+        raise SimulationError("no stride is possible at any speed: the motors cannot carry the robot")
+    for shake in search.shakes():
+        climbed = search.climb(best[1] + shake, best[0])
+        found.append(climbed[0])
+        best = max(best, climbed, key=lambda item: item[0])
+        if tick is not None:
+            tick()
+    top = search.ceiling
+    return Fastest(
+        speed=best[0], parameters=best[1], bounded=best[0] < top * (1.0 - 1e-6), found=tuple(found)
+    )
 
 
-def _ascend(
-    search: _Search, slow: float, known: FloatArray, growth: float, ceiling: float
-) -> tuple[float, FloatArray, float | None]:
-    """Raise the speed up to the ceiling: the last possible one, its stride, the first too fast."""
-    while slow < ceiling:
-        higher = min(growth * slow, ceiling)
-        found = search.possible(higher, known)
-        if found is None:
-            return slow, known, higher
-        slow, known = higher, found
-    return slow, known, None
-
-
-def _bisect(
-    search: _Search, slow: float, known: FloatArray, fast: float, resolution: float
-) -> tuple[float, FloatArray]:
-    """Halve the interval between a possible speed and one that is too fast."""
-    while fast / slow > 1.0 + resolution:
-        middle = 0.5 * (slow + fast)
-        found = search.possible(middle, known)
-        if found is None:
-            fast = middle
-        else:
-            slow, known = middle, found
-    return slow, known
-
-
-def _first_possible(search: _Search, near: Fastest | None) -> tuple[float, FloatArray]:
-    """A possible speed and its stride: below a known limit, else down from a speed that no machine reaches.
-
-    From above, since two kinds of gait are possible: the one with long stances, which is found at a slow
-    pace, ends far below the one with long flights.
-    """
-    pace = float(np.sqrt(GRAVITY * search.runner.leg.reach))
-    speeds = [pace * _FASTEST_PACE / _GROWTH**step for step in range(_STEPS_DOWN)]
-    if near is not None:
-        speeds = [near.speed * factor for factor in (1.0, 0.9, 0.75, 0.5)] + speeds[_STEPS_DOWN // 2 :]
-    for speed in speeds:
-        found = search.possible(speed, None if near is None else near.parameters)
-        if found is not None:
-            return speed, found
-    raise SimulationError("no stride is possible at any speed: the motors cannot carry the robot")
+def climbs(settings: SearchSettings, near: int = 0) -> int:
+    """How many climbs a search with these settings makes."""
+    return 2 * settings.starts + near
 
 
 class _Search:
-    """Looks for a stride that keeps the limits at a given speed."""
+    """Climbs to the fastest stride that keeps the limits."""
 
     def __init__(
-        self, runner: Runner, settings: SearchSettings, groups: tuple[str, ...], tick: Tick | None
+        self, runner: Runner, settings: SearchSettings, groups: tuple[str, ...], ceiling: float | None
     ) -> None:
-        self.runner = runner
-        self._settings, self._groups, self._tick = settings, groups, tick
-        lower, upper = stride_bounds(runner)
+        self._runner, self._settings, self._groups = runner, settings, groups
+        self._pace = float(np.sqrt(GRAVITY * runner.leg.reach))
+        self.ceiling = _DEFAULT_CEILING * self._pace if ceiling is None else ceiling
+        lower, upper = stride_bounds(runner, settings.max_stride, settings.min_duty)
         self._lower, self._upper = lower / _SCALES, upper / _SCALES
-        self._closest: tuple[float, FloatArray] | None = None
 
-    def possible(self, speed: float, known: FloatArray | None) -> FloatArray | None:
-        """Parameters of a possible stride, or None.
-
-        Local searches begin at ``known``, at the stride that came closest at the last speed that was too
-        fast, and at shaken and random strides.
-        """
+    def starts(self, near: Sequence[Fastest]) -> Iterator[tuple[FloatArray, float]]:
+        """Strides to begin from, with their speeds: known ones, then random ones."""
+        for item in near:
+            yield item.parameters, min(item.speed, 0.99 * self.ceiling)
         random = np.random.default_rng(self._settings.seed)
-        if self._tick is not None:
-            self._tick()
-        closest: tuple[float, FloatArray] | None = None
-        for start in self._starts(random, speed, known):
-            worst, found = self._descend(start, speed)
-            if worst < _KEPT:
-                return found
-            if closest is None or worst < closest[0]:
-                closest = worst, found
-        self._closest = closest
-        return None
+        for _ in range(self._settings.starts):
+            speed = min(self._pace * random.uniform(*_PACES), 0.99 * self.ceiling)
+            yield self._draw(random, speed), speed
 
-    def _starts(
-        self, random: np.random.Generator, speed: float, known: FloatArray | None
-    ) -> Iterator[FloatArray]:
-        if known is not None:
-            yield known
-        if self._closest is not None:
-            yield self._closest[1]
+    def shakes(self) -> Iterator[FloatArray]:
+        """Changes of a known stride, from which to climb again."""
+        random = np.random.default_rng(self._settings.seed + 1)
         for index in range(self._settings.starts):
-            if known is not None and index % 2 == 0:
-                yield known + _SHAKE * _SCALES * random.standard_normal(PARAMETERS)
-            else:
-                yield self._draw(random, speed)
+            strength = _SHAKES[index % len(_SHAKES)]
+            yield strength * _SCALES * random.standard_normal(PARAMETERS)
+
+    def climb(self, start: FloatArray, speed: float) -> tuple[float, FloatArray]:
+        """Fastest possible stride uphill of a start: its speed (0: none) and its parameters."""
+        for begin in (speed, _SLOW * speed):
+            scaled, reached = start / _SCALES, begin
+            for pull in _PULLS:
+                scaled, reached = self._pulled(scaled, reached, pull)
+            for retreat in _RETREATS:
+                worst, scaled = self._repaired(scaled, (1.0 - retreat) * reached)
+                if worst < KEPT:
+                    return (1.0 - retreat) * reached, scaled * _SCALES
+        return 0.0, start
 
     def _draw(self, random: np.random.Generator, speed: float) -> FloatArray:
         """A stride as runners have them: 2.5 to 7 a second, legs swept by 0.3 to 1 leg length."""
-        reach = self.runner.leg.reach
+        reach = self._runner.leg.reach
         pace = np.sqrt(reach / 0.63)  # periods of similar animals go with the root of their size
         period = random.uniform(0.15, 0.4) * pace
         shapes = {
@@ -216,25 +205,40 @@ class _Search:
         waves[1, 0] -= random.uniform(0.2, 1.2)  # bend the knee
         return np.r_[[shapes.get(name, 0.0) for name in SHAPES], waves.ravel()]
 
-    def _descend(self, start: FloatArray, speed: float) -> tuple[float, FloatArray]:
-        """Least squares on the violations: the greatest one that is left, and the stride."""
-        from scipy.optimize import least_squares
+    def _pulled(self, scaled: FloatArray, speed: float, pull: float) -> tuple[FloatArray, float]:
+        """Least squares on violations and on what is missing to the ceiling: scaled stride and speed."""
+        weight = pull * np.sqrt(_FIRM / max(self.ceiling - speed, 0.01 * self.ceiling))
 
-        inside = np.clip(start / _SCALES, self._lower + 1e-9, self._upper - 1e-9)
-        result = least_squares(
-            lambda scaled: self._residuals(scaled[None], speed)[0],
-            inside,
-            jac=lambda scaled: self._slopes(scaled, speed),  # pyright: ignore[reportArgumentType]
-            bounds=(self._lower, self._upper),
-            max_nfev=_EVALUATIONS,
-            xtol=1e-7,
-            ftol=5e-4,
-            gtol=1e-12,
+        def residuals(unknown: FloatArray) -> FloatArray:
+            missing = weight * (self.ceiling - unknown[-1])
+            return np.r_[self._residuals(unknown[None, :-1], unknown[-1])[0], missing]
+
+        def slopes(unknown: FloatArray) -> FloatArray:
+            shape, here = unknown[:-1], unknown[-1]
+            by_speed = self._residuals(shape[None], here + _STEP) - self._residuals(shape[None], here)
+            by_shape = self._slopes(shape, here)
+            pulled = np.r_[np.zeros(PARAMETERS), -weight]
+            return np.vstack((np.hstack((by_shape, by_speed.T / _STEP)), pulled))
+
+        bounds = np.r_[self._lower, 0.05 * self._pace], np.r_[self._upper, self.ceiling]
+        found = _least_squares(residuals, slopes, np.r_[scaled, speed], bounds)[1]
+        return found[:-1], float(found[-1])
+
+    def _repaired(self, scaled: FloatArray, speed: float) -> tuple[float, FloatArray]:
+        """Least squares on the violations at one speed: the greatest one that is left, and the stride."""
+        worst = float(np.abs(self._residuals(scaled[None], speed)).max())
+        if worst < KEPT:
+            return worst, scaled
+        found = _least_squares(
+            lambda shape: self._residuals(shape[None], speed)[0],
+            lambda shape: self._slopes(shape, speed),
+            scaled,
+            (self._lower, self._upper),
         )
-        return float(np.abs(result.fun).max()), result.x * _SCALES
+        return float(np.abs(found[0]).max()), found[1]
 
     def _residuals(self, scaled: FloatArray, speed: float) -> FloatArray:
-        broken = violations(self.runner, evaluate(self.runner, scaled * _SCALES, speed))
+        broken = violations(self._runner, evaluate(self._runner, scaled * _SCALES, speed))
         return np.concatenate([broken[name] for name in self._groups], axis=1)
 
     def _slopes(self, scaled: FloatArray, speed: float) -> FloatArray:
@@ -243,3 +247,26 @@ class _Search:
         batch[1:] += _STEP * np.eye(PARAMETERS)
         residuals = self._residuals(batch, speed)
         return (residuals[1:] - residuals[0]).T / _STEP
+
+
+def _least_squares(
+    residuals: Callable[[FloatArray], FloatArray],
+    slopes: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals that are left and the unknowns, within bounds."""
+    from scipy.optimize import least_squares
+
+    lower, upper = bounds
+    result = least_squares(
+        residuals,
+        np.clip(start, lower + 1e-9, upper - 1e-9),
+        jac=slopes,  # pyright: ignore[reportArgumentType]
+        bounds=bounds,
+        max_nfev=_EVALUATIONS,
+        xtol=1e-6,
+        ftol=1e-4,
+        gtol=1e-12,
+    )
+    return np.asarray(result.fun), np.asarray(result.x)

@@ -98,12 +98,20 @@ class Stride(NamedTuple):
     height: FloatArray
 
 
-def stride_bounds(runner: Runner) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest value of every parameter ``(PARAMETERS,)``."""
+def stride_bounds(
+    runner: Runner, max_stride: float | None = None, min_duty: float | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value of every parameter ``(PARAMETERS,)``.
+
+    Args:
+        runner: the robot.
+        max_stride: highest stride frequency [Hz]; None: 16.7.
+        min_duty: lowest share of a stride in which a foot is on the ground; None: 0.04.
+    """
     reach = runner.leg.reach
     shapes = {
-        "period": (0.06, 1.0),
-        "duty": (0.04, 0.6),
+        "period": (0.06 if max_stride is None else 1.0 / max_stride, 1.0),
+        "duty": (0.04 if min_duty is None else min_duty, 0.6),
         "height": (0.5 * reach, 0.99 * reach),
         "sweep": (-0.4 * reach, 0.4 * reach),
         "share": (1.0 / runner.legs, 1.0),

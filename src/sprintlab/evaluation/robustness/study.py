@@ -184,7 +184,7 @@ def _piece(group: str, seed: int, request: TrialRequest, result: TrialResult | S
         {
             "group": group,
             "seed": seed,
-            "upright": trial.completed,
+            "upright": not trial.fall_reason,
             "fall_reason": trial.fall_reason,
             "fall_time_s": trial.fall_time,
             "time_s": result.time,

@@ -8,31 +8,38 @@ from __future__ import annotations
 
 import torch
 
-COLUMNS = {
-    "push": 3,
-    "restart": 3,
-    "donor": 2,
-    "clone": 1,
-    "joint": 12,
-    "start": 2,
-    "spin": 3,
-    "command": 8,
-    "noise": 30,
-    "delay": 1,
-}
-"""Names and widths: ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor``
-two candidates; ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular
-velocity; ``command`` for the schedule; ``noise`` on the proprioception; ``delay`` of the next
-targets."""
+from sprintlab.control import Observation
+
+
+def columns(observation: Observation) -> dict[str, int]:
+    """Names and widths of the columns for a robot with this observation.
+
+    ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor`` two candidates;
+    ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular velocity;
+    ``command`` for the schedule; ``noise`` on what is measured; ``delay`` of the next targets.
+    """
+    return {
+        "push": 3,
+        "restart": 3,
+        "donor": 2,
+        "clone": 1,
+        "joint": observation.joints,
+        "start": 2,
+        "spin": 3,
+        "command": 8,
+        "noise": observation.measured_size,
+        "delay": 1,
+    }
 
 
 class Draws:
     """Uniform numbers in [0, 1), ``(n, width)`` by name; views on one block."""
 
-    def __init__(self, robots: int, device: str) -> None:
-        self.block = torch.zeros(robots, sum(COLUMNS.values()), device=device)
-        pieces = self.block.split(list(COLUMNS.values()), dim=1)
-        self._named = dict(zip(COLUMNS, pieces, strict=True))
+    def __init__(self, robots: int, observation: Observation, device: str) -> None:
+        widths = columns(observation)
+        self.block = torch.zeros(robots, sum(widths.values()), device=device)
+        pieces = self.block.split(list(widths.values()), dim=1)
+        self._named = dict(zip(widths, pieces, strict=True))
 
     def refill(self) -> None:
         """Draw them all anew from PyTorch's generator of the device."""

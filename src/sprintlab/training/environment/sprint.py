@@ -22,6 +22,7 @@ from sprintlab.commands import (
 )
 from sprintlab.control import (
     ESTIMATE_SIZE,
+    MEASURED_TERMS,
     LowPass,
     Proprioception,
     join_proprioception,
@@ -42,7 +43,6 @@ from sprintlab.training.environment.rewards import RewardInput, aggregate, penal
 from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
-from sprintlab.training.learner.networks import TRUTH_SIZE
 from sprintlab.training.settings import TrainingSettings
 
 POLICY_STEP = 0.02
@@ -84,7 +84,8 @@ class SprintEnvironment:
         self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
         self.kinematics = Kinematics(self.robot, self.simulation)
         self.friction = randomize(self.simulation, settings.randomization)
-        self.draws = Draws(self.num_envs, device)
+        self.observation = settings.observation.for_joints(self.num_actions)
+        self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
         self._allocate_constants()
         self._allocate_state()
@@ -110,10 +111,12 @@ class SprintEnvironment:
         self._penalties = penalty_terms(self.settings.rewards)
         self._first_weights = tensor([weight.first for weight in weights])
         self._second_weights = tensor([weight.second for weight in weights])
-        amplitudes = (noise.angular_velocity_noise, noise.gravity_noise)
-        joints = (noise.joint_position_noise, noise.joint_velocity_noise)
         self._noise = tensor(
-            [a for a in amplitudes for _ in range(3)] + [a for a in joints for _ in range(12)]
+            [
+                getattr(noise, str(term.noise))
+                for term in MEASURED_TERMS
+                for _ in range(self.observation.size(term))
+            ]
         )
         self._standing_qpos = tensor(self.simulation.mj_model.key_qpos[0])
 
@@ -123,11 +126,11 @@ class SprintEnvironment:
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(*shape, device=self.device)
 
-        layout = self.settings.observation
+        layout = self.observation
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
         self.running_yaw_rate, self.course = zeros(n), zeros(n)
-        self.filtered, self.estimate = zeros(n, 30), zeros(n, ESTIMATE_SIZE)
+        self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
         self.grid = self.settings.schedule.targets.grid
@@ -143,7 +146,9 @@ class SprintEnvironment:
         self.weights = self._first_weights.clone()
         self.reward, self.time_out = zeros(n), zeros(n)
         self.done = torch.zeros(n, dtype=torch.long, device=self.device)
-        self.actor_observation, self.critic_observation = zeros(n, layout.input_size), zeros(n, TRUTH_SIZE)
+        self.actor_observation, self.critic_observation = (
+            zeros(n, size) for size in (layout.input_size, layout.frame_size + ESTIMATE_SIZE)
+        )
         self._log_sums = zeros(len(_LOGGED) + len(self.weights))
         self._logged_steps = 0
 

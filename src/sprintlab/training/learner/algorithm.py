@@ -11,9 +11,8 @@ from typing import Any
 
 import torch
 
-from sprintlab.control import ESTIMATE_SIZE, low_pass_coefficient
+from sprintlab.control import low_pass_coefficient
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
-from sprintlab.control.observation import FRAME_SIZE
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import RobotDescription
 from sprintlab.training.environment.sprint import POLICY_STEP, SprintEnvironment
@@ -33,7 +32,7 @@ from sprintlab.training.learner.losses import (
 )
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.learner.mirror import Mirror
-from sprintlab.training.learner.networks import LARGEST_STD, TRUTH_SIZE, Actor, Critic
+from sprintlab.training.learner.networks import LARGEST_STD, Actor, Critic
 from sprintlab.training.learner.parameters import ParameterBlock
 from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import TrainingSettings
@@ -83,19 +82,18 @@ class EstimatorPpo:
     def _build(self, environment: SprintEnvironment, fused: bool) -> None:
         settings, ppo = self.settings, self.settings.ppo
         self.actor = build_actor(settings, environment.robot).to(self.device)
-        self.critic = Critic(ppo).to(self.device)
+        self.critic = Critic(ppo, environment.observation).to(self.device)
         self._workers.broadcast([*self.actor.parameters(), *self.critic.parameters()])
         self.rollout = Rollout(
             environment.num_envs,
             ppo.steps,
-            settings.observation.input_size,
+            environment.observation,
             settings.estimator.latent,
-            environment.num_actions,
             self.device,
             mirrored=ppo.mirror_epochs,
         )
         self._loudness = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
-        self._mirror = Mirror(settings.observation.history_length, self.device)
+        self._mirror = Mirror(environment.observation, environment.robot, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
         self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
@@ -188,7 +186,7 @@ class EstimatorPpo:
         rollout.write("reward", environment.reward)
         rollout.write("end", environment.done.float())
         rollout.write("time_out", environment.time_out)
-        rollout.write("next_frame", environment.actor_observation[:, -FRAME_SIZE:])
+        rollout.write("next_frame", environment.actor_observation[:, -rollout.frame_size :])
         rollout.step.add_(1).remainder_(rollout.steps)
 
     # --- learning ----------------------------------------------------------------------------------------
@@ -234,7 +232,7 @@ class EstimatorPpo:
         history = mirror.history(rollout.history.flatten(0, 1))
         latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
         # The frame and the filtered estimate in front of the latent are laid out like the truth.
-        known = mirror.truth(rollout.perceived[..., :TRUTH_SIZE])
+        known = mirror.truth(rollout.perceived[..., : rollout.truth.shape[-1]])
         images = {
             "perceived": torch.cat((known, latent.unflatten(0, known.shape[:2])), -1),
             "truth": mirror.truth(rollout.truth),
@@ -278,7 +276,7 @@ class EstimatorPpo:
     @torch.no_grad()
     def _update_normalizers(self) -> None:
         """After the update, so that its likelihood ratios compare the policies on equal inputs."""
-        known = FRAME_SIZE + ESTIMATE_SIZE
+        known = self.rollout.truth.shape[-1]
         pairs = (
             (self.actor.normalizer, self.rollout.perceived[..., :known]),
             (self.critic.normalizer, self.rollout.truth),

@@ -14,24 +14,11 @@ from collections.abc import Sequence
 
 import torch
 
-_OTHER_LEG = (1, 0, 3, 2)
-_JOINTS_PER_LEG = 3
-_JOINT_SIGNS = (-1.0, 1.0, 1.0) * len(_OTHER_LEG)
-_OTHER_JOINT = tuple(_JOINTS_PER_LEG * leg + joint for leg in _OTHER_LEG for joint in range(_JOINTS_PER_LEG))
-_VECTOR_SIGNS, _ROTATION_SIGNS = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
-_COMMAND_SIGNS = (1.0, -1.0, -1.0)
-"""Forward speed, sideways speed, yaw rate."""
+from sprintlab.control import OBSERVATION_TERMS, Observation
+from sprintlab.robots import RobotDescription, mirror_joints, mirror_legs
 
+_VECTOR_SIGNS = (1.0, -1.0, 1.0)
 _Part = tuple[Sequence[int], Sequence[float]]
-_ROTATION: _Part = (range(3), _ROTATION_SIGNS)
-_VECTOR: _Part = (range(3), _VECTOR_SIGNS)
-_COMMAND: _Part = (range(3), _COMMAND_SIGNS)
-_JOINTS: _Part = (_OTHER_JOINT, _JOINT_SIGNS)
-_HEIGHT: _Part = ((0,), (1.0,))
-_CONTACTS: _Part = (_OTHER_LEG, (1.0,) * len(_OTHER_LEG))
-_FRAME = (_ROTATION, _VECTOR, _COMMAND, _JOINTS, _JOINTS, _JOINTS)
-"""Terms of ``ObservationLayout``, in their order."""
-_ESTIMATE = (_VECTOR, _HEIGHT, _CONTACTS)
 
 
 class Reflection:
@@ -63,18 +50,26 @@ class Mirror:
     """Reflections of everything that a rollout holds.
 
     Args:
-        history_length: frames in an observation.
+        observation: what the robot sees.
+        robot: whose joints and legs have a partner on the other side.
         device: of the tensors to be reflected.
 
     Attributes:
-        history: of an observation ``(..., H * 45)``.
-        truth: of a frame with the body's velocity, height and contacts after it ``(..., 53)``.
-        action: of an action ``(..., 12)``.
-        spread: of deviations of an action's numbers ``(..., 12)``: these have no sign.
+        history: of an observation ``(..., H * F)``.
+        truth: of a frame with the body's velocity, height and contacts after it ``(..., F + 8)``.
+        action: of an action ``(..., joints)``.
+        spread: of deviations of an action's numbers ``(..., joints)``: these have no sign.
     """
 
-    def __init__(self, history_length: int, device: str) -> None:
-        self.history = Reflection(_FRAME * history_length, device)
-        self.truth = Reflection((*_FRAME, *_ESTIMATE), device)
-        self.action = Reflection((_JOINTS,), device)
-        self.spread = Reflection(((_OTHER_JOINT, (1.0,) * len(_OTHER_JOINT)),), device)
+    def __init__(self, observation: Observation, robot: RobotDescription, device: str) -> None:
+        order, signs = joints = mirror_joints(robot)
+        frame: tuple[_Part, ...] = tuple(
+            joints if term.mirror is None else (range(len(term.mirror)), term.mirror)
+            for term in OBSERVATION_TERMS
+        )
+        legs = mirror_legs(robot)
+        estimate: tuple[_Part, ...] = ((range(3), _VECTOR_SIGNS), ((0,), (1.0,)), (legs, (1.0,) * len(legs)))
+        self.history = Reflection(frame * observation.history_length, device)
+        self.truth = Reflection((*frame, *estimate), device)
+        self.action = Reflection((joints,), device)
+        self.spread = Reflection(((order, (1.0,) * len(signs)),), device)

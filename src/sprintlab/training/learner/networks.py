@@ -15,15 +15,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from sprintlab.control import ESTIMATE_SIZE
-from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
 
 VELOCITY_SIZE, CONTACT_START = 3, 4
-COMMAND = slice(6, 9)
-"""Where a frame holds the command (``ObservationLayout.terms``)."""
-TRUTH_SIZE = FRAME_SIZE + ESTIMATE_SIZE
-"""Numbers that the critic sees: 45 + 8. (The paper prints 52.)"""
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
 _LOG_VARIANCE_RANGE = (-8.0, 4.0)
@@ -133,20 +128,22 @@ class Estimator(nn.Module):
     """History to estimate and latent, and back to the next frame.
 
     Args:
-        history_length: frames in a history.
+        observation: what the robot sees.
         settings: widths and scales.
         height: of the trunk about which the height estimate is centred [m].
     """
 
-    def __init__(self, history_length: int, settings: EstimatorSettings, height: float) -> None:
+    def __init__(self, observation: Observation, settings: EstimatorSettings, height: float) -> None:
         super().__init__()
         self.settings, self._height = settings, height
-        trunk = perceptron((history_length * FRAME_SIZE, *settings.encoder))
+        trunk = perceptron((observation.input_size, *settings.encoder))
         self.encoder = nn.Sequential(trunk, nn.ELU())
         self.estimate_head = nn.Linear(settings.encoder[-1], ESTIMATE_SIZE)
         self.mean_head = nn.Linear(settings.encoder[-1], settings.latent)
         self.log_variance_head = nn.Linear(settings.encoder[-1], settings.latent)
-        self.decoder = perceptron((ESTIMATE_SIZE + settings.latent, *settings.decoder, FRAME_SIZE))
+        self.decoder = perceptron(
+            (ESTIMATE_SIZE + settings.latent, *settings.decoder, observation.frame_size)
+        )
 
     def forward(self, history: torch.Tensor) -> Encoding:
         """Encode normalized histories ``(n, H * 45)``."""
@@ -180,21 +177,23 @@ class Actor(nn.Module):
     def __init__(self, settings: TrainingSettings, joints: int, height: float, coefficient: float) -> None:
         super().__init__()
         ppo, estimator = settings.ppo, settings.estimator
-        self.history_length, self._coefficient = settings.observation.history_length, coefficient
-        self.normalizer = Normalizer(FRAME_SIZE + ESTIMATE_SIZE)
-        self.estimator = Estimator(self.history_length, estimator, height)
-        self.policy = perceptron((FRAME_SIZE + ESTIMATE_SIZE + estimator.latent, *ppo.hidden, joints))
+        observation = settings.observation.for_joints(joints)
+        self.history_length, self._coefficient = observation.history_length, coefficient
+        self.frame_size = observation.frame_size
+        self.normalizer = Normalizer(self.frame_size + ESTIMATE_SIZE)
+        self.estimator = Estimator(observation, estimator, height)
+        self.policy = perceptron((self.frame_size + ESTIMATE_SIZE + estimator.latent, *ppo.hidden, joints))
         self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
-        seen = torch.ones(FRAME_SIZE)
+        seen = torch.ones(self.frame_size)
         if not estimator.sees_command:
-            seen[COMMAND] = 0.0
+            seen[observation.place("command")] = 0.0
         self.register_buffer("seen", seen, persistent=False)
 
     def normalized_frames(self, frames: torch.Tensor) -> torch.Tensor:
         """Frames ``(n, k * 45)`` as the estimator sees them: normalized with the statistics of one frame."""
-        count = frames.shape[1] // FRAME_SIZE
-        mean = self.normalizer.mean[:FRAME_SIZE].repeat(count)
-        scale = (self.normalizer.variance[:FRAME_SIZE].sqrt() + _NORMALIZER_FLOOR).repeat(count)
+        count = frames.shape[1] // self.frame_size
+        mean = self.normalizer.mean[: self.frame_size].repeat(count)
+        scale = (self.normalizer.variance[: self.frame_size].sqrt() + _NORMALIZER_FLOOR).repeat(count)
         values = ((frames - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
         return values * self.seen.repeat(count)
 
@@ -208,11 +207,11 @@ class Actor(nn.Module):
         encoding = self.estimator(self.normalized_frames(history))
         value = self.estimator.physical(encoding.raw)
         estimate = previous + self._coefficient * (value - previous)
-        return torch.cat((history[:, -FRAME_SIZE:], estimate, encoding.mean), 1), estimate
+        return torch.cat((history[:, -self.frame_size :], estimate, encoding.mean), 1), estimate
 
     def decide(self, perceived: torch.Tensor) -> torch.Tensor:
         """Mean action ``(n, joints)`` from what was perceived ``(n, 69)``."""
-        known = FRAME_SIZE + ESTIMATE_SIZE
+        known = self.frame_size + ESTIMATE_SIZE
         return self.policy(torch.cat((self.normalizer(perceived[:, :known]), perceived[:, known:]), 1))
 
     def forward(
@@ -226,10 +225,11 @@ class Actor(nn.Module):
 class Critic(nn.Module):
     """Value of a state from the clean frame and the true body velocity, height and contacts."""
 
-    def __init__(self, settings: PpoSettings) -> None:
+    def __init__(self, settings: PpoSettings, observation: Observation) -> None:
         super().__init__()
-        self.normalizer = Normalizer(TRUTH_SIZE)
-        self.value = perceptron((TRUTH_SIZE, *settings.hidden, 1))
+        known = observation.frame_size + ESTIMATE_SIZE
+        self.normalizer = Normalizer(known)
+        self.value = perceptron((known, *settings.hidden, 1))
 
     def forward(self, truth: torch.Tensor) -> torch.Tensor:
         """Value ``(n,)`` of what the critic sees ``(n, 53)``."""

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from sprintlab.control import ESTIMATE_SIZE
-from sprintlab.control.observation import FRAME_SIZE
+from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
-from sprintlab.training.learner.networks import TRUTH_SIZE
 
 MIRRORED = ("perceived", "truth", "action", "mean")
 """Fields that change in a mirror; the others are the same for a transition and its image."""
@@ -27,21 +25,21 @@ class Rollout:
         self,
         robots: int,
         steps: int,
-        history: int,
+        observation: Observation,
         latent: int,
-        joints: int,
         device: str,
         mirrored: bool = False,
     ) -> None:
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(robots, steps, *shape, device=device)
 
-        self.robots, self.steps = robots, steps
-        self.history = zeros(history)
-        self.perceived = zeros(FRAME_SIZE + ESTIMATE_SIZE + latent)
-        self.truth = zeros(TRUTH_SIZE)
+        self.robots, self.steps, self.frame_size = robots, steps, observation.frame_size
+        joints, known = observation.joints, observation.frame_size + ESTIMATE_SIZE
+        self.history = zeros(observation.input_size)
+        self.perceived = zeros(known + latent)
+        self.truth = zeros(known)
         self.action, self.mean = zeros(joints), zeros(joints)
-        self.next_frame = zeros(FRAME_SIZE)
+        self.next_frame = zeros(observation.frame_size)
         self.log_probability, self.value = zeros(), zeros()
         self.reward, self.end, self.time_out = zeros(), zeros(), zeros()
         self.advantage, self.returns = zeros(), zeros()
@@ -64,7 +62,7 @@ class Rollout:
         """What the estimator learns from the robots ``first`` to ``last``: views, but for the mask."""
         return EstimatorBatch(
             history=self.history[first:last].flatten(0, 1),
-            truth=self.truth[first:last].flatten(0, 1)[:, FRAME_SIZE:],
+            truth=self.truth[first:last].flatten(0, 1)[:, self.frame_size :],
             next_frame=self.next_frame[first:last].flatten(0, 1),
             valid=1.0 - self.end[first:last].flatten(0, 1),
             noise=noise,

@@ -87,7 +87,9 @@ def export_checkpoint(checkpoint: Path, output: Path, recording: Path | None = N
     recorded = None if recording is None else read_recording(recording)
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
-    data = _with_contract(_onnx_bytes(actor, settings.observation.input_size), state)
+    data = _with_contract(
+        _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size), state
+    )
     replayed, difference = _verify(data, actor, load_robot(settings.robot), recorded)
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, replayed, difference)

@@ -1,0 +1,146 @@
+"""Every policy of the package in MuJoCo and in Drake: what each holds, and at what cost of computing.
+
+    python benchmarks/second_engine.py --store --output results/second_engine/speeds.json
+
+One 100 m and some seeded trials of the raw profile in each engine at one high top speed, with the same draws,
+and with ``--ladder`` one nominal trial at three lower speeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from harness import EVALUATION_PACKAGES, answer, circumstances
+
+from sprintlab.control import load_policy, shipped_policies, shipped_policy
+from sprintlab.core.files import atomic_write_json
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult, TrialResult
+from sprintlab.evaluation.second_engine import STORED, engine_requests, mark, speed_change
+from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.plant import ENGINES, PlantOptions, check_engine, on_engine
+from sprintlab.robots import load_robot
+
+TOP_SPEEDS = {"go1-sprint": 8.0}
+OTHER_TOP_SPEED = 14.0
+LADDER = (0.3, 0.6, 0.85)  # of the top speed
+
+
+def run_in(
+    pool: TrialPool, speed: float, settings: ProtocolSettings, engine: str
+) -> tuple[EngineResult, float]:
+    """The 100 m and the seeded trials, and CPU time for a simulated second."""
+    started = time.process_time()
+    results = pool.run(engine_requests(speed, 100.0, settings, engine))
+    spent = time.process_time() - started
+    sprints = [result for result in results if isinstance(result, SprintResult)]
+    trials = [result for result in results if isinstance(result, TrialResult)]
+    raw = SpeedResult(top_speed=speed, self_paced=False, trials=tuple(trials), required=settings.required)
+    simulated = sum(_duration(trial, settings) for trial in trials) + _sprint_duration(sprints[0])
+    return EngineResult(engine=engine, sprint=sprints[0], raw=raw), spent / simulated
+
+
+def _duration(trial: TrialResult, settings: ProtocolSettings) -> float:
+    whole = 2.0 + 2.0 * trial.top_speed / 4.0 + settings.hold
+    return whole if trial.fall_time is None else trial.fall_time
+
+
+def _sprint_duration(sprint: SprintResult) -> float:
+    """Up to the finish, braking and the last second."""
+    trial = sprint.trial
+    if trial.fall_time is not None:
+        return trial.fall_time
+    return trial.hold_interval[1] + trial.top_speed / 4.0 + 1.0
+
+
+def ladder(pool: TrialPool, top_speed: float, hold: float) -> list[dict[str, Any]]:
+    """Held speed in both engines at lower speeds, one nominal trial each [m/s]."""
+    rows = []
+    for speed in (round(2.0 * share * top_speed) / 2.0 for share in LADDER):
+        plants = {engine: on_engine(PlantOptions(), engine) for engine in ENGINES}
+        requests = [TrialRequest(top_speed=speed, hold=hold, plant=plant) for plant in plants.values()]
+        trials = pool.trials(requests)
+        held = {
+            f"{engine}_held_speed_m_s": round(trial.metrics.held_speed, 3) if trial.completed else None
+            for engine, trial in zip(plants, trials, strict=True)
+        }
+        rows.append({"top_speed_command_m_s": speed, **held})
+    return rows
+
+
+def measure(name: str, path: Path, settings: ProtocolSettings, lower: bool) -> dict[str, Any]:
+    """One policy in both engines."""
+    robot = load_robot(load_policy(path).contract.robot_name)
+    speed = TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
+    with TrialPool(path, robot, workers=1) as pool:
+        runs = {engine: run_in(pool, speed, settings, engine) for engine in ENGINES}
+        rows = ladder(pool, speed, settings.hold) if lower else []
+    first, second = (runs[engine][0] for engine in ENGINES)
+    return {
+        "policy": name,
+        "robot": robot.name,
+        "top_speed_command_m_s": speed,
+        "hold_s": settings.hold,
+        **{
+            engine: _rounded(result.to_dict() | {"cpu_s_per_s": cost})
+            for engine, (result, cost) in runs.items()
+        },
+        "speed_change": _rounded(speed_change(first.raw, second.raw)),
+        "mark": mark(first.raw, second.raw),
+        "ladder": rows,
+    }
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, float):
+        return round(value, 4) if value == value else None
+    return value
+
+
+def parse() -> argparse.Namespace:
+    """The arguments."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("policies", nargs="*", default=sorted(shipped_policies()), help="all when left out")
+    parser.add_argument("--trials", type=int, default=3, help="seeded trials an engine")
+    parser.add_argument("--hold", type=float, default=10.0, help="[s]")
+    parser.add_argument("--ladder", action="store_true", help="also one trial each at three lower speeds")
+    parser.add_argument("--output", type=Path, help="also write JSON there")
+    parser.add_argument(
+        "--store", action="store_true", help="keep the numbers in the package, for its reports"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    return parser.parse_args()
+
+
+def compare(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Every policy asked for, by the SHA-256 of its file."""
+    settings = ProtocolSettings(trials=chosen.trials, required=chosen.trials, hold=chosen.hold)
+    check_engine("drake")
+    rows = {}
+    for name in chosen.policies:
+        path = shipped_policy(name)
+        rows[hashlib.sha256(path.read_bytes()).hexdigest()] = measure(name, path, settings, chosen.ladder)
+    if chosen.store:
+        atomic_write_json(STORED, rows)
+    return {"policies": rows, **circumstances((*EVALUATION_PACKAGES, "drake"))}
+
+
+def show(result: dict[str, Any]) -> None:
+    """A row a policy."""
+    for row in result["policies"].values():
+        held = [f"{engine} {row[engine]['held_speed_m_s']} m/s" for engine in ENGINES]
+        print(row["policy"], "at", row["top_speed_command_m_s"], *held, row["mark"] or "no mark", sep="  ")
+
+
+if __name__ == "__main__":
+    sys.exit(answer(parse, compare, show))

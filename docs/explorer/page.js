@@ -1,0 +1,91 @@
+// The envelope explorer: numbers in, three envelopes out; its state is the page's address.
+"use strict";
+
+(() => {
+  const root = document.getElementById("explorer");
+  if (!root) return;
+  const FIELDS = { R: [1e-3, "mΩ"], L: [1e-6, "µH"], flux: [1e-3, "mWb"], kv: [1, "rpm/V"], pairs: [1, ""], gear: [1, ""], bus: [1, "V"], current: [1, "A"], speed: [1, "rad/s"] };
+  const MODELS = [["refined", "refined", "var(--md-accent-fg-color)", 2.5, ""], ["simplified-dc", "v_d = 0", "#d9480f", 1.8, "7 4"], ["square", "square", "#8a94a3", 1.6, "2 4"]];
+  const input = (name) => root.querySelector(`[name=${name}]`);
+  const value = (name) => Number(input(name).value);
+  const text = (number, digits = 3) => Number.isFinite(number) ? Number(number.toPrecision(digits)).toString() : "no limit";
+
+  function motor() {
+    return { resistance: value("R") * 1e-3, inductance: value("L") * 1e-6, flux: value("flux") * 1e-3,
+      polePairs: value("pairs"), peakCurrent: value("current") };
+  }
+
+  function show(values) {
+    for (const [name, number] of Object.entries(values)) if (input(name)) input(name).value = number;
+  }
+
+  function fromLibrary(entry) {
+    show({ R: text(entry.resistance * 1e3, 5), L: text(entry.inductance * 1e6, 5), flux: text(entry.flux * 1e3, 5),
+      pairs: entry.polePairs, gear: entry.gear, bus: entry.bus, current: text(entry.peakCurrent, 5) });
+    keepKv();
+  }
+
+  function keepKv() { input("kv").value = text(60 / (2 * Math.PI * Math.sqrt(3) * value("pairs") * value("flux") * 1e-3), 5); }
+
+  function curve(one, gear, bus, model, top, side) {
+    return Array.from({ length: 241 }, (_, index) => {
+      const speed = top * (index / 120 - 1);
+      return [speed, gear * motorLaw.limits(one, speed * gear, bus, model)[side]];
+    });
+  }
+
+  function draw() {
+    const one = motor(), gear = value("gear"), bus = value("bus");
+    const given = [one.resistance, one.flux, one.polePairs, one.peakCurrent, gear, bus];
+    const bad = given.some((number) => !(number > 0)) || !(one.inductance >= 0);
+    root.querySelector(".problem").hidden = !bad;
+    if (bad) return;
+    const noLoad = motorLaw.noLoadSpeed(one, bus) / gear, top = 1.15 * noLoad;
+    const peak = gear * motorLaw.torqueConstant(one) * one.peakCurrent;
+    const x = (speed) => 320 + 300 * speed / top, y = (torque) => 180 - 160 * torque / (1.12 * peak);
+    const path = (points) => "M" + points.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join("L");
+    const parts = [`<path d="M20,180H620M320,20V340" class="axis"/>`];
+    const refined = [curve(one, gear, bus, "refined", top, 1), curve(one, gear, bus, "refined", top, 0)];
+    parts.push(`<path d="${path([...refined[0], ...refined[1].reverse()])}Z" class="inside"/>`);
+    for (const [model, , color, width, dash] of MODELS)
+      for (const side of [0, 1])
+        parts.push(`<path d="${path(curve(one, gear, bus, model, top, side))}" fill="none" stroke="${color}" stroke-width="${width}" stroke-dasharray="${dash}"/>`);
+    const speed = Math.min(value("speed"), top);
+    parts.push(`<path d="M${x(speed)},20V340" class="chosen"/>`);
+    parts.push(`<text x="${x(noLoad)}" y="196" text-anchor="middle">${text(noLoad)} rad/s</text><text x="326" y="${y(peak) - 5}">${text(peak)} N m</text>`);
+    root.querySelector("svg").innerHTML = parts.join("");
+    const [without, given_] = ["simplified-dc", "refined"].map((model) => gear * motorLaw.limits(one, speed * gear, bus, model)[1]);
+    const lost = without > 0 ? `${text(100 * (1 - Math.max(given_, 0) / without), 3)} %` : "nothing is left to lose";
+    const rows = [["peak torque on the joint", `${text(peak)} N m`], ["no-load speed of the joint", `${text(noLoad)} rad/s`],
+      ...["refined", "simplified-dc"].map((model) => [`whole peak torque up to (${model === "refined" ? "refined" : "v_d = 0"})`,
+        `${text(motorLaw.criticalSpeed(one, one.peakCurrent, bus, model) / gear)} rad/s`]),
+      [`at ${text(speed)} rad/s: refined, v_d = 0`, `${text(given_)}, ${text(without)} N m`], ["the d-axis costs there", lost]];
+    root.querySelector("tbody").innerHTML = rows.map(([name, shown]) => `<tr><td>${name}</td><td>${shown}</td></tr>`).join("");
+    const state = Object.keys(FIELDS).filter((name) => name !== "kv").map((name) => `${name}=${input(name).value}`).join("&");
+    history.replaceState(null, "", `#${state}`);
+  }
+
+  const choice = input("library");
+  for (const entry of motorLibrary) choice.add(new Option(entry.title, entry.name));
+  choice.addEventListener("change", () => {
+    const entry = motorLibrary.find(({ name }) => name === choice.value);
+    if (entry) { fromLibrary(entry); draw(); }
+  });
+  root.addEventListener("input", (event) => {
+    if (event.target.name === "library") return;
+    if (event.target.name === "kv") input("flux").value = text(1e3 * motorLaw.fluxOfKv(value("kv"), value("pairs")), 5);
+    else keepKv();
+    draw();
+  });
+  root.querySelector("button").addEventListener("click", (event) => {
+    navigator.clipboard?.writeText(location.href);
+    event.target.textContent = "the address of this page holds it";
+  });
+  const shared = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
+  fromLibrary(motorLibrary[0]);
+  show({ speed: 12 });
+  show(Object.fromEntries(Object.entries(shared).filter(([name, number]) => name in FIELDS && number !== "" && Number.isFinite(Number(number)))));
+  keepKv();
+  draw();
+  window.explorer = { motor, draw, fromLibrary };
+})();

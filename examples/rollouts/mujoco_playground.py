@@ -1,0 +1,17 @@
+"""Record a MuJoCo Playground policy for `sprintlab audit`: record(env, policy, steps=500)."""
+
+import jax
+import numpy as np
+
+
+def record(env, policy, steps, path="rollout.npz", seed=0):
+    """Step a Playground `MjxEnv` of a legged robot; `policy` maps its observation to an action."""
+    state, rows = jax.jit(env.reset)(jax.random.PRNGKey(seed)), []
+    step = jax.jit(env.step)
+    for _ in range(steps):
+        state = step(state, policy(state.obs))
+        data = state.data  # the first six velocities are the floating base's
+        rows.append([np.asarray(part) for part in (data.qvel[6:], data.qfrc_actuator[6:], data.qvel[:3])])
+    velocity, torque, base = (np.array(column) for column in zip(*rows, strict=True))
+    time = np.arange(1, steps + 1) * env.dt
+    np.savez(path, time=time, joint_velocity=velocity, joint_torque=torque, base_velocity=base)

@@ -1,0 +1,175 @@
+"""``turning`` and ``lap``: how well a policy follows a path that is not straight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.tables import Printed, in_notebook, plain_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sprintlab.evaluation.lap import LapResult
+    from sprintlab.evaluation.turning import TurningMap
+
+Progress = Callable[[str, float | None], None]
+TURNING_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Turning(Printed):
+    """Achieved over commanded yaw rate of one policy, over speeds and yaw rates.
+
+    Attributes:
+        policy: name of the policy.
+        found: every turn.
+        notes: what differs from the published numbers' plant.
+    """
+
+    policy: str
+    found: TurningMap
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, keys with units; what is undefined is None."""
+        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Gain by speed and share of the largest yaw rate, and the worst of the moderate turns."""
+        from sprintlab.evaluation.turning import turning_rows
+
+        shares = tuple(f"{100 * share:+.0f} %" for share in self.found.settings.fractions)
+        columns = ("speed [m/s]", "largest [rad/s]", *shares)
+        table = plain_table(
+            f"Turning of {self.policy}: achieved over commanded yaw rate", *columns, numbers=columns
+        )
+        for row in turning_rows(self.found):
+            table.add_row(*row)
+        yield table
+        yield "Columns: shares of the largest yaw rate that friction allows (at most 1 rad/s), left positive."
+        least = self.found.least_gain
+        worst = f"{100 * least:.0f} %" if least == least else "undefined, since one fell"
+        yield f"Worst turn with |v w| up to half of mu g: {worst}. Falls: {self.found.falls}."
+        yield from self.notes
+
+    def plot(self) -> Figure:
+        """Commanded and achieved turns over speed and yaw rate."""
+        from sprintlab.evaluation.turning_figure import turning_figure
+
+        return in_notebook(turning_figure(self.found))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Lap(Printed):
+    """One lap of a 400 m track in lane 1.
+
+    Attributes:
+        policy: name of the policy.
+        found: the lap.
+        notes: what differs from the published numbers' plant.
+    """
+
+    policy: str
+    found: LapResult
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, keys with units; what is undefined is None."""
+        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Time, lane, energy, heat."""
+        lap = self.found
+        title = f"{lap.distance:.0f} m in lane 1 with {self.policy}, {lap.trial.top_speed:g} m/s commanded"
+        table = plain_table(title, "quantity", "value", numbers=("value",))
+        fell = f"fell ({lap.trial.fall_reason})" if lap.trial.fall_reason else "not run to its end"
+        time = f"{lap.time:.2f} s" if lap.finished else fell
+        table.add_row("time", time if lap.lane_kept else f"{time} (left the lane)")
+        table.add_row("farthest outside the measured line (lane: 0.92 m)", f"{lap.outward:.2f} m")
+        table.add_row("farthest inside it (kerb: 0.30 m)", f"{lap.inward:.2f} m")
+        table.add_row("energy from the bus", f"{lap.energy / 1000.0:.1f} kJ")
+        if lap.hottest_winding is not None:
+            table.add_row("hottest winding", f"{lap.hottest_winding:.0f} degC")
+        yield table
+        yield from self.notes
+
+    def plot(self) -> Figure:
+        """The path that was run, on the lane."""
+        from sprintlab.evaluation.lap_figure import lap_figure
+
+        return in_notebook(lap_figure(self.found))
+
+
+def turning(
+    policy: PolicyChoice = "sprint",
+    *,
+    robot: RobotChoice = None,
+    speeds: Sequence[float] = TURNING_SPEEDS,
+    drive: DriveOptions | None = None,
+    workers: int | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Turning:
+    """Measure how much of a commanded yaw rate a policy turns with, up to what friction allows.
+
+    Args:
+        policy: a policy file, or the name of one that comes with the package.
+        robot: name, folder or table; that of the policy's contract when left out.
+        speeds: commanded forward speeds [m/s].
+        drive: motor model, battery and heat; the published numbers' when left out.
+        workers: processes; one a core when left out.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
+    """
+    leave_to_the_parent()
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.evaluation.turning import TurningSettings, turning_map
+    from sprintlab.robots import load_robot
+
+    plant = (drive or DriveOptions()).plant()
+    settings, path = TurningSettings(speeds=tuple(speeds), plant=plant), policy_path(policy)
+    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+        found = turning_map(
+            pool, settings, lambda point, share: progress(f"turning at {point.command.speed:g} m/s", share)
+        )
+    return Turning(policy=path.stem, found=found, notes=plant.remarks)
+
+
+def lap(
+    policy: PolicyChoice = "sprint",
+    top_speed: float = 10.0,
+    *,
+    robot: RobotChoice = None,
+    self_paced: bool = False,
+    drive: DriveOptions | None = None,
+) -> Lap:
+    """Run one lap of a standard track in lane 1.
+
+    Args:
+        policy: a policy file, or the name of one that comes with the package.
+        top_speed: commanded speed [m/s].
+        robot: name, folder or table; that of the policy's contract when left out.
+        self_paced: hold the command within 1 m/s of the measured speed.
+        drive: motor model, battery and heat; the published numbers' when left out.
+
+    Raises:
+        SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
+    """
+    from sprintlab.control import check_contract, load_policy
+    from sprintlab.evaluation.lap import run_lap
+    from sprintlab.evaluation.trial import TrialRequest
+    from sprintlab.robots import load_robot
+
+    path, plant = policy_path(policy), (drive or DriveOptions()).plant()
+    request = TrialRequest(top_speed=top_speed, self_paced=self_paced, plant=plant, keep_trajectory=True)
+    loaded, described = load_policy(path), load_robot(robot_for(path, robot))
+    check_contract(loaded.contract, described)
+    return Lap(policy=path.stem, found=run_lap(loaded, described, request), notes=plant.remarks)

@@ -1,0 +1,364 @@
+"""What a motor says of somebody else's rollout: torque that it cannot give, over-speed, power, heat, feet.
+
+Needs joint velocities and torques only; with feet it also tells of slip and of stances shorter than the
+policy's period. Nothing is simulated: the numbers are the motor law over the recorded samples.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sprintlab.core.archives import read_arrays
+from sprintlab.core.checks import check_positive
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_bytes
+from sprintlab.core.theme import LIGHT, Theme, set_title, themed_figure
+from sprintlab.motors import (
+    Gear,
+    PmsmParameters,
+    copper_loss,
+    desaturate,
+    joint_torque,
+    motor_speed,
+    no_load_speed,
+    saturate,
+    shaft_torque,
+    torque_limits,
+)
+
+FloatArray = NDArray[np.float64]
+
+MARGIN = 1e-3
+"""Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
+LARGEST_ROLLOUT = 512 << 20
+"""Most bytes that are read."""
+
+_PER_SAMPLE = ("time",)
+_TABLES = (
+    "joint_velocity",
+    "joint_torque",
+    "joint_position",
+    "base_velocity",
+    "foot_contact",
+    "foot_velocity",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollout:
+    """What was recorded, SI units, one row a sample.
+
+    Attributes:
+        time: ``(T,)`` [s], rising.
+        joint_velocity: ``(T, n)`` [rad/s].
+        joint_torque: ``(T, n)`` what the policy's world put on the joints [N m].
+        joint_names: one a column; ``joint 0``, ... when left out.
+        base_velocity: ``(T, 2)`` or ``(T, 3)``, forward first [m/s]; ``None`` where it was not recorded.
+        foot_contact: ``(T, feet)``, nonzero on the ground; ``None`` where it was not recorded.
+        foot_velocity: ``(T, feet, 2 or 3)`` of the feet over the ground [m/s]; ``None`` likewise.
+
+    Raises:
+        InvalidValueError: fewer than two samples, shapes that do not fit, time that does not rise, or values
+            that are no finite numbers.
+    """
+
+    time: FloatArray
+    joint_velocity: FloatArray
+    joint_torque: FloatArray
+    joint_names: tuple[str, ...] = ()
+    base_velocity: FloatArray | None = None
+    foot_contact: FloatArray | None = None
+    foot_velocity: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.time)
+        if self.time.ndim != 1 or count < 2 or not np.all(np.diff(self.time) > 0.0):
+            raise InvalidValueError("time", f"{count} samples", "at least two, rising [s]")
+        for name in ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity"):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if values.ndim < 2 or len(values) != count:
+                raise InvalidValueError(name, f"shape {values.shape}", f"one row for each of {count} samples")
+            if not np.isfinite(values).all():
+                raise InvalidValueError(name, "NaN or infinity", "finite numbers only")
+        if self.joint_velocity.shape != self.joint_torque.shape:
+            shapes = f"{self.joint_velocity.shape} and {self.joint_torque.shape}"
+            raise InvalidValueError("joint_velocity, joint_torque", shapes, "equal shapes")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints, one a column."""
+        joints = self.joint_velocity.shape[1]
+        return self.joint_names or tuple(f"joint {index}" for index in range(joints))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointVerdict:
+    """One joint of a rollout against its motor. Shares are of the recorded time [-]."""
+
+    name: str
+    impossible: float
+    """Share of the samples with more torque than the motor gives at that speed."""
+    v_d_only: float
+    """Share with torque that the model without d-axis voltage would allow and the motor does not give."""
+    largest_excess: float
+    """Most torque beyond the envelope [N m]."""
+    over_speed: float
+    """Share of the samples beyond the no-load speed."""
+    speed_ratio: float
+    """Highest speed over the no-load speed [-]."""
+    mechanical_power: float
+    """Mean power to the joint, as far as the motor can give it [W]."""
+    copper_loss: float
+    """Mean heat in the winding, of the torque that the motor can give [W]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutVerdict:
+    """A whole rollout against its motors."""
+
+    duration: float
+    """[s]"""
+    joints: tuple[JointVerdict, ...]
+    impossible: float
+    """Share of all joints' samples with more torque than their motors give [-]."""
+    impossible_moments: float
+    """Share of the moments at which at least one joint asks for it [-]."""
+    speed: float | None
+    """Mean forward speed [m/s]."""
+    slip: float | None
+    """Mean way that a foot slides in one stance [m]."""
+    stance: float | None
+    """Median duration of a stance [s]."""
+    stance_periods: float | None
+    """That, over the period of the policy [-]; below 1 a stance is over before the policy can act in it."""
+
+    @property
+    def sentence(self) -> str:
+        """The answer in one sentence."""
+        if self.impossible == 0.0:
+            return "The motors can give every torque of this rollout."
+        worst = max(self.joints, key=lambda joint: joint.impossible)
+        return (
+            f"The policy asks for impossible torque {_percent(self.impossible)} of the time "
+            f"({worst.name}: {_percent(worst.impossible)}, up to {worst.largest_excess:.1f} N m too much)."
+        )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"
+
+
+def audit_rollout(
+    rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_voltage: float, policy_rate: float = 50.0
+) -> RolloutVerdict:
+    """Compare a rollout with its motors.
+
+    Args:
+        rollout: what was recorded.
+        motor: of all joints, or with one element a joint, SI, motor side.
+        gear: likewise.
+        bus_voltage: [V].
+        policy_rate: decisions a second, for the stances [Hz].
+
+    Raises:
+        InvalidValueError: the voltage or rate is not positive, or there are not as many motors as joints.
+    """
+    check_positive("bus_voltage", bus_voltage, "V")
+    check_positive("policy_rate", policy_rate, "Hz")
+    joints = rollout.joint_torque.shape[1]
+    if np.size(motor.peak_torque) not in (1, joints):
+        raise InvalidValueError(
+            "motor", f"{np.size(motor.peak_torque)} motors", f"one, or one for each of {joints} joints"
+        )
+    limits = joint_envelope(motor, gear, bus_voltage, rollout.joint_velocity, "refined")
+    without = joint_envelope(motor, gear, bus_voltage, rollout.joint_velocity, "simplified-dc")
+    reach = MARGIN * np.asarray(joint_torque(gear, motor.peak_torque))
+    excess = np.maximum(np.maximum(rollout.joint_torque - limits[1], limits[0] - rollout.joint_torque), 0.0)
+    beyond = excess > reach
+    allowed = (rollout.joint_torque <= without[1] + reach) & (rollout.joint_torque >= without[0] - reach)
+    given = np.clip(rollout.joint_torque, limits[0], limits[1])
+    shaft = desaturate(motor, shaft_torque(gear, given, rollout.joint_velocity))
+    heat = np.broadcast_to(np.asarray(copper_loss(motor, shaft)), excess.shape)
+    speed = np.abs(np.asarray(motor_speed(gear, rollout.joint_velocity)))
+    ratio = speed / np.asarray(no_load_speed(motor, bus_voltage))
+    verdicts = tuple(
+        JointVerdict(
+            name=name,
+            impossible=float(beyond[:, joint].mean()),
+            v_d_only=float((beyond & allowed)[:, joint].mean()),
+            largest_excess=float(excess[:, joint].max()),
+            over_speed=float((ratio[:, joint] > 1.0).mean()),
+            speed_ratio=float(ratio[:, joint].max()),
+            mechanical_power=float((given * rollout.joint_velocity)[:, joint].mean()),
+            copper_loss=float(heat[:, joint].mean()),
+        )
+        for joint, name in enumerate(rollout.names)
+    )
+    stance = _median_stance(rollout)
+    return RolloutVerdict(
+        duration=float(rollout.time[-1] - rollout.time[0]),
+        joints=verdicts,
+        impossible=float(beyond.mean()),
+        impossible_moments=float(beyond.any(axis=1).mean()),
+        speed=None if rollout.base_velocity is None else float(rollout.base_velocity[:, 0].mean()),
+        slip=_slip(rollout),
+        stance=stance,
+        stance_periods=None if stance is None else stance * policy_rate,
+    )
+
+
+def joint_envelope(
+    motor: PmsmParameters, gear: Gear, bus_voltage: float, velocity: FloatArray, model: Any
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest torque on the joints at joint velocities, saturation and gear in, same shape."""
+    limits = torque_limits(motor, motor_speed(gear, velocity), bus_voltage, model=model)
+    lower, upper = (
+        np.asarray(joint_torque(gear, saturate(motor, limit), velocity), dtype=float) for limit in limits
+    )
+    return lower, upper
+
+
+def _stances(contact: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First sample and the one after the last of every whole stance of one foot."""
+    change = np.flatnonzero(np.diff(contact.astype(np.int8)))
+    down, up = change[~contact[change]] + 1, change[contact[change]] + 1
+    up = up[up > down[0]] if len(down) else up[:0]
+    return list(zip(down.tolist(), up.tolist(), strict=False))
+
+
+def _median_stance(rollout: Rollout) -> float | None:
+    """Median duration of a stance [s]; ``None`` where no whole one was recorded."""
+    if rollout.foot_contact is None:
+        return None
+    spans = [
+        rollout.time[end] - rollout.time[start]
+        for foot in (rollout.foot_contact != 0.0).T
+        for start, end in _stances(foot)
+    ]
+    return float(np.median(spans)) if spans else None
+
+
+def _slip(rollout: Rollout) -> float | None:
+    """Mean way that a foot slides in a stance [m]; ``None`` where feet were not recorded."""
+    if rollout.foot_contact is None or rollout.foot_velocity is None:
+        return None
+    step = np.diff(rollout.time, append=rollout.time[-1])
+    way = np.linalg.norm(rollout.foot_velocity[..., :2], axis=-1) * step[:, None]
+    ways = [
+        way[start:end, foot].sum()
+        for foot in range(way.shape[1])
+        for start, end in _stances(rollout.foot_contact[:, foot] != 0.0)
+    ]
+    return float(np.mean(ways)) if ways else None
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def load_rollout(path: str | Path) -> Rollout:
+    """Read a rollout from CSV or NPZ.
+
+    NPZ: the arrays of ``Rollout`` by name. CSV: a header with ``time`` and, for every table, columns whose
+    names begin with the table's, e.g. ``joint_velocity_FL_hip`` or ``joint_velocity_0``; feet have
+    ``foot_velocity_FL_x`` and ``foot_velocity_FL_y``.
+
+    Raises:
+        SprintlabError: missing, too large, damaged, or another kind of file.
+        InvalidValueError: a table is missing, or holds what ``Rollout`` refuses.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".npz":
+        arrays = read_arrays(path, (*_PER_SAMPLE, *_TABLES, "joint_names"), wanted="no rollout (NPZ)")
+        names = tuple(map(str, arrays.pop("joint_names", np.array([]))))
+        return rollout_of(arrays, names)
+    if path.suffix.lower() == ".csv":
+        return _from_csv(read_bytes(path, LARGEST_ROLLOUT, what="rollout").decode("utf-8", "replace"), path)
+    raise SprintlabError(f"{path}: a rollout is a .csv, .npz or .mcap file")
+
+
+def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
+    """A rollout from arrays by name.
+
+    Raises:
+        InvalidValueError: time, velocities or torques are missing, or are refused by ``Rollout``.
+    """
+    missing = [name for name in ("time", "joint_velocity", "joint_torque") if name not in arrays]
+    if missing:
+        raise InvalidValueError("columns", ", ".join(sorted(arrays)) or "none", f"{', '.join(missing)} too")
+    try:
+        found = {name: np.asarray(arrays[name], dtype=float) for name in arrays if name != "joint_position"}
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError("rollout", "text", "numbers only") from error
+    return Rollout(joint_names=tuple(names), **found)
+
+
+def _from_csv(text: str, path: Path) -> Rollout:
+    rows = list(csv.reader(io.StringIO(text)))
+    if len(rows) < 3:
+        raise SprintlabError(f"{path} holds no header and two samples")
+    header = [name.strip() for name in rows[0]]
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:] if row])
+    except ValueError as error:
+        raise SprintlabError(f"{path} holds what is no table of numbers: {error}") from error
+    if table.ndim != 2 or table.shape[1] != len(header):
+        raise SprintlabError(f"{path}: every row needs {len(header)} numbers, as the header has names")
+    columns = {
+        name: [at for at, head in enumerate(header) if head.startswith(f"{name}_")] for name in _TABLES
+    }
+    arrays = {name: table[:, chosen] for name, chosen in columns.items() if chosen}
+    if "time" in header:
+        arrays["time"] = table[:, header.index("time")]
+    if "foot_velocity" in arrays:
+        feet = len(columns["foot_contact"]) or len(columns["foot_velocity"]) // 2
+        arrays["foot_velocity"] = arrays["foot_velocity"].reshape(len(table), feet, -1)
+    names = [header[at].removeprefix("joint_velocity_") for at in columns["joint_velocity"]]
+    return rollout_of(arrays, names)
+
+
+# --- picture ------------------------------------------------------------------------------------------------
+
+
+def rollout_figure(
+    rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_voltage: float, theme: Theme = LIGHT
+) -> Figure:
+    """Torque over speed of every joint on what its motor gives; red is what it does not."""
+    joints = rollout.joint_torque.shape[1]
+    columns = min(joints, 4)
+    rows = -(-joints // columns)
+    figure, axes = themed_figure(theme, (3.0 * columns + 0.6, 2.6 * rows + 0.4), rows, columns)
+    limits = joint_envelope(motor, gear, bus_voltage, rollout.joint_velocity, "refined")
+    reach = MARGIN * np.asarray(joint_torque(gear, motor.peak_torque))
+    beyond = (rollout.joint_torque > limits[1] + reach) | (rollout.joint_torque < limits[0] - reach)
+    top = 1.08 * max(
+        float(np.abs(rollout.joint_velocity).max()),
+        float(np.max(no_load_speed(motor, bus_voltage) / np.asarray(gear.ratio))),
+    )
+    grid = np.repeat(np.linspace(-top, top, 401)[:, None], joints, axis=1)
+    lower, upper = joint_envelope(motor, gear, bus_voltage, grid, "refined")
+    for joint, axis in enumerate(axes):
+        if joint >= joints:
+            axis.remove()
+            continue
+        axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=theme.envelope, linewidth=0)
+        for mask, color in ((~beyond[:, joint], theme.inside), (beyond[:, joint], theme.on_limit)):
+            speed, torque = rollout.joint_velocity[mask, joint], rollout.joint_torque[mask, joint]
+            axis.scatter(speed, torque, s=2.5, color=color, alpha=0.5, linewidths=0, rasterized=True)
+        set_title(axis, rollout.names[joint], theme)
+        share = _percent(float(beyond[:, joint].mean()))
+        axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=theme.muted)
+        axis.set_xlabel("joint speed [rad/s]")
+        if joint % columns == 0:
+            axis.set_ylabel("joint torque [N m]")
+    return figure

@@ -1,0 +1,27 @@
+"""``sprintlab turning`` and ``sprintlab lap``: what they print, draw and refuse."""
+
+import json
+
+
+def test_a_policy_that_stands_is_mapped(call, policy, tmp_path):
+    figure = tmp_path / "turning.svg"
+    outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--json", "--figure", figure)
+    numbers = json.loads(outcome.out)
+    assert outcome.status == 0 and numbers["falls"] == 0
+    assert {turn["command_speed_m_s"] for turn in numbers["turns"]} == {0.0}
+    assert all(abs(turn["gain"]) < 0.05 for turn in numbers["turns"])
+    assert figure.read_text().startswith("<?xml")
+
+
+def test_the_map_is_a_table(call, policy):
+    outcome = call("turning", policy, "--speeds", 0, "--workers", 1)
+    assert "half of mu g" in outcome.out and "+50 %" in outcome.out
+
+
+def test_bad_input_is_refused_before_anything_runs(call, policy, tmp_path):
+    assert "turning.speeds" in call("turning", policy, "--speeds", 99).err
+    assert "lap.top_speed" in call("lap", policy, "--top-speed", 0.5).err
+    for command in ("turning", "lap"):
+        outcome = call(command, policy, "--figure", tmp_path / "picture.gif")
+        assert outcome.status == 2 and ".png" in outcome.err
+        assert call(command, "gallop").status == 2

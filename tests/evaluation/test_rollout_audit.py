@@ -1,0 +1,160 @@
+"""Somebody else's rollout against a motor: made so that the right answer is known."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sprintlab.cli.main import main
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.evaluation.rollout_audit import (
+    Rollout,
+    audit_rollout,
+    joint_envelope,
+    load_rollout,
+    rollout_figure,
+)
+from sprintlab.motors import library_motors, load_library_motor, no_load_speed
+
+ACTUATOR = load_library_motor(library_motors()[0])
+MOTOR, GEAR, BUS = ACTUATOR.motor, ACTUATOR.gear, ACTUATOR.bus_voltage
+COUNT = 1000
+
+
+@pytest.fixture
+def rollout():
+    """Two joints inside the envelope, a foot that stands 0.1 s of every 0.2 s and slides at 0.05 m/s."""
+    time = np.arange(COUNT) / 1000.0
+    top = float(no_load_speed(MOTOR, BUS)) / float(GEAR.ratio)
+    phase = 2.0 * np.pi * time[:, None] + np.array([0.0, 1.0])
+    velocity = 0.9 * top * np.sin(phase)
+    lower, upper = joint_envelope(MOTOR, GEAR, BUS, velocity, "refined")
+    share = 0.5 + 0.49 * np.cos(3.0 * phase)
+    contact = ((np.arange(COUNT) // 100) % 2 == 1).astype(float)[:, None]
+    return Rollout(
+        time=time,
+        joint_velocity=velocity,
+        joint_torque=lower + share * (upper - lower),
+        joint_names=("hip", "knee"),
+        base_velocity=np.tile([3.0, 0.0], (COUNT, 1)),
+        foot_contact=contact,
+        foot_velocity=np.tile([[[0.05, 0.0]]], (COUNT, 1, 1)),
+    )
+
+
+def test_what_lies_inside_the_envelope_is_possible(rollout):
+    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    assert verdict.impossible == 0.0 and "can give every torque" in verdict.sentence
+    assert verdict.speed == pytest.approx(3.0)
+    assert max(joint.speed_ratio for joint in verdict.joints) == pytest.approx(0.9, abs=1e-3)
+
+
+def test_every_impossible_sample_is_counted(rollout):
+    lower, upper = joint_envelope(MOTOR, GEAR, BUS, rollout.joint_velocity, "refined")
+    torque = rollout.joint_torque.copy()
+    torque[:140, 1] = upper[:140, 1] + 5.0
+    torque[140:200, 1] = lower[140:200, 1] - 2.0
+    verdict = audit_rollout(replace(rollout, joint_torque=torque), MOTOR, GEAR, BUS)
+    hip, knee = verdict.joints
+    assert (hip.impossible, knee.impossible) == (0.0, pytest.approx(0.2))
+    assert verdict.impossible == pytest.approx(0.1) and verdict.impossible_moments == pytest.approx(0.2)
+    assert knee.largest_excess == pytest.approx(5.0)
+    assert "10 % of the time (knee: 20 %, up to 5.0 N m too much)" in verdict.sentence
+
+
+def test_torque_that_only_v_d_forbids_is_told_apart(rollout):
+    velocity = rollout.joint_velocity
+    _, refined = joint_envelope(MOTOR, GEAR, BUS, velocity, "refined")
+    _, without = joint_envelope(MOTOR, GEAR, BUS, velocity, "simplified-dc")
+    verdict = audit_rollout(replace(rollout, joint_torque=0.5 * (refined + without)), MOTOR, GEAR, BUS)
+    for joint in verdict.joints:
+        assert joint.v_d_only == joint.impossible
+    assert verdict.impossible > 0.0
+
+
+def test_over_speed_is_counted(rollout):
+    fast = replace(
+        rollout, joint_velocity=rollout.joint_velocity * 2.0, joint_torque=0.0 * rollout.joint_torque
+    )
+    verdict = audit_rollout(fast, MOTOR, GEAR, BUS)
+    share = np.mean(np.abs(1.8 * np.sin(2.0 * np.pi * rollout.time)) > 1.0)
+    assert verdict.joints[0].over_speed == pytest.approx(share)
+
+
+def test_stances_and_slip(rollout):
+    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS, policy_rate=20.0)
+    assert verdict.stance == pytest.approx(0.1)
+    assert verdict.stance_periods == pytest.approx(2.0)
+    assert verdict.slip == pytest.approx(0.005)
+
+
+def write_csv(path, rollout):
+    names = ["time"]
+    columns = [rollout.time[:, None], rollout.joint_velocity, rollout.joint_torque, rollout.base_velocity]
+    names += [f"joint_velocity_{name}" for name in rollout.names]
+    names += [f"joint_torque_{name}" for name in rollout.names]
+    names += [
+        "base_velocity_x",
+        "base_velocity_y",
+        "foot_contact_FL",
+        "foot_velocity_FL_x",
+        "foot_velocity_FL_y",
+    ]
+    columns += [rollout.foot_contact, rollout.foot_velocity.reshape(COUNT, -1)]
+    np.savetxt(path, np.hstack(columns), delimiter=",", header=",".join(names), comments="")
+
+
+def test_csv_npz_and_arrays_give_one_answer(rollout, tmp_path):
+    write_csv(tmp_path / "run.csv", rollout)
+    fields = ("time", "joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity")
+    arrays = {name: getattr(rollout, name) for name in fields}
+    np.savez(tmp_path / "run.npz", joint_names=np.array(rollout.names), **arrays)
+    expected = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    for name in ("run.csv", "run.npz"):
+        verdict = audit_rollout(load_rollout(tmp_path / name), MOTOR, GEAR, BUS)
+        assert verdict.sentence == expected.sentence
+        assert verdict.slip == pytest.approx(expected.slip)
+        assert [joint.name for joint in verdict.joints] == ["hip", "knee"]
+
+
+def test_the_command_answers_and_draws(rollout, tmp_path, capsys):
+    write_csv(tmp_path / "run.csv", rollout)
+    arguments = ["audit", str(tmp_path / "run.csv"), "--motor", ACTUATOR.name, "--bus-voltage", str(BUS / 2)]
+    assert main([*arguments, "--figure", str(tmp_path / "run.svg"), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert 0.0 < answer["impossible"] < 1.0 and "impossible torque" in answer["sentence"]
+    assert (tmp_path / "run.svg").read_bytes().startswith(b"<?xml")
+    assert main(arguments) == 0
+    assert "The policy asks for impossible torque" in capsys.readouterr().out
+
+
+def test_the_picture_has_a_panel_a_joint(rollout):
+    figure = rollout_figure(rollout, MOTOR, GEAR, BUS)
+    assert [axis.get_title("left") for axis in figure.axes] == ["hip", "knee"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,joint_velocity_0\n0,1\n1,2\n", "joint_torque too"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n0,1,1\n", "rising"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1,nan\n1,1,1\n", "finite"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,x\n", "no table of numbers"),
+        ("time\n", "no header and two samples"),
+    ],
+)
+def test_unusable_recordings_are_refused(tmp_path, text, message):
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(SprintlabError, match=message):
+        load_rollout(tmp_path / "run.csv")
+
+
+def test_another_kind_of_file_is_refused(tmp_path):
+    with pytest.raises(SprintlabError, match=r"\.csv, \.npz or \.mcap"):
+        load_rollout(tmp_path / "run.pkl")
+
+
+def test_as_many_motors_as_joints(rollout, robot):
+    with pytest.raises(InvalidValueError, match="12 motors"):
+        audit_rollout(rollout, robot.motors, robot.gear, 60.0)

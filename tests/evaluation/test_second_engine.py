@@ -1,0 +1,115 @@
+"""Two engines side by side: the rows, the mark, what is stored of the policies of the package."""
+
+import hashlib
+import json
+
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.evaluation import second_engine
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.report import make_pictures, render_report
+from sprintlab.evaluation.report_text import engine_fault, engine_table
+from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult
+from sprintlab.evaluation.second_engine import (
+    comparison_sentence,
+    engine_requests,
+    mark,
+    speed_change,
+    stored_comparison,
+    stored_remark,
+)
+from sprintlab.plant import DRAKE_TIMESTEP
+
+SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5)
+
+
+@pytest.fixture
+def make_run(make_trial):
+    def build(engine: str, held: float = 10.0, falls: int = 0) -> EngineResult:
+        good = [make_trial(held_speed=held) for _ in range(3 - falls)]
+        fallen = [make_trial(completed=False) for _ in range(falls)]
+        raw = SpeedResult(top_speed=10.0, self_paced=False, trials=(*good, *fallen), required=3)
+        sprint = SprintResult(distance=100.0, time=12.0, trial=raw.trials[0])
+        return EngineResult(engine=engine, sprint=sprint, raw=raw)
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("held", "falls", "words"),
+    [
+        (10.0, 0, ""),
+        (9.1, 0, ""),
+        (11.5, 0, ""),
+        (8.9, 0, "it holds 11 % less speed"),
+        (10.0, 1, "1 of 3 trials fell"),
+        (8.0, 2, "2 of 3 trials fell and it holds 20 % less speed"),
+        (10.0, 3, "3 of 3 trials fell"),
+    ],
+)
+def test_mark(make_run, held, falls, words):
+    first, second = make_run("mujoco"), make_run("drake", held, falls)
+    assert mark(first.raw, second.raw) == words
+    assert comparison_sentence(first, second).endswith(f"{words}." if falls < 3 else "MuJoCo's alone.")
+
+
+def test_falls_in_both_engines_are_no_fault_of_the_second(make_run):
+    assert mark(make_run("mujoco", falls=1).raw, make_run("drake", falls=1).raw) == ""
+
+
+def test_speed_change(make_run):
+    assert speed_change(make_run("mujoco", 8.0).raw, make_run("drake", 10.0).raw) == pytest.approx(0.25)
+    assert speed_change(make_run("mujoco", falls=3).raw, make_run("drake").raw) != 0.0
+
+
+def test_the_second_engine_runs_what_the_first_ran():
+    pytest.importorskip("pydrake", reason="needs drake: pip install 'sprintlab[drake]'")
+    sprint, *trials = engine_requests(9.0, 50.0, ProtocolSettings(trials=3, required=3, hold=2.0), "drake")
+    assert sprint.distance == 50.0 and sprint.top_speed == 9.0
+    expected = ProtocolSettings(trials=3, required=3, hold=2.0).requests(9.0, False)
+    assert [trial.settings for trial in trials] == [trial.settings for trial in expected]
+    assert all(trial.plant.engine == "drake" and trial.plant.timestep == DRAKE_TIMESTEP for trial in trials)
+
+
+def test_race_in_both_engines(standing_policy, robot):
+    """Numbers in result.json, a table and a sentence in the report; standing still earns no mark."""
+    pytest.importorskip("pydrake", reason="needs drake: pip install 'sprintlab[drake]'")
+    race = evaluate_race(
+        standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, second_engine="drake", workers=1
+    )
+    numbers = race.to_dict()
+    assert numbers["engine"] == "mujoco"
+    second = numbers["second_engine"]
+    assert second["engine"] == "drake" and second["trials"] == 1 and second["falls"] == 0
+    assert second["held_speed_m_s"] == pytest.approx(numbers["held_speed_m_s"], abs=0.05)
+    assert numbers == json.loads(json.dumps(numbers, allow_nan=False))
+    table = engine_table(race)
+    assert table is not None and table["names"] == ["MuJoCo", "Drake"]
+    assert ("falls", "0 of 1", "0 of 1", "") in table["rows"]
+    page = render_report(race, robot, make_pictures(race, robot))
+    assert "Two physics engines" in page and "In Drake, the second engine" in page
+    assert engine_fault(race) == ""
+
+
+def test_an_unknown_engine_is_refused():
+    with pytest.raises(InvalidValueError, match=r"plant\.engine"):
+        engine_requests(9.0, 50.0, SHORT, "bullet")
+
+
+def test_stored_numbers_belong_to_one_file(tmp_path, monkeypatch):
+    policy, store = tmp_path / "a.onnx", tmp_path / "second_engine.json"
+    policy.write_bytes(b"policy")
+    row = {
+        "top_speed_command_m_s": 12.0,
+        "mujoco": {"held_speed_m_s": 11.0},
+        "drake": {"held_speed_m_s": 9.0},
+        "mark": "it holds 18 % less speed",
+    }
+    store.write_text(json.dumps({hashlib.sha256(b"policy").hexdigest(): row}))
+    monkeypatch.setattr(second_engine, "STORED", store)
+    assert stored_comparison(policy) == row
+    assert "11.00 m/s in MuJoCo and 9.00 m/s in Drake; MARKED" in stored_remark(policy)
+    policy.write_bytes(b"another policy")
+    assert stored_comparison(policy) is None and stored_remark(policy) == ""
