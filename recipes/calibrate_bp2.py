@@ -21,9 +21,11 @@ from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.axes import Axes
 from rich.progress import Progress
 
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
 from sprintlab.motors import no_load_speed
 from sprintlab.robots import RobotDescription
 from sprintlab.robots.surrogate import EDITIONS, Surrogate, surrogate_robot
@@ -44,18 +46,26 @@ SCREEN_STARTS, FINE_STARTS = 1, 8
 STACKS = (1.4, 1.6, 1.8, 2.0)
 HIP_GEARS, KNEE_GEARS = (7.0, 7.5, 8.0, 8.5), (7.0, 8.0)
 FINE = (
-    "1.5/7.75/7/800/1",
+    "1.4/8/7/800/1",
+    "1.4/8.25/7/800/1",
+    "1.4/8.25/7.5/800/1",
     "1.5/8/7/800/1",
     "1.5/8.25/7/800/1",
     "1.6/7.75/7/800/1",
     "1.6/8/7/800/1",
     "1.6/8/7.5/800/1",
-    "1.6/8.25/7/800/1",
-    "1.7/7.75/7/800/1",
 )
 """Where the coarse grid says that all rules may just hold."""
-SPRINGS_AND_LEGS = ("1.6/8/7/400/1", "1.6/8/7/1600/1", "1.6/8/7/800/0.95", "1.6/8/7/800/1.05")
+SPRINGS_AND_LEGS = (
+    "1.4/8.25/7/500/1",
+    "1.4/8.25/7/1200/1",
+    "1.4/8.25/7/800/0.95",
+    "1.4/8.25/7/800/1.05",
+)
 RESULT = Path("results/speed_limit/bp2.json")
+POLICIES, FIGURE = Path("results/speed_limit/robots.json"), Path("docs/images/bp2-calibration.png")
+REFINED, SIMPLIFIED_GAIN, SQUARE_GAIN = 13.2, 0.02, 0.09
+COLORS = (*LIGHT.legs, LIGHT.second, LIGHT.speed, LIGHT.muted)
 FACTS = ("frequency", "duty", "peak_force", "hip_full", "knee_full", "mechanical_power", "copper_loss")
 
 
@@ -214,6 +224,87 @@ class Calibration:
         atomic_write_text(self.path, text)
 
 
+# --- rules and picture --------------------------------------------------------------------------------------
+
+
+def rules(cell: dict[str, Any], mass: float = 36.5) -> dict[str, bool]:
+    """Which rules of docs/speed-limit.md a cell meets."""
+    refined, simplified, square = (cell["limits"][model]["speed"] for model in MODELS)
+    without = cell.get("without")
+    return {
+        "refined limit": refined >= REFINED,
+        "voltage binds": simplified >= (1.0 + SIMPLIFIED_GAIN) * refined
+        and square >= (1.0 + SQUARE_GAIN) * refined,
+        "hips stop it": without is None or without["hip"] > without["knee"],
+        "joints": all(2.5 <= torque / mass <= 4.5 for torque in cell["peak_torque"])
+        and all(26.0 <= speed <= 37.0 for speed in cell["no_load"]),
+    }
+
+
+def draw(cells: dict[str, Any], path: Path) -> None:
+    """The map and the policies of the package under the limits of their robots."""
+    figure, axes = themed_figure(LIGHT, (12.0, 3.9), 1, 3)
+    _draw_map(axes[0], cells)
+    _draw_gains(axes[1], cells)
+    _draw_policies(axes[2])
+    save_figure(path, figure, dpi=90)
+
+
+def _rows(cells: dict[str, Any]) -> dict[float, list[tuple[float, dict[str, Any]]]]:
+    """Cells with the knee gear, springs and legs of the choice: hip gear and cell, by stack."""
+    rows: dict[float, list[tuple[float, dict[str, Any]]]] = {}
+    for key in cells:
+        choice = choice_of(key)
+        if (choice.knee_gear, choice.spring, choice.leg) == (7.0, 800.0, 1.0):
+            rows.setdefault(choice.stack, []).append((choice.hip_gear, cells[key]))
+    return {stack: sorted(row, key=lambda item: item[0]) for stack, row in sorted(rows.items())}
+
+
+def _draw_map(axes: Axes, cells: dict[str, Any]) -> None:
+    for color, (stack, row) in zip(COLORS, _rows(cells).items(), strict=False):
+        gears, speeds = [gear for gear, _ in row], [cell["limits"]["refined"]["speed"] for _, cell in row]
+        axes.plot(gears, speeds, color=color, label=f"stack {stack:g}")
+        for gear, cell in row:
+            fill = color if all(rules(cell).values()) else "none"
+            axes.plot(gear, cell["limits"]["refined"]["speed"], "o", color=color, mfc=fill)
+    chosen = EDITIONS["bp2"]
+    speed = cells[key_of(chosen)]["limits"]["refined"]["speed"]
+    axes.plot(chosen.hip_gear, speed, "*", ms=15, color=LIGHT.foreground, label="bp2")
+    axes.axhline(REFINED, color=LIGHT.muted, ls="--")
+    axes.set(xlabel="gear ratio of the hip", ylabel="refined limit [m/s]")
+    set_title(axes, "Limit; filled: all rules hold", LIGHT)
+    axis_legend(axes, LIGHT)
+
+
+def _draw_gains(axes: Axes, cells: dict[str, Any]) -> None:
+    for color, (stack, row) in zip(COLORS, _rows(cells).items(), strict=False):
+        for model, style in (("simplified-dc", ":"), ("square", "-")):
+            gains = [
+                100.0 * (cell["limits"][model]["speed"] / cell["limits"]["refined"]["speed"] - 1.0)
+                for _, cell in row
+            ]
+            label = f"{model}, stack {stack:g}" if stack == EDITIONS["bp2"].stack else None
+            axes.plot([gear for gear, _ in row], gains, style, marker=".", color=color, label=label)
+    for gain in (SIMPLIFIED_GAIN, SQUARE_GAIN):
+        axes.axhline(100.0 * gain, color=LIGHT.muted, ls="--")
+    axes.set(xlabel="gear ratio of the hip", ylabel="above the refined limit [%]")
+    set_title(axes, "What other motor models promise", LIGHT)
+    axis_legend(axes, LIGHT)
+
+
+def _draw_policies(axes: Axes) -> None:
+    rows = json.loads(POLICIES.read_text(encoding="utf-8"))["robots"]
+    for place, row in enumerate(rows.values()):
+        axes.barh(place, row["limit_m_s"], color=LIGHT.muted, alpha=0.4)
+        for index, (policy, speed) in enumerate(row["policies"].items()):
+            axes.plot(speed, place, "o", color=LIGHT.speed)
+            text, shift = f"{policy} {speed:.2f}", (-4, 7 - 18 * index)
+            axes.annotate(text, (speed, place), shift, textcoords="offset points", ha="right", fontsize=7)
+    axes.set_yticks(range(len(rows)), [f"{name}\n{row['strides']}" for name, row in rows.items()])
+    axes.set(xlabel="limit (bar) and policies (dots) [m/s]")
+    set_title(axes, "Robots, limits, policies", LIGHT)
+
+
 def main(workers: int = 2, result: Path = RESULT) -> None:
     """The whole walk: the grid with one start, the cells at its edge of the rules with eight.
 
@@ -226,6 +317,7 @@ def main(workers: int = 2, result: Path = RESULT) -> None:
     calibration.add(near, SCREEN_STARTS)
     calibration.add([choice_of(key) for key in FINE], FINE_STARTS, lift=True)
     calibration.add([choice_of(key) for key in SPRINGS_AND_LEGS], FINE_STARTS)
+    draw(calibration.cells, FIGURE)
 
 
 if __name__ == "__main__":

@@ -19,9 +19,9 @@ from sprintlab.core.errors import InvalidValueError
 def test_profile_of_twelve_metres_a_second():
     profile = SpeedProfile(top_speed=12.0)
     assert [phase.name for phase in profile.phases] == ["stand", "rise", "hold", "fall", "stand"]
-    assert profile.duration == 12.0
-    assert profile.hold_interval == (4.0, 8.0)
-    times = np.array([-1.0, 0.0, 1.0, 2.5, 4.0, 6.0, 8.0, 9.0, 11.0, 12.0, 99.0])
+    assert profile.duration == 19.0
+    assert profile.hold_interval == (4.0, 14.0)
+    times = np.array([-1.0, 0.0, 1.0, 2.5, 4.0, 6.0, 14.0, 15.0, 17.0, 19.0, 99.0])
     expected = [0.0, 0.0, 0.0, 6.0, 12.0, 12.0, 12.0, 8.0, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(profile.command(times), expected, atol=1e-12)
     assert float(profile.command(2.5)) == 6.0

@@ -109,3 +109,90 @@ def test_long_shank_is_a_robot(example):
     assert "longshank" in robot_names()
     assert names["robot"].standing_height > load_robot("bp2").standing_height
     assert names["model"].nu == 12
+
+
+def _through(settings, folder):
+    """Train an iteration, export, race one metre; returns the result and the settings as they were kept."""
+    from dataclasses import replace
+
+    from sprintlab.api.search import protocol_settings
+    from sprintlab.api.training import export, train_settings
+    from sprintlab.evaluation.race import evaluate_race
+    from sprintlab.robots import load_robot
+    from sprintlab.training.runs.checkpoint import read_checkpoint
+
+    settings = replace(settings, ppo=replace(settings.ppo, steps=2, mini_batches=1, epochs=1))
+    checkpoint = train_settings(
+        settings,
+        output=folder / "run",
+        iterations=1,
+        environments=2,
+        device="cpu",
+        fused=False,
+        tensorboard=False,
+        cloud=False,
+        keep_schedule=True,
+    )
+    policy = export(checkpoint, folder / "policy.onnx")
+    result = evaluate_race(
+        policy,
+        load_robot(settings.robot),
+        top_speed=0.5,
+        distance=1.0,
+        settings=protocol_settings(1, 0),
+        workers=1,
+    )
+    return result, read_checkpoint(checkpoint)
+
+
+def _training():
+    pytest.importorskip("mujoco_warp")
+    from sprintlab.training.settings import TrainingSettings
+
+    return TrainingSettings
+
+
+@pytest.mark.slow
+def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
+    settings = _training()(schedule=example("A command schedule")["StaircaseSchedule"]())
+    result, kept = _through(settings, tmp_path)
+    assert result.robot == "bp2" and kept["settings"].schedule.path == "example:StaircaseSchedule"
+
+
+@pytest.mark.slow
+def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
+    _training()
+    from sprintlab.training.environment import rewards
+
+    known = dict(rewards.PENALTIES)
+    try:
+        result, kept = _through(example("A reward term")["settings"], tmp_path)
+    finally:
+        rewards.PENALTIES.clear()
+        rewards.PENALTIES.update(known)
+    assert result.robot == "bp2"
+    assert any("sideways_velocity" in name for name in kept["progress"].log[0])
+    assert kept["settings"].rewards.values["sideways_velocity"].second == -2.0
+
+
+@pytest.mark.slow
+def test_a_robot_of_ones_own_trains_exports_and_races(example, tmp_path):
+    example("A robot")
+    result, kept = _through(_training()(robot="longshank"), tmp_path)
+    assert result.robot == kept["settings"].robot == "longshank"
+
+
+def test_a_schedule_that_lacks_something_is_refused_before_the_training(tmp_path):
+    from sprintlab.commands import check_schedule
+    from sprintlab.core.errors import InvalidValueError
+
+    class Old:
+        targets = None
+
+        def advance(self, state, *, speed, dt, lower, upper, friction, fresh, random, weights=None):
+            return state
+
+    with pytest.raises(InvalidValueError, match="must take steady"):
+        check_schedule(Old())
+    with pytest.raises(InvalidValueError, match="needs targets and advance"):
+        check_schedule(3)

@@ -8,6 +8,7 @@ import pytest
 
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.evaluation import trial as trial_module
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
@@ -25,7 +26,7 @@ def test_a_standing_policy_completes_without_moving(stander, robot):
     assert abs(result.metrics.held_speed) < 0.01
     assert result.audit.passed
     assert result.hold_interval == (1.125, 2.125)
-    assert result.trajectory.time[-1] == pytest.approx(3.25, abs=0.02)
+    assert result.trajectory.time[-1] == pytest.approx(4.25, abs=0.02)
     assert np.diff(result.trajectory.time) == pytest.approx(0.002)
 
 
@@ -144,3 +145,13 @@ def test_a_gear_passes_on_what_is_left_after_turning_the_rotor(make_policy, robo
     left = run.joint_torque[:-1] - robot.armature * turned
     np.testing.assert_allclose(run.gear_torque[1:], left, atol=1e-6)
     assert (np.abs(turned * robot.armature).max(axis=0) > 0.5).all()
+
+
+def test_who_does_not_stop_has_not_completed(robot, stander, monkeypatch):
+    """The same trial, once with a limit that nothing keeps: what would run on has not completed."""
+    request = TrialRequest(top_speed=0.5, hold=0.5)
+    assert run_trial(stander, robot, request).completed
+    monkeypatch.setattr(trial_module, "REST_SPEED", 0.0)
+    moving = run_trial(stander, robot, request)
+    assert not moving.completed
+    assert moving.fall_reason == ""

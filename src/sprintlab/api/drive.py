@@ -1,10 +1,10 @@
-"""The drive on which a policy is measured: motor model, battery, heat."""
+"""Drive and air in which a policy is measured: motor model, battery, heat, outdoors or treadmill."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 if TYPE_CHECKING:
     from sprintlab.plant import PlantOptions
@@ -12,9 +12,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveOptions:
-    """The drive on which the policy is measured; published numbers use none of these.
+    """Drive and air in which the policy is measured; published numbers use none of these.
 
     Attributes:
+        air: outdoors (still air holds the trunk back) or treadmill (none does).
         motor_model: refined, simplified-dc, square or flux-weakening.
         battery: put a battery behind the bus that all joints share.
         heat: let copper loss warm the windings.
@@ -23,6 +24,7 @@ class DriveOptions:
         winding_temperature: at the start [degC].
     """
 
+    air: Literal["outdoors", "treadmill"] = "outdoors"
     motor_model: str = "refined"
     battery: bool = False
     heat: bool = False
@@ -36,11 +38,16 @@ class DriveOptions:
         Raises:
             SprintlabError: the supply file or a value is refused.
         """
+        from sprintlab.core.checks import check_choice
         from sprintlab.motors import Battery, SupplyFile, WindingHeat, load_supply
         from sprintlab.plant import PlantOptions
+        from sprintlab.robots import DRAG_AREA
+
+        check_choice("air", self.air, ("outdoors", "treadmill"))
 
         found = SupplyFile(battery=None, heat=None) if self.supply is None else load_supply(self.supply)
         return PlantOptions(
+            drag_area=DRAG_AREA if self.air == "outdoors" else 0.0,
             motor_model=cast("Any", self.motor_model),
             battery=found.battery or (Battery() if self.battery else None),
             heat=found.heat or (WindingHeat() if self.heat else None),

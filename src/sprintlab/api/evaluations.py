@@ -14,6 +14,7 @@ from sprintlab.api.clock_check import NOTE, clock_numbers, clock_table, clock_ve
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
 from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.clock_check import ClockCheck
-    from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult
+    from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult, TrialResult
 
 Progress = Callable[[str, float | None], None]
 
@@ -35,6 +36,8 @@ class Evaluation(Printed):
         raw: the search with the command as it is.
         self_paced: the search with the command held within 1 m/s of the measured speed.
         clock_check: the same speed with other policy clocks; ``None`` where it was not asked for.
+        battery: one raw trial at the highest command on battery and warm windings; ``None`` where none passed
+            or all trials are.
         notes: what differs from the published numbers' plant.
     """
 
@@ -42,6 +45,7 @@ class Evaluation(Printed):
     raw: ProtocolResult
     self_paced: ProtocolResult
     clock_check: ClockCheck | None = None
+    battery: TrialResult | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -51,12 +55,17 @@ class Evaluation(Printed):
 
     def to_dict(self) -> dict[str, Any]:
         """``raw`` and ``self_paced`` as plain values, keys with units; what is undefined is None."""
+        from sprintlab.evaluation.quantities import json_ready
+        from sprintlab.evaluation.results import supply_numbers
+
         found = {"raw": protocol_numbers(self.raw), "self_paced": protocol_numbers(self.self_paced)}
         numbers: dict[str, Any] = {
             name: {**search, "notes": list(self.notes)} for name, search in found.items()
         }
         if self.clock_check is not None:
             numbers["clock_check"] = clock_numbers(self.clock_check)
+        if self.battery is not None:
+            numbers["battery"] = json_ready(supply_numbers(self.battery))
         return numbers
 
     def tables(self) -> Iterator[RenderableType]:
@@ -73,6 +82,8 @@ class Evaluation(Printed):
         for name, row in named.items():
             if row["estimate"]:
                 yield from ("", _estimate_table(name, row["estimate"]))
+        if self.battery is not None:
+            yield f"on battery, windings warm, raw at the highest command: {battery_text(self.battery)} m/s"
         if self.clock_check is not None:
             yield from ("", clock_table(self.clock_check))
             yield Text(f"{NOTE} {clock_verdict(self.clock_check)}.", style="dim")
@@ -131,7 +142,7 @@ def evaluate(
     from sprintlab.core.checks import check_positive
     from sprintlab.evaluation.clock_check import check_clock
     from sprintlab.evaluation.pool import TrialPool
-    from sprintlab.evaluation.protocol import run_protocol
+    from sprintlab.evaluation.protocol import battery_request, run_protocol
     from sprintlab.robots import load_robot
 
     if common_speed is not None:
@@ -153,8 +164,15 @@ def evaluate(
         if clock_check and raw.best is not None:
             progress("other policy clocks", None)
             clocks = check_clock(pool, raw.best.top_speed, settings=settings)
+        request = None if raw.best is None else battery_request(raw.best.top_speed, settings)
+        battery = None if request is None else next(iter(pool.trials([request])))
     return Evaluation(
-        policy=path.stem, raw=raw, self_paced=paced, clock_check=clocks, notes=tuple(plant.remarks)
+        policy=path.stem,
+        raw=raw,
+        self_paced=paced,
+        clock_check=clocks,
+        battery=battery,
+        notes=tuple(plant.remarks),
     )
 
 
@@ -177,6 +195,9 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "max_velocity_m_s": result.max_velocity,
             "peak_speed_m_s": result.peak_speed,
             "J_rad2_s": result.angular_cost,
+            "J_per_second_rad2_s2": None if best is None else best.mean("angular_cost_rate"),
+            "hold_acceleration_m_s2": None if best is None else best.mean("hold_acceleration"),
+            "over_speed_share": None if best is None else best.mean("over_speed_share"),
             "J_common_rad2_s": result.angular_cost_common,
             "common_speed_m_s": None if result.common is None else result.common.top_speed,
             "top_speed_command_m_s": None if best is None else best.top_speed,
@@ -205,6 +226,7 @@ def _speed_numbers(speed: SpeedResult) -> dict[str, Any]:
         "held_speed_m_s": speed.mean("held_speed"),
         "J_rad2_s": speed.mean("angular_cost"),
         "falls": speed.falls,
+        "not_stopped": speed.not_stopped,
         "trials": len(speed.trials),
         "audit_passed": audit.passed,
         "held_steady": speed.held_steady,
@@ -239,6 +261,7 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Table:
     add("  at the command", "m/s", "fastest_with_audit_passed", "top_speed_m_s")
     add("peak speed (0.5 s mean) at the highest command", "m/s", "peak_speed_m_s")
     add("J at the highest command", "rad²/s", "J_rad2_s")
+    add("J per second of the hold", "rad²/s²", "J_per_second_rad2_s2")
     if any(search["common_speed_m_s"] is not None for search in searches):
         add("J at the common speed", "rad²/s", "J_common_rad2_s")
     add("cost of transport at the highest command", "", "cost_of_transport")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.race_files import RaceFiles
-    from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult
+    from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult, TrialResult
 
 Progress = Callable[[str], None]
 
@@ -119,7 +119,7 @@ def race(
     top_speed: float | None = None,
     distance: float = 100.0,
     engine: Literal["mujoco", "drake", "both"] = "mujoco",
-    trials: int = 10,
+    trials: int = 5,
     seed: int = 0,
     drive: DriveOptions | None = None,
     workers: int | None = None,
@@ -217,11 +217,26 @@ def result_table(result: RaceResult) -> Table:
         table.add_row(item.label, *values, item.unit)
     table.add_row("held steady", *(_yes(group.held_steady) for group in (raw, paced)), "")
     table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
+    not_stopped = (f"{group.not_stopped} of {len(group.trials)}" for group in (raw, paced))
+    table.add_row("did not stop", *not_stopped, "")
+    if result.battery is not None:
+        table.add_row("held speed on battery and warm windings", battery_text(result.battery), "", "m/s")
     table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
     table.add_row(
         "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
     )
     return table
+
+
+def battery_text(trial: TrialResult) -> str:
+    """Held speed of the trial on battery and warm windings, and what it ended at."""
+    from sprintlab.evaluation.report_text import number
+
+    held = number(trial.metrics.held_speed, 2)
+    if trial.fall_reason:
+        return f"{held} (fell: {trial.fall_reason})"
+    lowest, hottest = trial.metrics.lowest_bus_voltage, trial.metrics.hottest_winding
+    return f"{held} (down to {lowest:.1f} V, up to {hottest:.0f} °C)"
 
 
 def _engines(result: RaceResult) -> Iterator[RenderableType]:

@@ -8,8 +8,10 @@ from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self
 from sprintlab.commands.schedules import (
     AdaptiveSchedule,
     FixedAccelerationSchedule,
+    Schedule,
     TargetSampling,
     UniformSchedule,
+    check_schedule,
 )
 from sprintlab.commands.state import CommandState, initial_state, limit_yaw_rate
 from sprintlab.commands.track import KERB_DISTANCE, LANE_WIDTH, PathPoint, Track, path_yaw_rate
@@ -25,12 +27,14 @@ __all__ = [
     "PathPoint",
     "Phase",
     "RangeGrowth",
+    "Schedule",
     "SpeedProfile",
     "SprintProfile",
     "StageBlend",
     "TargetSampling",
     "Track",
     "UniformSchedule",
+    "check_schedule",
     "command_start",
     "fastest_speed",
     "heading_angle",

@@ -30,28 +30,31 @@ class SpeedProfile:
         top_speed: commanded speed of the hold [m/s].
         acceleration: of rise and fall [m/s^2].
         hold: duration of the hold [s].
-        stand: duration of each stand [s].
+        stand: duration of the stand before the rise [s].
+        rest: duration of the stand at the end [s].
 
     Raises:
-        InvalidValueError: top speed or acceleration not positive, hold or stand negative.
+        InvalidValueError: top speed or acceleration not positive, hold, stand or rest negative.
     """
 
     top_speed: float
     acceleration: float = 4.0
-    hold: float = 4.0
+    hold: float = 10.0
     stand: float = 1.0
+    rest: float = 2.0
 
     def __post_init__(self) -> None:
         check_positive("top_speed", self.top_speed, "m/s")
         check_positive("acceleration", self.acceleration, "m/s^2")
         check_range("hold", self.hold, 0.0, float("inf"), "s")
         check_range("stand", self.stand, 0.0, float("inf"), "s")
+        check_range("rest", self.rest, 0.0, float("inf"), "s")
 
     @property
     def phases(self) -> tuple[Phase, ...]:
         """The five phases ``stand, rise, hold, fall, stand`` in order."""
         rise = self.top_speed / self.acceleration
-        durations = (self.stand, rise, self.hold, rise, self.stand)
+        durations = (self.stand, rise, self.hold, rise, self.rest)
         edges = [0.0, *np.cumsum(durations).tolist()]
         names = ("stand", "rise", "hold", "fall", "stand")
         return tuple(Phase(*phase) for phase in zip(names, edges[:-1], edges[1:], strict=True))

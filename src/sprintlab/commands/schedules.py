@@ -17,7 +17,9 @@ column draws
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.state import CommandState, limit_yaw_rate
@@ -130,6 +132,52 @@ def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | flo
     xp = namespace(speed)
     yaw_rate = limit_yaw_rate(target_yaw_rate, speed, friction)
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
+
+
+@runtime_checkable
+class Schedule(Protocol):
+    """What moves commands: a frozen dataclass of numbers, so that a checkpoint can keep it."""
+
+    @property
+    def targets(self) -> TargetSampling:
+        """How targets are drawn."""
+        ...
+
+    def advance(
+        self,
+        state: CommandState,
+        *,
+        speed: Array,
+        dt: float,
+        lower: Array | float,
+        upper: Array | float,
+        friction: Array | float,
+        fresh: Array,
+        random: Array,
+        weights: Array | None = None,
+        steady: Array | float = 1.0,
+    ) -> CommandState:
+        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``.
+
+        Over arrays, without looking into a value: in training it is compiled for the GPU.
+        """
+        ...
+
+
+def check_schedule(schedule: object) -> None:
+    """Refuse what is no schedule. Raises ``InvalidValueError`` that names what it lacks."""
+    name = type(schedule).__name__
+    if not isinstance(schedule, Schedule):
+        raise InvalidValueError(
+            "schedule", name, "needs targets and advance: see sprintlab.commands.Schedule"
+        )
+    given = inspect.signature(schedule.advance).parameters
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in given.values()):
+        return
+    lacking = [word for word in inspect.signature(Schedule.advance).parameters if word not in given]
+    lacking = [word for word in lacking if word not in ("self", "state")]
+    if lacking:
+        raise InvalidValueError("schedule", name, f"its advance must take {', '.join(lacking)}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,7 @@
 """The errors a user can meet. Each message is one sentence that names what is wrong."""
 
+_LONGEST_VALUE = 300  # characters of a refused value in a message
+
 
 class SprintlabError(Exception):
     """Base of every error this package raises on purpose."""
@@ -15,7 +17,10 @@ class InvalidValueError(SprintlabError, ValueError):
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        super().__init__(f"{field} = {value!r} is not allowed: {allowed}")
+        written = " ".join(repr(value).split())  # arrays are written over several lines
+        if len(written) > _LONGEST_VALUE:
+            written = f"{written[:_LONGEST_VALUE]}..."
+        super().__init__(f"{field} = {written} is not allowed: {allowed}")
         self.field = field
         self.value = value
         self.allowed = allowed

@@ -64,6 +64,8 @@ def trial_metrics(
         hold_acceleration=hold_acceleration(trajectory, hold_interval),
         peak_speed=peak_speed(trajectory),
         angular_cost=angular_cost(trajectory),
+        angular_cost_rate=angular_cost_rate(trajectory, hold_interval),
+        over_speed_share=over_speed_share(trajectory, robot, plant),
         lateral_deviation=float(np.abs(trajectory.qpos[:, 1]).max()),
         envelope_share=tuple(envelope_share(trajectory).tolist()),
         distance=float(trajectory.qpos[-1, 0] - trajectory.qpos[0, 0]),
@@ -196,6 +198,29 @@ def angular_cost(trajectory: Trajectory) -> float:
     rate = trajectory.angular_velocity
     squared = rate[:, 0] ** 2 + rate[:, 1] ** 2
     return float(np.sum(0.5 * (squared[1:] + squared[:-1]) * np.diff(trajectory.time)))
+
+
+def angular_cost_rate(trajectory: Trajectory, hold_interval: tuple[float, float]) -> float:
+    """J per second: mean of pitch rate^2 + roll rate^2 over a whole hold, else ``nan`` [rad^2/s^2]."""
+    start, end = hold_interval
+    held = (trajectory.time >= start - 1e-9) & (trajectory.time < end - 1e-9)
+    if not held.any() or trajectory.time[-1] < end - 0.1:
+        return math.nan
+    rate = trajectory.angular_velocity[held]
+    return float((rate[:, 0] ** 2 + rate[:, 1] ** 2).mean())
+
+
+def over_speed_share(
+    trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None = None
+) -> float:
+    """Share of all joints' time at which a joint turns faster than its motor's no-load speed.
+
+    There the back-EMF exceeds what the inverter can balance with a driving current: the drive brakes.
+    """
+    ratio = np.asarray(robot.gear.ratio)
+    bus = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
+    beyond = np.abs(trajectory.joint_velocity) * ratio > np.asarray(no_load_speed(robot.motors, bus))
+    return float(beyond.mean())
 
 
 def moving(trajectory: Trajectory) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions, TrialSettings
 
 COARSE_STEP = 0.001
@@ -51,7 +52,7 @@ class ProtocolSettings:
     first_step: float | None = None
     start: float = 1.0
     top: float = 16.0
-    hold: float = 4.0
+    hold: float = 10.0
     seed: int = 0
     joint_noise: float = 0.05
     friction: tuple[float, float] = (0.7, 1.0)
@@ -212,8 +213,20 @@ def run_protocol(
     return ProtocolResult(self_paced=self_paced, speeds=speeds, common=common)
 
 
+def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialRequest | None:
+    """One nominal raw trial on a full battery with windings that warm up, to stand beside the stiff bus.
+
+    ``None`` where the protocol itself has either.
+    """
+    plant = settings.plant
+    if plant.battery is not None or plant.heat is not None:
+        return None
+    supplied = replace(plant, battery=Battery(), heat=WindingHeat())
+    return TrialRequest(top_speed=top_speed, hold=settings.hold, plant=supplied)
+
+
 def step_size_requests(
-    top_speed: float, plant: PlantOptions | None = None, coarse_step: float = COARSE_STEP, hold: float = 4.0
+    top_speed: float, plant: PlantOptions | None = None, coarse_step: float = COARSE_STEP, hold: float = 10.0
 ) -> tuple[TrialRequest, TrialRequest]:
     """The same nominal trial with coarse and with the plant's own steps; the motor loop stays at its rate.
 

@@ -46,6 +46,8 @@ QUANTITIES = (
              "best mean over 0.5 s"),
     Quantity("angular_cost", "J_rad2_s", "J", "roll and pitch rates", 2, "rad²/s",
              "integral of roll rate² + pitch rate² over the profile"),
+    Quantity("angular_cost_rate", "J_per_second_rad2_s2", "J per second", "of the hold", 2, "rad²/s²",
+             "mean of roll rate² + pitch rate² over the hold"),
     Quantity("cost_of_transport", "cost_of_transport", "cost of transport", "", 2, "",
              "power from the bus / (mass g speed), same time"),
     Quantity("electrical_power", "electrical_power_W", "power from the bus", "", 0, "W",
@@ -62,6 +64,8 @@ QUANTITIES = (
              "share of the time on the ground, last 2 s of the hold"),
     Quantity("lateral_deviation", "lateral_deviation_m", "sideways deviation", "", 2, "m",
              "largest distance from the straight line"),
+    Quantity("over_speed_share", "over_speed_share", "time beyond no-load speed", "all joints", 4, "",
+             "share of all joints' time in which the drive can only brake"),
 )
 """In the order of the tables."""
 # fmt: on

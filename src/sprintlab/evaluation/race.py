@@ -11,7 +11,7 @@ from pathlib import Path
 from sprintlab.core.checks import check_positive
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, step_size_requests
+from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed, step_size_requests
 from sprintlab.evaluation.results import (
     EngineResult,
     RaceResult,
@@ -87,6 +87,7 @@ def evaluate_race(
         mass=robot.total_mass,
         wall_time=time.perf_counter() - started,
         step_check=outcome.step_check,
+        battery=outcome.battery,
         notes=notes,
         engine=settings.plant.engine,
         second_engine=second,
@@ -141,6 +142,7 @@ class _Outcome:
     sprints: tuple[SprintResult, SprintResult]
     speeds: tuple[SpeedResult, SpeedResult]
     step_check: StepSizeCheck | None
+    battery: TrialResult | None
 
     def all_trials(self) -> list[TrialResult]:
         """The trials that the audit looks at."""
@@ -165,10 +167,12 @@ def _run_all(
     ]
     raw, paced = (settings.requests(top_speed, self_paced) for self_paced in (False, True))
     steps = (fine, coarse) if step_check else ()
-    results = pool.run([*steps, *sprint_requests, *raw, *paced])
+    supplied = [request for request in [battery_request(top_speed, settings)] if request is not None]
+    results = pool.run([*steps, *supplied, *sprint_requests, *raw, *paced])
     sprints = [result for result in results if isinstance(result, SprintResult)]
     trials = [result for result in results if isinstance(result, TrialResult)]
     checks, trials = trials[: len(steps)], trials[len(steps) :]
+    battery, trials = trials[: len(supplied)], trials[len(supplied) :]
     return _Outcome(
         sprints=(sprints[0], sprints[1]),
         speeds=(
@@ -176,6 +180,7 @@ def _run_all(
             _speed_result(top_speed, True, trials[settings.trials :], settings),
         ),
         step_check=_step_check(coarse, fine, checks) if step_check else None,
+        battery=battery[0] if battery else None,
     )
 
 

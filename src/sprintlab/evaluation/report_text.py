@@ -107,7 +107,26 @@ def result_rows(result: RaceResult) -> Iterator[ResultRow]:
         raw, paced = (_with_spread(group, item) for group in (result.raw, result.self_paced))
         yield ResultRow(name=item.name, raw=raw, self_paced=paced, unit=item.unit, meaning=item.meaning)
     raw, paced = (f"{group.falls} of {len(group.trials)}" for group in (result.raw, result.self_paced))
-    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that did not complete")
+    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that fell")
+    raw, paced = (f"{group.not_stopped} of {len(group.trials)}" for group in (result.raw, result.self_paced))
+    meaning = f"trials that were not below {REST_SPEED:g} m/s in the last second"
+    yield ResultRow(name="did not stop", raw=raw, self_paced=paced, unit="", meaning=meaning)
+    yield from _battery_row(result)
+
+
+def _battery_row(result: RaceResult) -> Iterator[ResultRow]:
+    """Held speed of one raw trial on battery and warm windings."""
+    if result.battery is None:
+        return
+    metrics = result.battery.metrics
+    ends = f"bus down to {metrics.lowest_bus_voltage:.1f} V, windings up to {metrics.hottest_winding:.0f} °C"
+    yield ResultRow(
+        name="held speed on battery and warm windings",
+        raw=number(metrics.held_speed, 2),
+        self_paced="",
+        unit="m/s",
+        meaning=f"one nominal trial; {ends}",
+    )
 
 
 def spread(group: SpeedResult, field: str) -> float:

@@ -139,6 +139,8 @@ class TrialMetrics:
         hold_acceleration: mean speed of the hold's last second minus that of the second before [m/s^2].
         peak_speed: highest mean forward speed over 0.5 s [m/s].
         angular_cost: J, integral of pitch rate^2 + roll rate^2 over the profile [rad^2/s].
+        angular_cost_rate: J per second of the hold [rad^2/s^2].
+        over_speed_share: share of all joints' time beyond the motor's no-load speed.
         lateral_deviation: largest distance from the line through the start along x [m].
         envelope_share: (12,) share of time, while commanded to move, that the torque sits on a limit.
         mechanical_power: mean power delivered to the joints [W], signed. This and the following powers,
@@ -191,6 +193,8 @@ class TrialMetrics:
     smallest_leg_distance: float
     slip_per_step: float
     final_speed: float
+    angular_cost_rate: float = math.nan
+    over_speed_share: float = math.nan
     lane_excursion: float = math.nan
     line_winding_temperature: float = math.nan
     estimate: tuple[EstimateBand, ...] = ()
@@ -264,7 +268,7 @@ class TrialResult:
         settings: what was drawn for this trial.
         top_speed: v* of the profile [m/s].
         self_paced: whether the command was held near the measured speed.
-        completed: no fall from start to end.
+        completed: no fall from start to end, and at rest in the last second.
         fall_time: when it fell [s], ``None`` when it did not.
         fall_reason: ``"tilt"``, ``"trunk contact"`` or ``"knee contact"``; ``""`` when it did not fall.
         hold_interval: start and end of the hold [s].
@@ -306,13 +310,18 @@ class SpeedResult:
 
     @property
     def completed(self) -> tuple[TrialResult, ...]:
-        """The trials without a fall."""
+        """The trials without a fall that came to rest."""
         return tuple(trial for trial in self.trials if trial.completed)
 
     @property
     def falls(self) -> int:
         """Number of trials that fell."""
-        return len(self.trials) - len(self.completed)
+        return sum(bool(trial.fall_reason) for trial in self.trials)
+
+    @property
+    def not_stopped(self) -> int:
+        """Number of trials that did not fall and were not at rest in the last second."""
+        return len(self.trials) - len(self.completed) - self.falls
 
     @property
     def passed(self) -> bool:
@@ -470,6 +479,7 @@ class RaceResult:
         raw: the seeded trials at ``top_speed``, raw command.
         self_paced: the same, self-paced.
         step_check: step-size check, ``None`` when it was not asked for.
+        battery: one raw trial on a battery and with warm windings; ``None`` where all trials are.
         audit: worst case over every trial.
         mass: total mass of the robot [kg].
         wall_time: how long the race took to compute [s].
@@ -488,6 +498,7 @@ class RaceResult:
     mass: float
     wall_time: float
     step_check: StepSizeCheck | None = None
+    battery: TrialResult | None = None
     notes: tuple[str, ...] = field(default=())
     engine: str = "mujoco"
     second_engine: EngineResult | None = None
@@ -516,6 +527,7 @@ class RaceResult:
                 "self_paced": _speed_summary(self.self_paced),
                 "audit": self.audit.to_dict(),
                 "step_size_check": None if self.step_check is None else _step_summary(self.step_check),
+                "battery": None if self.battery is None else supply_numbers(self.battery),
                 "engine": self.engine,
                 "second_engine": None if self.second_engine is None else self.second_engine.to_dict(),
                 "mass_kg": self.mass,
@@ -525,11 +537,24 @@ class RaceResult:
         )
 
 
+def supply_numbers(trial: TrialResult) -> dict[str, Any]:
+    """What battery and heat leave of a speed, keys with units; undefined values are ``nan`` or ``None``."""
+    return {
+        "top_speed_m_s": trial.top_speed,
+        "held_speed_m_s": trial.metrics.held_speed,
+        "completed": trial.completed,
+        "fall_reason": trial.fall_reason,
+        "lowest_bus_voltage_V": trial.metrics.lowest_bus_voltage,
+        "hottest_winding_degC": trial.metrics.hottest_winding,
+    }
+
+
 def _speed_summary(result: SpeedResult) -> dict[str, Any]:
     """The numbers of one set of trials."""
     return {
         **quantity_numbers(result.mean),
         "falls": result.falls,
+        "not_stopped": result.not_stopped,
         "trials": len(result.trials),
         "held_steady": result.held_steady,
         "envelope_share": result.mean("envelope_share"),

@@ -16,9 +16,15 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.audit import AuditThresholds, audit_trials
 from sprintlab.evaluation.clock import PolicyClock
 from sprintlab.evaluation.disturbances import Disturbances
-from sprintlab.evaluation.metrics import trial_metrics
+from sprintlab.evaluation.metrics import REST_WINDOW, trial_metrics
 from sprintlab.evaluation.recorder import Recorder
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.evaluation.results import (
+    REST_SPEED,
+    SprintResult,
+    Trajectory,
+    TrialMetrics,
+    TrialResult,
+)
 from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
@@ -51,7 +57,7 @@ class TrialRequest:
     settings: TrialSettings = field(default_factory=TrialSettings)
     self_paced: bool = False
     distance: float | None = None
-    hold: float = 4.0
+    hold: float = 10.0
     plant: PlantOptions = field(default_factory=PlantOptions)
     clock: PolicyClock = field(default_factory=PolicyClock)
     keep_trajectory: bool = False
@@ -249,6 +255,14 @@ def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, f
     return start, float(before + share * (then - before))
 
 
+def _completed(run: _Run, metrics: TrialMetrics, hold_interval: tuple[float, float]) -> bool:
+    """No fall, and at rest at the end where the run was to go on after its hold."""
+    if run.fall_reason:
+        return False
+    end = float(run.trajectory.time[-1])
+    return end < hold_interval[1] + REST_WINDOW or metrics.final_speed < REST_SPEED
+
+
 def _trial_result(
     run: _Run,
     robot: RobotDescription,
@@ -269,7 +283,7 @@ def _trial_result(
         settings=request.settings,
         top_speed=request.top_speed,
         self_paced=request.self_paced,
-        completed=not run.fall_reason,
+        completed=_completed(run, metrics, hold_interval),
         fall_time=run.fall_time,
         fall_reason=run.fall_reason,
         hold_interval=hold_interval,

@@ -102,6 +102,12 @@ class PlantOptions:
         remarks: list[str] = []
         if self.engine != "mujoco":
             remarks.append(f"engine: {self.engine}")
+        if self.drag_area != DRAG_AREA:
+            air = f"air with a drag area of {self.drag_area:g} m^2" if self.drag_area else "treadmill: no air"
+            remarks.append(air)
+        if self.foot != NOMINAL_FOOT:
+            pad = f"{self.foot.stiffness / 1e3:g} kN/m, restitution {self.foot.restitution:g}"
+            remarks.append(f"feet of {pad}")
         if self.motor_model != "refined":
             remarks.append(f"motor model: {self.motor_model}")
         if self.battery is not None:

@@ -198,6 +198,36 @@ def test_a_place_on_the_network_needs_a_configuration(bus_name):
             open_bus(f"zenoh://{bus_name}@{place}")
 
 
+@pytest.mark.parametrize("place", ["127.0.0.1", "localhost", ":7447", "127.0.0.1:", "127.0.0.1:1#iface=eth0"])
+def test_a_place_needs_host_and_port(bus_name, place):
+    for open_end in (open_bus, open_endpoint):
+        with pytest.raises(BusError, match="HOST:PORT"):
+            open_end(f"zenoh://{bus_name}@{place}")
+
+
+def test_claims_and_tokens_that_make_no_sense_let_nobody_in(address, place, bus_name):
+    endpoint = open_endpoint(address)
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        tokens = [
+            session.liveliness().declare_token(f"sprintlab/{bus_name}/alive/controller/{name}")
+            for name in ("x", "-1", "0x12", "f" * 17, "z" * 16)
+        ]
+        for payload in (None, b"", b"x", bytes(40), b"\xff" * 8, b"\x01" * 39):
+            replies = list(session.get(f"sprintlab/{bus_name}/claim", payload=payload, timeout=5.0))
+            assert [reply.ok.payload.to_bytes() for reply in replies] == [b"unknown"]
+        for token in tokens:
+            token.undeclare()
+    interface = open_bus(address)  # still free
+    with pytest.raises(BusError, match="another controller"):
+        open_bus(address, session=interface.session)  # not even in the name of who drives
+    interface.close()
+    endpoint.close()
+
+
 def test_without_a_place_the_robot_listens_on_the_loopback_interface_only(bus_name):
     before = listening()
     endpoint = open_endpoint(f"zenoh://{bus_name}")

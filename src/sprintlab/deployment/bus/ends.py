@@ -89,6 +89,11 @@ class RobotEnd(BusEnd):
 
     foreign: int = 0
 
+    @property
+    def ready(self) -> bool:
+        """Whether a state that is published now reaches a controller, or waits for one."""
+        return True
+
     def receive_command(self) -> JointCommand | None:
         """The next command in order of arrival of the controller that was let in; None if there is none."""
         for _ in range(MOST_DAMAGED):

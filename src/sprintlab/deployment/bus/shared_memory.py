@@ -299,7 +299,7 @@ def _open_locked(path: Path) -> IO[bytes] | None:
     """A lock file of one's own; None while another process has it."""
     while True:
         try:
-            file = path.open("ab+")
+            file = open(path, "ab+", opener=_private)  # noqa: SIM115
         except OSError as error:
             raise BusError(f"cannot make {path}: {error.strerror or error}") from error
         if not _lock(file):
@@ -311,6 +311,11 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             file.flush()
             return file
         file.close()
+
+
+def _private(path: str, flags: int) -> int:
+    """Open a file that other accounts can neither open nor put a link in place of."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o600)
 
 
 def _is_still(path: Path, file: IO[bytes]) -> bool:

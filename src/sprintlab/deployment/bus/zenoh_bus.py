@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hmac
+import re
 import secrets
 import threading
 import time
@@ -26,6 +27,8 @@ _LEASE = 2.0  # [s] in which the token of a controller that was let in must show
 _DRIVEN, _FREE, _UNKNOWN = b"driven", b"free", b"unknown"
 _CHALLENGE = 32  # bytes
 _SESSION = 8  # bytes
+_TOKEN = re.compile(r"[0-9a-f]{16}")
+_MOST_KNOWN = 10_000  # controllers that a robot keeps in mind
 _WAITING = 256  # messages that wait to be read; the oldest make room
 
 
@@ -126,9 +129,9 @@ class ZenohInterface(_ZenohEnd, ControllerEnd):
 
     def _join(self, address: BusAddress) -> None:
         """Ask the robot for leave to drive it."""
-        self._claim(address)
-        self._watcher = self._watch("robot")
         self._subscribers = {channel: self._subscribe(channel) for channel in (STATE, FIX)}
+        self._claim(address)  # from then on the robot speaks, and the subscriptions are known there
+        self._watcher = self._watch("robot")
         self._publishers = {COMMAND: self._publisher(COMMAND)}
 
     def _claim(self, address: BusAddress) -> None:
@@ -176,6 +179,11 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         """Whether the controller that was let in is gone, in good order or not."""
         return self._closed or (self._holder != 0 and not self._held())
 
+    @property
+    def ready(self) -> bool:
+        """Whether a controller was let in: what is published before reaches nobody."""
+        return self._holder != 0
+
     def _join(self, address: BusAddress) -> None:
         del address  # a second robot cannot listen at the same place
         self._watcher = self._watch("controller/*")
@@ -192,8 +200,14 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         return self._holder in self._alive or (self._holder != 0 and fresh)
 
     def _notice(self, sample: Any) -> None:
-        session = int(str(sample.key_expr).rpartition("/")[2], 16)
+        name = str(sample.key_expr).rpartition("/")[2]
+        if not _TOKEN.fullmatch(name):
+            return
+        session = int(name, 16)
         with self._lock:
+            if len(self._alive) + len(self._gone) > _MOST_KNOWN:  # somebody floods: keep who drives
+                self._alive &= {self._holder}
+                self._gone.clear()
             if sample.kind == zenoh.SampleKind.PUT:
                 self._alive.add(session)
             else:
@@ -213,7 +227,7 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         if session == 0 or len(challenge) != _CHALLENGE or (users and user not in users):
             return _UNKNOWN
         with self._lock:
-            if session in self._gone or (self._held() and self._holder != session):
+            if session in self._gone or self._held():
                 return _DRIVEN
             self._holder, self._granted_at = session, time.monotonic()
         return _FREE + (proof(users[user], challenge) if users else b"")

@@ -82,6 +82,8 @@ def open_session(address: BusAddress, security: Security, *, listen: bool) -> An
         BusError: nobody is there, the place is taken, or it is another host and nothing protects it.
     """
     place = address.place or f"127.0.0.1:{_FIRST_PORT + zlib.crc32(address.name.encode()) % _PORTS}"
+    if not place.rpartition(":")[2].isdecimal() or not place.rpartition(":")[0]:
+        raise BusError(f"zenoh:// needs HOST:PORT behind the @, not {place!r}")
     if not (_is_loopback(place) or security.tls or security.user):
         raise BusError(
             f"{place} is not this machine: everybody on the network could drive the robot; "

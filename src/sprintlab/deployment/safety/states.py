@@ -57,7 +57,8 @@ class StateMonitor:
         Returns:
             What is wrong with it; ``STATE_LOST`` and the stuck sensors do not keep it from being used.
         """
-        refusal = self._refusal(state)
+        with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused for it
+            refusal = self._refusal(state)
         if refusal is not None:
             return [refusal]
         faults = self._sensor_faults(state, time)

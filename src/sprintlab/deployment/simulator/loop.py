@@ -234,6 +234,8 @@ class _LockStep(_Run):
         Raises:
             SprintlabError: no answer came in time.
         """
+        if not self._wait_for_controller(stopped):
+            return False
         before = self._commands
         newest = self._publish(round(1e9 * self._world.time))
         begin = time.monotonic()
@@ -245,10 +247,23 @@ class _LockStep(_Run):
                 return self._answered >= newest
             if self._commands > before and waited > _SECOND_THOUGHT:
                 return True  # it answered, but does not accept this state
-            if waited > self._pace.patience:
-                raise SprintlabError(
-                    f"the controller has not answered for {self._pace.patience:g} s in lock-step"
-                )
+            self._check_patience(waited)
             time.sleep(_POLL)
             self._collect()
         return True
+
+    def _wait_for_controller(self, stopped: Callable[[], bool]) -> bool:
+        """Wait until a state reaches somebody; False when told to stop before."""
+        begin = time.monotonic()
+        while not getattr(self._endpoint, "ready", True):
+            if stopped():
+                return False
+            self._check_patience(time.monotonic() - begin)
+            time.sleep(_POLL)
+        return True
+
+    def _check_patience(self, waited: float) -> None:
+        if waited > self._pace.patience:
+            raise SprintlabError(
+                f"the controller has not answered for {self._pace.patience:g} s in lock-step"
+            )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import torch
 
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.settings import RewardSettings
 
@@ -101,7 +102,14 @@ def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 
 
 def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:
-    """The functions behind ``settings.penalties()``, in its order."""
+    """The functions behind ``settings.penalties()``, in its order.
+
+    Raises:
+        InvalidValueError: a weight belongs to no function in ``PENALTIES``.
+    """
+    for name in settings.penalties():
+        if name not in PENALTIES:
+            raise InvalidValueError(f"rewards.{name}", name, "its function must be put into PENALTIES")
     return tuple(PENALTIES[name] for name in settings.penalties())
 
 

@@ -8,6 +8,7 @@ their fields: classes of this package are looked up, others only where the progr
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
 import json
@@ -36,6 +37,9 @@ _MOST_TENSORS = 100_000
 _NAME = "sprintlab checkpoint"
 _NO_CHECKSUM = "0" * 64
 _DEEPEST = 60
+_DAMAGED = (
+    LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
+)  # fmt: skip
 
 # Safetensors' names of types, PyTorch's names and the bytes of one number.
 _TYPES = {
@@ -93,7 +97,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         state["progress"] = Progress(**state["progress"])
     except SprintlabError as error:
         raise SprintlabError(f"{path} is no usable checkpoint: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
+    except _DAMAGED as error:
         raise SprintlabError(f"{path} is no checkpoint or is damaged: {printable(error)}") from error
     return state
 
@@ -296,10 +300,10 @@ def _tensor(name: Any, table: Mapping[str, Any], content: memoryview) -> torch.T
 def _settings(path: str, values: dict[str, Any]) -> Any:
     """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
     module_name, _, name = path.partition(":")
+    module = sys.modules.get(module_name)
     if module_name.partition(".")[0] == "sprintlab":
-        module = importlib.import_module(module_name)
-    else:
-        module = sys.modules.get(module_name)
+        with contextlib.suppress(ImportError):  # of another version: the class is not known here
+            module = importlib.import_module(module_name)
     found: Any = module
     for part in name.split("."):
         found = getattr(found, part, None)

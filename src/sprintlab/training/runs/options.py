@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sprintlab.commands import check_schedule
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
-from sprintlab.training.runs.checkpoint import check_checkpoint
+from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_settings
 from sprintlab.training.settings import TrainingSettings
 
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
@@ -117,6 +118,8 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         if source is not None and "growth" not in check_checkpoint(source):
             raise SprintlabError(f"{source} is a milestone, which holds a policy only: export it")
     load_robot(options.settings.robot)
+    if not unknown_settings(options.settings.schedule):
+        check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
 
 
