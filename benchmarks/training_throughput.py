@@ -260,7 +260,7 @@ def part(plan: Plan, name: str) -> Iterator[tuple[str, dict[str, Any]]]:
         return measure_mjlab(plan)
     if name == "ours-4x5":
         # mjlab's steps, for comparison only: at 5 ms the knee spring would ring itself apart.
-        coarse = SimulationSettings(timestep=0.005, substeps=4, contact_time_constant=0.01, knee_spring=False)
+        coarse = SimulationSettings(timestep=0.005, substeps=4, knee_spring=False)
         return measure_ours(plan, coarse)
     return measure_ours(plan, SimulationSettings())
 
