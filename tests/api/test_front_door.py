@@ -17,7 +17,7 @@ HEAVY = ("numpy", "torch", "mujoco", "onnxruntime", "matplotlib", "rich", "msgsp
 
 def run_python(*arguments, folder=ROOT):
     return subprocess.run(
-        [sys.executable, *map(str, arguments)], capture_output=True, text=True, cwd=folder, timeout=500
+        [sys.executable, *map(str, arguments)], capture_output=True, text=True, cwd=folder, check=False
     )
 
 

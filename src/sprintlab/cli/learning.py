@@ -12,6 +12,17 @@ from sprintlab.api.training import require_training
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
 from sprintlab.core.errors import SprintlabError
 
+UNITS = {
+    "environment_steps": "policy steps",
+    "seconds": "s",
+    "speed_median": "m/s",
+    "speed_p95": "m/s",
+    "speed_p999": "m/s",
+    "range_upper": "m/s",
+    "falls": "a robot and step",
+}
+"""Of the numbers that have one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Learning:
@@ -55,9 +66,10 @@ class Learning:
         if self.json:
             print_json({**numbers, "figures": [str(path) for path in pictures]})
             return 0
-        table = plain_table(f"{checkpoint}", "what", "value", numbers=("value",))
+        table = plain_table(f"{checkpoint}", "what", "value", "unit", numbers=("value",))
         for name, value in numbers.items():
-            table.add_row(name.replace("_", " "), f"{value:.6g}" if isinstance(value, float) else str(value))
+            text = f"{value:.6g}" if isinstance(value, float) else str(value)
+            table.add_row(name.replace("_", " "), text, UNITS.get(name, ""))
         stdout_console().print(table)
         for path in pictures:
             stdout_console().print(path, soft_wrap=True)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import tyro
@@ -56,8 +59,20 @@ def run_training(arguments: Sequence[str]) -> int:
     check_places(options)  # before PyTorch is imported, which takes many seconds
     from sprintlab.training.runs.run import train
 
-    train(options)
+    checkpoint = train(options)
+    if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
+        print(next_steps(checkpoint), file=sys.stderr)
     return 0
+
+
+def next_steps(checkpoint: Path) -> str:
+    """What to do with a training that has ended, as lines to copy."""
+    policy = shlex.quote(str(checkpoint.with_name("policy.onnx")))
+    return (
+        f"next: sprintlab learning {shlex.quote(str(checkpoint.parent))}\n"
+        f"      sprintlab export {shlex.quote(str(checkpoint))} {policy}\n"
+        f"      sprintlab race {policy}"
+    )
 
 
 def method_as_option(arguments: Sequence[str]) -> list[str]:
