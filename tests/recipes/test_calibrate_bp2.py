@@ -1,0 +1,83 @@
+"""The surrogate's choice: the rules hold for the calibration kept, and a short search finds its limit."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sprintlab.robots import load_robot, parameter_table, robot_fingerprint
+from sprintlab.robots.surrogate import EDITIONS, Surrogate, motor_mass, surrogate_robot
+from sprintlab.speed_limit import SearchSettings, fastest_stride, runner_from_robot
+
+pytest.importorskip("scipy")
+ROOT = Path(__file__).parents[2]
+CELLS = json.loads((ROOT / "results/speed_limit/bp2.json").read_text(encoding="utf-8"))["cells"]
+
+
+@pytest.fixture(scope="module")
+def recipe(load_script):
+    return load_script("recipes/calibrate_bp2.py")
+
+
+@pytest.fixture(scope="module")
+def chosen(recipe):
+    return CELLS[recipe.key_of(EDITIONS["bp2"])]
+
+
+def test_the_choice_meets_every_rule_with_more_room_than_searches_differ(recipe, chosen):
+    assert all(recipe.rules(chosen).values())
+    assert chosen["starts"] >= 8
+    refined, simplified, square = (chosen["limits"][model]["speed"] for model in recipe.MODELS)
+    assert refined > 13.2 + 0.1 and simplified > 1.03 * refined and square > 1.095 * refined
+
+
+def test_hips_stop_it_and_knees_do_not(chosen):
+    refined = chosen["limits"]["refined"]["speed"]
+    assert chosen["without"]["hip"] > 1.1 * refined
+    assert chosen["without"]["knee"] < 1.01 * refined
+
+
+def test_no_smaller_motor_of_the_map_meets_the_rules(recipe):
+    met = [recipe.choice_of(key).stack for key, cell in CELLS.items() if all(recipe.rules(cell).values())]
+    assert len(met) > 3 and min(met) == EDITIONS["bp2"].stack
+
+
+@pytest.mark.parametrize("model", ["refined", "square"])
+def test_a_rule_that_is_broken_is_seen(recipe, chosen, model):
+    broken = json.loads(json.dumps(chosen))
+    broken["limits"][model]["speed"] *= 0.98 if model == "refined" else 0.95
+    assert not all(recipe.rules(broken).values())
+
+
+def test_a_short_search_finds_the_limit_again(chosen):
+    found = fastest_stride(
+        runner_from_robot(load_robot("bp2")),
+        SearchSettings(starts=3, seed=5, max_stride=5.5, min_duty=0.12),
+    )
+    assert found.speed == pytest.approx(chosen["limits"]["refined"]["speed"], rel=0.03)
+    assert 1.0 / found.parameters[0] <= 5.5 + 1e-6 and found.parameters[1] >= 0.12 - 1e-6
+
+
+def test_the_tables_are_what_the_builder_makes_of_the_choices(load_script):
+    editions = load_script("recipes/bp2_editions.py")
+    for name, choice in EDITIONS.items():
+        table = ROOT / "src/sprintlab/robots" / name / "parameters.toml"
+        assert table.read_text(encoding="utf-8") == editions.text_of(name)
+        assert robot_fingerprint(load_robot(name)) == robot_fingerprint(surrogate_robot(choice, name))
+
+
+def test_motors_scale_with_the_stack_and_the_total_mass_stays():
+    small, large = (surrogate_robot(Surrogate(stack=s, hip_gear=8, knee_gear=7)) for s in (1, 2))
+    assert large.total_mass == small.total_mass == 36.5
+    gained = large.mechanics.thigh.mass - small.mechanics.thigh.mass
+    assert gained == pytest.approx(motor_mass(2) - motor_mass(1), abs=1e-3)
+    assert large.motors.rotor_inertia[1] == pytest.approx(2 * small.motors.rotor_inertia[1], rel=1e-3)
+    assert large.motors.rotor_inertia[0] == small.motors.rotor_inertia[0]
+
+
+def test_the_ends_lie_on_both_sides_of_the_nominal_robot():
+    rows = {name: {row.quantity: row.value for row in parameter_table(name)} for name in EDITIONS}
+    for quantity in ("motor.hip_knee.peak_torque", "motor.gear_efficiency"):
+        assert rows["bp2-weak"][quantity] < rows["bp2"][quantity] < rows["bp2-strong"][quantity]
+    for quantity in ("motor.hip_knee.stator_resistance", "shank.mass", "motor.hip.gear_ratio"):
+        assert rows["bp2-weak"][quantity] > rows["bp2"][quantity] > rows["bp2-strong"][quantity]
