@@ -86,7 +86,8 @@ def test_powers_and_cost_of_transport(make_trajectory, robot):
     )
     metrics = trial_metrics(trajectory, robot, HOLD, payload=0.5)
     copper = float(copper_loss(robot.motors, np.full(12, 2.0)).sum())
-    electrical = float((2.0 * 3.0 * robot.gear.ratio).sum()) + copper
+    shaft = saturate(robot.motors, np.full(12, 2.0))
+    electrical = float((shaft * 3.0 * robot.gear.ratio).sum()) + copper
     assert metrics.mechanical_power == pytest.approx(12 * 30.0)
     assert metrics.copper_power == pytest.approx(copper)
     assert metrics.electrical_power == pytest.approx(electrical)

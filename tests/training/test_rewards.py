@@ -68,6 +68,8 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
         ("collision", still(knee_height=row(0.05, 0.2, 0.09, 0.3)), 2.0),
         ("leg_distance", still(leg_distance=row(0.05, 0.07, 0.01, 0.2)), 2.0),
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(4, 0, 0)), 2.0),
+        ("over_speed", still()._replace(no_load_speed=1.0), 0.0),
+        ("over_speed", still(joint_velocity=row(*[-1.5] + [0.5] * 11))._replace(no_load_speed=1.0), 0.25),
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(-4, 0, 0)), 0.0),
         ("touchdown", still(foot_height=row(0.04, 0.06, 0.1, 0.1), foot_descent=row(2, 3, 0, 0)), 4.0),
         ("foot_clearance", still(foot_height=row(0.21, 0.11, 0.11, 0.11), foot_speed=row(2, 5, 5, 5)), 0.02),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import os
 import shlex
 import sys
@@ -82,10 +83,22 @@ def method_as_option(arguments: Sequence[str]) -> list[str]:
     return list(arguments)
 
 
+def short_help(text: str) -> str:
+    """The options of a run out of its whole help; the settings, which follow them, are for ``--help-all``."""
+    kept = itertools.takewhile(lambda line: "settings options" not in line, text.splitlines())
+    return "\n".join([*kept, "Every setting of training, by group: sprintlab train --help-all"])
+
+
 def _parse(options: Any, arguments: list[str]) -> Any:
     """Parse a dataclass; a refusal by its own checks is raised as it is, not as a usage error."""
+    if "--help-all" in arguments:
+        return tyro.cli(options, prog="sprintlab train", args=["--help"])
     if {"-h", "--help"} & set(arguments):
-        return tyro.cli(options, prog="sprintlab train", args=arguments)
+        shown = io.StringIO()
+        with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
+            tyro.cli(options, prog="sprintlab train", args=["--help"])
+        print(short_help(shown.getvalue()))
+        raise SystemExit(0)
     usage = io.StringIO()
     try:
         with contextlib.redirect_stderr(usage):

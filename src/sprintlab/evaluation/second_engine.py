@@ -120,7 +120,7 @@ def stored_remark(policy: Path) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def _time(sprint: SprintResult) -> str:

@@ -56,6 +56,7 @@ def paper_rewards() -> RewardSettings:
         joint_acceleration=RewardWeight(first=-2.5e-7, second=-1e-7),
         collision=RewardWeight(first=-1.0, second=0.0),
         grounded=none,
+        over_speed=none,
         touchdown=none,
         leg_distance=none,
     )

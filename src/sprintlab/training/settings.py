@@ -95,6 +95,8 @@ class RewardSettings:
             grounded run, a local optimum, into one with flight phases.
         touchdown: squared downward speed of feet that are about to touch; not in the paper: feet that are
             rammed into the ground sink deeper than a real surface allows.
+        over_speed: squared share by which a joint exceeds its motor's no-load speed, where the drive can only
+            brake; not in the paper.
         collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
         action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
             -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
@@ -132,6 +134,7 @@ class RewardSettings:
     abduction_mirror: RewardWeight = RewardWeight(first=0.0, second=-0.5)
     grounded: RewardWeight = RewardWeight(first=-0.03, second=-0.06)
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
+    over_speed: RewardWeight = _constant(-10.0)
     leg_distance: RewardWeight = _constant(-1.0)
     bare_squares: bool = False
     aggregation: str = "exponential"

@@ -232,3 +232,18 @@ def test_on_a_full_disk_the_log_ends_where_the_disk_did_and_can_be_read(path, si
     assert 500 < len(record.ticks) < 20_000 - 500
     assert [entry.sequence for entry in record.commands] == list(range(1, len(record.commands) + 1))
     assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_chunk_of_zeros_is_refused_before_it_is_taken_apart(path):
+    zstandard = pytest.importorskip("zstandard")
+    from mcap.data_stream import RecordBuilder
+    from mcap.records import Chunk
+
+    packed = zstandard.ZstdCompressor(level=1).compress(bytes(32 << 20))  # 3.7 million empty records
+    builder = RecordBuilder()
+    times = {"message_start_time": 0, "message_end_time": 0}
+    chunk = Chunk(compression="zstd", data=packed, uncompressed_crc=0, uncompressed_size=32 << 20, **times)
+    chunk.write(builder)
+    path.write_bytes(b"\x89MCAP0\r\n" + builder.end())
+    with pytest.raises(LogError, match="unknown kind"):
+        read_log(path)

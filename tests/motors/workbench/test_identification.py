@@ -600,3 +600,10 @@ def test_rows_marked_as_limited_must_reach_the_limit(fit, motor):
 def test_rows_copied_into_the_bench_are_no_evidence(fit, motor):
     columns = {name: np.tile(values, 2) for name, values in bench_columns(motor).items()}
     assert any("repeat others" in warning for warning in fit(columns, motor).warnings)
+
+
+def test_a_heading_of_thousands_of_blanks_is_refused_at_once(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("sp" + " " * 3000 + "x,iq [A],torque [N m]\n1,1,1\n", encoding="utf-8")
+    with pytest.raises(InvalidValueError, match="at most 100 characters"):
+        load_bench(path)

@@ -42,12 +42,14 @@ LOG_LIMIT = 1 << 30
 """Largest log that is read [bytes]."""
 UNPACKED_LIMIT = 2 << 30
 """Most bytes to which the chunks of a log may unpack."""
-MOST_MESSAGES = 2_000_000
-"""Most messages of one kind: half an hour at 1 kHz."""
-LONGEST_RUN = 7200.0
+MOST_MESSAGES = 500_000
+"""Most messages of one kind: eight minutes at 1 kHz; all kinds together have four times as many."""
+LONGEST_RUN = 3600.0
 """Longest log that is read [s]."""
 
 _LARGEST_WINDOW = 64 << 20
+_LARGEST_CHUNK = 64 << 20
+_CHUNK_RECORDS = {3, 4, 5}  # schema, channel, message
 _LARGEST = 1e9  # of any number, in its SI unit
 _NUMBERS = (
     *(("states", name) for name in ("joint_position", "joint_velocity", "joint_torque", "bus_voltage")),
@@ -188,14 +190,17 @@ def _records(path: Path) -> Any:
 
     content = read_bytes(path, LOG_LIMIT, what="log", error=LogError)
     reader = StreamReader(BytesIO(content), emit_chunks=True, record_size_limit=len(content))
-    room = UNPACKED_LIMIT
+    room, records = UNPACKED_LIMIT, 0
     try:
         for record in reader.records:
             if not isinstance(record, Chunk):
                 yield record
                 continue
-            plain = _unpacked(record, room)
+            plain = _unpacked(record, min(room, _LARGEST_CHUNK))
             room -= len(plain.data)
+            records += _counted(plain.data)
+            if records > 4 * MOST_MESSAGES:
+                raise LogError(f"{printable(path)} holds more than {4 * MOST_MESSAGES} records")
             yield from breakup_chunk(plain)
     except (EndOfFile, RecordLengthLimitExceeded, struct.error):  # a record that the file does not hold whole
         return
@@ -203,6 +208,17 @@ def _records(path: Path) -> Any:
         raise
     except Exception as error:  # of the library and of its decompressors
         raise LogError(f"{printable(path)} is no MCAP file, or damaged ({type(error).__name__})") from error
+
+
+def _counted(data: bytes) -> int:
+    """Number of records in a chunk; the first that is none of a chunk's ends the count with ``LogError``."""
+    count, at = 0, 0
+    while at + 9 <= len(data):
+        kind, length = struct.unpack_from("<BQ", data, at)
+        if kind not in _CHUNK_RECORDS:
+            raise LogError("the log is damaged: a chunk holds a record of an unknown kind")
+        count, at = count + 1, at + 9 + length
+    return count
 
 
 def _unpacked(chunk: Any, room: int) -> Any:
@@ -219,7 +235,10 @@ def _unpacked(chunk: Any, room: int) -> Any:
     with unpacker.stream_reader(chunk.data) as stream:
         data = stream.read(room + 1)
     if len(data) > room:
-        raise LogError(f"the log unpacks to more than {UNPACKED_LIMIT >> 20} MB, the most that is read")
+        raise LogError(
+            f"the log, or a chunk of it, unpacks to more than {UNPACKED_LIMIT >> 20} or "
+            f"{_LARGEST_CHUNK >> 20} MB, the most that is read"
+        )
     return replace(chunk, compression="", data=data)
 
 

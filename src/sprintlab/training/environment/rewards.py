@@ -6,6 +6,7 @@ function here and a weight there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -34,6 +35,7 @@ class RewardInput(NamedTuple):
         torque: delivered by the motors [N m] ``(n, 12)``.
         limit_excess: beyond the beginning of the end stops [rad] ``(n, 12)``.
         base_height_target: [m].
+        no_load_speed: of each joint on the robot's own bus [rad/s] ``(12,)``.
     """
 
     body: BodyState
@@ -45,6 +47,7 @@ class RewardInput(NamedTuple):
     torque: torch.Tensor
     limit_excess: torch.Tensor
     base_height_target: float
+    no_load_speed: torch.Tensor | float = math.inf
 
 
 Penalty = Callable[[RewardInput, RewardSettings], torch.Tensor]
@@ -72,6 +75,9 @@ PENALTIES: dict[str, Penalty] = {
     "touchdown": lambda x, s: (
         x.body.foot_descent.square() * (x.body.foot_height < s.touchdown_height).float()
     ).sum(1),
+    "over_speed": lambda x, s: (
+        (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
+    ),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
 }
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
 
 from sprintlab.commands import (
@@ -34,6 +35,7 @@ from sprintlab.control import (
 )
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
+from sprintlab.motors import no_load_speed
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
@@ -84,6 +86,9 @@ class SprintEnvironment:
         self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
         self.kinematics = Kinematics(self.robot, self.simulation)
         self.friction = randomize(self.simulation, settings.randomization)
+        no_load = np.asarray(no_load_speed(self.robot.motors, self.robot.bus_voltage))
+        no_load = no_load / np.asarray(self.robot.gear.ratio)
+        self.no_load_speed = torch.tensor(no_load, dtype=torch.float32, device=device)
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
@@ -260,6 +265,7 @@ class SprintEnvironment:
             torque=self.simulation.drive_torque,
             limit_excess=above + below,
             base_height_target=self.robot.base_height_target,
+            no_load_speed=self.no_load_speed,
         )
         rewards = self.settings.rewards
         follow, turn, onward = tracking(inputs)

@@ -53,6 +53,7 @@ BENCH_LIMIT = 32 << 20
 MOST_ROWS = 100_000
 """Most operating points of a bench."""
 _LONGEST_LINE = 4000
+_LONGEST_HEADING = 100
 _LARGEST = {"speed": 1e5, "torque": 1e5}
 _LARGEST_OTHER = 1e6  # [A], [V], [degC]
 _LISTED = 4  # differing values that an error shows
@@ -170,6 +171,8 @@ def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, fl
     """Position and SI factor of every known column."""
     found: dict[str, tuple[int, float]] = {}
     for index, cell in enumerate(header):
+        if len(cell) > _LONGEST_HEADING:  # the time to take one apart grows with the cube of its length
+            raise InvalidValueError(f"{path}: column", cell[:40], f"at most {_LONGEST_HEADING} characters")
         match = _HEADER.fullmatch(cell)
         name = _known_name(match[1]) if match else None
         if match is None or name is None:

@@ -53,6 +53,7 @@ OUTLIER_DISTANCE = 5.0
 """Residual in units of the noise, of rows that read about the same, beyond which a row is set aside."""
 
 _ROUNDS = 4
+_MOST_STEPS = 500  # of one round; fits that converge take some twenty
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
@@ -226,6 +227,7 @@ class _Fit:
             args=(noise, kept),
             jac="3-point",
             x_scale="jac",
+            max_nfev=_MOST_STEPS,
         )
         if not np.isfinite(solution.x).all():
             raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
