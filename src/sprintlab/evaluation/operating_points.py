@@ -173,8 +173,8 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     if version != _CLOUD_FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_CLOUD_FORMAT}")
     _check_cloud(path, arrays)
-    arrays["on_limit"] = arrays["on_limit"] > 0.5
-    return TrainingCloud(robot=robot, motor_model=motor_model, **arrays)
+    on_limit = arrays.pop("on_limit") > 0.5
+    return TrainingCloud(robot=robot, motor_model=motor_model, on_limit=on_limit, **arrays)
 
 
 def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
