@@ -141,7 +141,7 @@ def test_identify_saturation_from_a_torque_current_table(call, tmp_path):
     assert found["parameters"]["stator_resistance"]["value"] is None
     assert found["torque_constant"] == pytest.approx(1.5 * 21 * 6.08e-3, rel=0.01)
     text = call("motor", "identify", table, *options).out
-    assert "not determined: needs vq and vd" in text
+    assert "not determined: needs vq or power" in text
 
 
 def test_what_was_set_aside_and_not_read_is_told(call, tmp_path):

@@ -23,8 +23,9 @@ class MotorIdentify:
     """Fit resistance, inductance, flux, saturation, friction and usable voltage to bench data.
 
     The bench is a CSV of steady points with units in its header: speed [rad/s], iq [A] (or phase_current
-    [A rms]) and torque [N m]; better also vq [V], vd [V], bus_voltage [V], temperature [degC] and limited (1
-    where the inverter gives all its voltage). The status is 1 when the model does not describe the data.
+    [A rms]) and torque [N m]; better also vq [V], vd [V], power [W], bus_voltage [V], temperature [degC] and
+    limited (1 where the inverter gives all its voltage). The status is 1 when the model does not describe the
+    data.
 
     Attributes:
         bench: the measurements (CSV).
@@ -36,6 +37,9 @@ class MotorIdentify:
         also: parameters fitted only on request: torque_offset and current_offset (what the sensors read at
             zero), gear_efficiency (a gear that loses a share of the load).
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
+        column: name=heading or name=heading:unit, for a column that the file calls otherwise.
+        gear_ratio: of a gear between the motor and the torque sensor; results are the motor's.
+        motor_speed: behind a gear, the speed is the motor's already.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         out: motor file to write; none when left out.
         figure: picture (.png, .pdf or .svg) of fit and residuals; none when left out.
@@ -49,6 +53,9 @@ class MotorIdentify:
     hold: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     rotor_inertia: float | None = None
+    column: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    gear_ratio: float = 1.0
+    motor_speed: tyro.conf.FlagCreatePairsOff[bool] = False
     saturation_only: tyro.conf.FlagCreatePairsOff[bool] = False
     out: Path | None = None
     figure: Path | None = None
@@ -84,7 +91,7 @@ class MotorIdentify:
         from dataclasses import replace
 
         from sprintlab.core.errors import InvalidValueError
-        from sprintlab.workbench.identification import identify, load_bench
+        from sprintlab.workbench.identification import behind_gear, identify, load_bench
 
         pole_pairs = self.pole_pairs
         if pole_pairs is None and base is not None:
@@ -96,9 +103,10 @@ class MotorIdentify:
         peak_current = self.peak_current
         if peak_current is None and base is not None:
             peak_current = float(base.peak_torque / base.torque_constant)
-        bench = load_bench(self.bench, needs_speed=not self.saturation_only)
+        bench = load_bench(self.bench, needs_speed=not self.saturation_only, columns=self.column)
+        bench = behind_gear(bench, self.gear_ratio, self.motor_speed)
         if self.saturation_only:
-            bench = replace(bench, speed=None, q_voltage=None, d_voltage=None)
+            bench = replace(bench, speed=None, q_voltage=None, d_voltage=None, power=None)
         return identify(
             bench,
             pole_pairs=pole_pairs,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import PmsmParameters, phase_voltage_limit, torque_limits
-from sprintlab.workbench.identification import PARAMETER_UNITS, identify, load_bench
+from sprintlab.workbench.identification import PARAMETER_UNITS, behind_gear, identify, load_bench
 
 BUS = 60.0
 FRICTION = {"coulomb_friction": 0.05, "viscous_friction": 3e-4}
@@ -393,10 +393,72 @@ def test_needed_columns_are_named_when_missing(tmp_path, motor, missing):
         load_bench(write_bench(tmp_path / "bench.csv", columns))
 
 
-def test_v_d_without_v_q_is_refused(tmp_path, motor):
-    columns = {name: values for name, values in bench_columns(motor).items() if name != "vq"}
-    with pytest.raises(InvalidValueError, match="belong together"):
-        load_bench(write_bench(tmp_path / "bench.csv", columns))
+@pytest.mark.parametrize(
+    ("kept", "told"),
+    [("vq", {"stator_resistance"}), ("vd", {"q_axis_inductance"}), ("power", {"stator_resistance"})],
+)
+def test_one_voltage_or_the_power_tells_its_part(fit, motor, kept, told):
+    """Without rows on the limit, v_q and the power show the resistance, v_d the inductance."""
+    columns = bench_columns(motor)
+    power = 1.5 * columns["vq"] * columns["iq"]
+    columns = {name: columns[name] for name in ("speed", "iq", "torque", kept) if name in columns}
+    if kept == "power":
+        columns["power"] = power
+    found = fit(columns, motor, {**UNITS, "power": "W"})
+    electrical = ("stator_resistance", "q_axis_inductance")
+    assert {name for name in electrical if found.estimates[name].determined} == told
+    for name in told:
+        assert found.estimates[name].value == pytest.approx(truth(motor)[name], rel=0.03)
+        assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
+
+
+def test_the_power_catches_unit_mistakes(fit, motor):
+    columns = bench_columns(motor)
+    keep = {name: columns[name] for name in ("iq", "torque")}
+    keep |= {"power": 1.5 * columns["vq"] * columns["iq"], "speed": columns["speed"] * 60.0 / (2.0 * math.pi)}
+    with pytest.raises(SprintlabError, match="speed is in rpm"):
+        fit(keep, motor, {**UNITS, "power": "W"})
+
+
+@pytest.mark.parametrize("motor_speed", [False, True])
+def test_torque_behind_a_gear_is_referred_to_the_motor(tmp_path, motor, motor_speed):
+    columns = bench_columns(motor)
+    columns["torque"] = 9.0 * columns["torque"]
+    if not motor_speed:
+        columns["speed"] = columns["speed"] / 9.0
+    bench = behind_gear(load_bench(write_bench(tmp_path / "bench.csv", columns)), 9.0, motor_speed)
+    found = identify(
+        bench, pole_pairs=motor.pole_pairs, peak_current=motor.peak_torque / motor.torque_constant
+    )
+    assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage, rel=0.01)
+    with pytest.raises(InvalidValueError, match="gear_ratio"):
+        behind_gear(bench, 0.0)
+
+
+def test_lines_above_the_header_are_skipped(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("2024-03-01 12:30:05, run 7\nOperator: me\nspeed [rad/s],iq [A],torque [N m]\n1,2,3\n")
+    bench = load_bench(path)
+    assert bench.torque.tolist() == [3.0] and bench.lines.tolist() == [4]
+    path.write_text("Date: 2024-03-01\nspeed [rad/s];iq [A];torque [N m]\n1,5;2;3\n2;2;3\n3;2;3\n")
+    assert load_bench(path).speed.tolist() == [1.5, 2.0, 3.0]
+
+
+def test_columns_of_other_names_are_mapped(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,vel (rpm),Phase current Q,load cell,torque [N m]\n0,60,2,3,99\n")
+    columns = ("speed=vel (rpm)", "iq=phase current q:mA", "torque=load cell:N cm")
+    bench = load_bench(path, columns=columns)
+    assert bench.speed == pytest.approx([2.0 * math.pi])
+    assert bench.current == pytest.approx([0.002]) and bench.torque == pytest.approx([0.03])
+    for entry, words in {
+        "iq=none:A": "the header has time",
+        "iq": "name=heading",
+        "amps=load cell:A": "column",
+        "torque=load cell": "write the unit",
+    }.items():
+        with pytest.raises(InvalidValueError, match=words):
+            load_bench(path, columns=(*columns[:1], entry))
 
 
 def test_the_limit_alone_tells_resistance_and_gamma_apart_or_says_it_cannot(fit, motor):

@@ -1,6 +1,6 @@
 """From bench measurements to motor parameters, with intervals, and with what the data cannot tell."""
 
-from sprintlab.workbench.identification.bench import COLUMNS, Bench, load_bench
+from sprintlab.workbench.identification.bench import COLUMNS, Bench, behind_gear, load_bench
 from sprintlab.workbench.identification.fit import identify
 from sprintlab.workbench.identification.model import OPTIONAL_UNITS, PARAMETER_UNITS
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
@@ -13,6 +13,7 @@ __all__ = [
     "ChannelFit",
     "Estimate",
     "Identification",
+    "behind_gear",
     "identify",
     "load_bench",
 ]

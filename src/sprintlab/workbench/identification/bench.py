@@ -12,13 +12,14 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_text
 
@@ -34,6 +35,7 @@ COLUMNS: dict[str, Mapping[str, float]] = {
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
     "vq": _VOLT,
     "vd": _VOLT,
+    "power": {"W": 1.0, "kW": 1e3},
     "bus_voltage": _VOLT,
     "temperature": {"degC": 1.0},
     "limited": {"": 1.0},
@@ -56,6 +58,7 @@ _LONGEST_LINE = 4000
 _LONGEST_HEADING = 100
 _LARGEST = {"speed": 1e5, "torque": 1e5}
 _LARGEST_OTHER = 1e6  # [A], [V], [degC]
+_MOST_TITLES = 10  # lines above a header
 _LISTED = 4  # differing values that an error shows
 _HOTTEST = 250.0  # [degC]: beyond, the temperatures are in kelvin or of another thing
 
@@ -71,6 +74,7 @@ class Bench:
         d_current: i_d [A]; zero where the bench has no such column.
         q_voltage: v_q [V] or ``None``.
         d_voltage: v_d [V] or ``None``.
+        power: electrical, into the three phases [W], or ``None``.
         bus_voltage: DC bus [V] or ``None``.
         temperature: of the winding [degC] or ``None``.
         limited: the inverter gives all its voltage, bool.
@@ -84,6 +88,7 @@ class Bench:
     d_current: FloatArray
     q_voltage: FloatArray | None = None
     d_voltage: FloatArray | None = None
+    power: FloatArray | None = None
     bus_voltage: FloatArray | None = None
     temperature: FloatArray | None = None
     limited: NDArray[np.bool_]
@@ -96,14 +101,16 @@ class Bench:
         return len(self.current)
 
 
-def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
+def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: Sequence[str] = ()) -> Bench:
     """Read a bench file: comma, semicolon or tab between the cells; lines that begin with # are remarks.
 
-    Where no comma parts the cells, numbers may have decimal commas.
+    Where no comma parts the cells, numbers may have decimal commas. Lines above the header in which no column
+    is known are skipped.
 
     Args:
         path: the file.
         needs_speed: whether a missing speed column is an error.
+        columns: ``name=heading`` or ``name=heading:unit`` for columns that the file calls otherwise.
 
     Raises:
         SprintlabError: the file cannot be read, or a line has cells too many, too few, or with no finite
@@ -111,9 +118,10 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
         InvalidValueError: a column is missing, given twice, has no or an unknown unit, or values that
             cannot be.
     """
-    lines = _read_lines(Path(path))
+    mapping = dict(_mapped(entry) for entry in columns)
+    lines = _from_header(_read_lines(Path(path)), mapping)
     number, header = lines[0]
-    names = _read_header(path, header)
+    names = _read_header(path, _renamed(path, header, mapping))
     rows = lines[1:]
     if not rows:
         raise SprintlabError(f"{path} has a header in line {number} and no data")
@@ -126,6 +134,22 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True) -> Bench:
     if "phase_current" not in values:
         _require(path, "iq", values, header)
     return _assemble(path, values, [line for line, _ in rows], _unused(header, names))
+
+
+def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
+    """The bench referred to the motor's shaft, of torques (and speeds) measured behind a gear.
+
+    Args:
+        bench: as measured.
+        ratio: motor speed over output speed.
+        motor_speed: the speed is the motor's already.
+
+    Raises:
+        InvalidValueError: a ratio outside [1, 500].
+    """
+    check_range("gear_ratio", ratio, 1.0, 500.0)
+    speed = bench.speed if bench.speed is None or motor_speed else bench.speed * ratio
+    return replace(bench, torque=bench.torque / ratio, speed=speed)
 
 
 def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
@@ -143,7 +167,8 @@ def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
             f"{path} is no bench file: it has more than {MOST_ROWS} lines, or one of more than "
             f"{_LONGEST_LINE} characters"
         )
-    separator = next((mark for mark in ";\t" if mark in kept[0][1]), ",")
+    titles = [line for _, line in kept[:_MOST_TITLES]]
+    separator = next((mark for mark in ";\t" if sum(mark in line for line in titles) * 2 > len(titles)), ",")
     cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
     return cells if separator == "," else _with_decimal_points(path, cells)
 
@@ -155,6 +180,51 @@ def _with_decimal_points(path: object, lines: list[tuple[int, list[str]]]) -> li
     if "," in text and "." in text:
         raise SprintlabError(f"{path} has decimal commas and decimal points: write all numbers with points")
     return lines[:1] + [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in rows]
+
+
+def _mapped(entry: str) -> tuple[str, tuple[str, str]]:
+    """``(heading, (name, unit))`` of one entry ``name=heading:unit``."""
+    name, equals, rest = entry.partition("=")
+    heading, _, unit = rest.rpartition(":") if ":" in rest else (rest, "", "")
+    check_choice("column", name.strip(), tuple(COLUMNS))
+    if not equals or not heading.strip():
+        raise InvalidValueError("column", entry, "write name=heading or name=heading:unit, e.g. iq=current:A")
+    return heading.strip().casefold(), (name.strip(), unit.strip())
+
+
+def _from_header(
+    lines: list[tuple[int, list[str]]], mapping: Mapping[str, tuple[str, str]]
+) -> list[tuple[int, list[str]]]:
+    """The lines from the header on: the first in which a column is known; all of them if none is."""
+    for index, (_, cells) in enumerate(lines[:_MOST_TITLES]):
+        if any(cell.strip().casefold() in mapping or _names_column(cell) for cell in cells):
+            return lines[index:]
+    return lines
+
+
+def _names_column(cell: str) -> bool:
+    match = _HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEADING else None
+    return match is not None and _known_name(match[1]) is not None
+
+
+def _renamed(path: object, header: Sequence[str], mapping: Mapping[str, tuple[str, str]]) -> list[str]:
+    """The header with mapped headings in our names; a unit that the mapping leaves out is the heading's."""
+    there = {cell.strip().casefold() for cell in header}
+    for heading, (name, _) in mapping.items():
+        if heading not in there:
+            raise InvalidValueError(f"{path}: column {name}", heading, f"the header has {', '.join(header)}")
+    names = {name for name, _ in mapping.values()}
+    renamed: list[str] = []
+    for cell in header:
+        name, unit = mapping.get(cell.strip().casefold(), ("", ""))
+        match = _HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEADING else None
+        if name:
+            written = unit or (match[2] if match else None) or ""
+            renamed.append(f"{name} [{written}]" if written else name)
+        else:  # a mapped column stands in for one that bears its name
+            hidden = match is not None and _known_name(match[1]) in names
+            renamed.append("" if hidden else cell)
+    return renamed
 
 
 def _check_cells(path: object, rows: Sequence[tuple[int, list[str]]], columns: int) -> None:
@@ -250,10 +320,6 @@ def _assemble(
         column = values.get(name)
         if column is not None:
             _check_values(path, name, column, (column >= low) & (column <= high), allowed)
-    if (values.get("vq") is None) != (values.get("vd") is None):
-        raise InvalidValueError(
-            f"{path}: columns", sorted(values), "vq and vd belong together: give both or none"
-        )
     return Bench(
         current=current,
         torque=torque,
@@ -261,6 +327,7 @@ def _assemble(
         d_current=values.get("id", np.zeros(len(torque))),
         q_voltage=values.get("vq"),
         d_voltage=values.get("vd"),
+        power=values.get("power"),
         bus_voltage=values.get("bus_voltage"),
         temperature=values.get("temperature"),
         limited=limited.astype(bool),

@@ -79,14 +79,18 @@ def _torque_slope(bench: Bench) -> float:
 
 
 def voltage_flux(bench: Bench, pole_pairs: int) -> tuple[float, float] | None:
-    """Flux linkage [Wb] and resistance [ohm] from v_q = R i_q + w psi.
+    """Flux linkage [Wb] and resistance [ohm] from v_q = R i_q + w psi, or the power over 1.5 i_q.
 
     ``None`` without voltages, or where the current follows the speed so that the two cannot be told apart.
     """
-    if bench.q_voltage is None or bench.speed is None:
+    if bench.speed is None or (bench.q_voltage is None and bench.power is None):
         return None
     design = np.stack((bench.current, pole_pairs * bench.speed), axis=-1)
-    slopes = _robust_slopes(design, bench.q_voltage)
+    if bench.q_voltage is not None:
+        slopes = _robust_slopes(design, bench.q_voltage)
+    else:
+        assert bench.power is not None
+        slopes = _robust_slopes(design * bench.current[:, None], bench.power / 1.5)
     return None if slopes is None else (float(slopes[1]), float(slopes[0]))
 
 
@@ -189,7 +193,8 @@ def _compare_fluxes(from_torque: float, from_voltage: float, resistance: float, 
 def _check_direct_voltage(bench: Bench) -> None:
     """v_d = -w L i_q: refuse a bench where it goes the other way."""
     assert bench.speed is not None
-    assert bench.d_voltage is not None
+    if bench.d_voltage is None:
+        return
     expected = -bench.speed * bench.current
     size = float(np.linalg.norm(expected) * np.linalg.norm(bench.d_voltage))
     if size > 0.0 and float(expected @ bench.d_voltage) / size < _OPPOSITE:
@@ -198,9 +203,10 @@ def _check_direct_voltage(bench: Bench) -> None:
 
 def _check_limited(bench: Bench) -> list[str]:
     """Rows marked as limited must reach about the same share of the bus, one that inverters give."""
-    if bench.bus_voltage is None or bench.q_voltage is None or not bench.limited.any():
+    if bench.bus_voltage is None or bench.q_voltage is None or bench.d_voltage is None:
         return []
-    assert bench.d_voltage is not None
+    if not bench.limited.any():
+        return []
     share = math.sqrt(3.0) * np.hypot(bench.q_voltage, bench.d_voltage) / bench.bus_voltage
     low, middle, high = np.quantile(share[bench.limited], (0.1, 0.5, 0.9)).tolist()
     if not _REACHED[0] <= middle <= _REACHED[1]:

@@ -126,7 +126,11 @@ def identify(
         warnings.append(
             f"the bench ends at {largest:.4g} A: up to {peak_current:.4g} A the saturation is extrapolated"
         )
-    if bench.temperature is None and bench.q_voltage is not None and "stator_resistance" not in hold:
+    if (
+        bench.temperature is None
+        and (bench.q_voltage is not None or bench.power is not None)
+        and "stator_resistance" not in hold
+    ):
         warnings.append("no temperature column: the resistance is that of the winding as warm as it was")
     return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold), also).run(warnings, base)
 
@@ -390,7 +394,8 @@ class _Fit:
 
     def _absence(self, name: str) -> str:
         if name in ("stator_resistance", "q_axis_inductance"):
-            return "needs vq and vd, or rows marked limited with a bus_voltage"
+            column = "vq or power" if name == "stator_resistance" else "vd"
+            return f"needs {column}, or rows marked limited with a bus_voltage"
         if name == "voltage_utilization":
             return "needs a bus_voltage and rows marked limited"
         if name == "flux_drift":

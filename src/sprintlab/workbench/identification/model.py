@@ -5,6 +5,7 @@ With ``w = N omega``, one inductance for both axes and the peak current ``I``::
     tau = 1.5 N psi i_q (1 - alpha |i_q| / I) eta^s - coulomb sign(omega) - viscous omega
     v_q = R i_q + w (L i_d + psi)
     v_d = R i_d - w L i_q
+    P = 1.5 (v_q i_q + v_d i_d)          where the power was measured
     |v| = gamma V_bus / sqrt(3)          where the inverter gives all its voltage
 
 ``s`` is 1 where the motor drives and -1 where it brakes; the gear's efficiency ``eta`` is 1 unless it is
@@ -84,7 +85,7 @@ class Channel:
     """One measured quantity.
 
     Attributes:
-        name: ``torque``, ``vq``, ``vd`` or ``voltage limit``.
+        name: ``torque``, ``vq``, ``vd``, ``power`` or ``voltage limit``.
         unit: of its residuals.
         measured: (m,) values that the residuals are subtracted from.
         predict: model values (m,) for parameters.
@@ -187,18 +188,34 @@ def _flux_names(bench: Bench) -> tuple[str, ...]:
 
 
 def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
-    if bench.q_voltage is None or bench.d_voltage is None:
+    """v_q, v_d and the power, each where it was measured; with i_d = 0 each sees a part of the parameters."""
+    if bench.speed is None:
         return ()
+    weakened = bool(bench.d_current.any())
+    from_q = ("stator_resistance", *_flux_names(bench), *(("q_axis_inductance",) if weakened else ()))
+    from_d = ("q_axis_inductance", *(("stator_resistance",) if weakened else ()))
+
+    def power(values: Parameters) -> FloatArray:
+        v_q, v_d = phase_voltages(values, pole_pairs, bench)
+        current = bench.current - values["current_offset"]
+        return 1.5 * (v_q * current + v_d * bench.d_current)
+
+    known = (
+        ("vq", "V", bench.q_voltage, lambda values: phase_voltages(values, pole_pairs, bench)[0], from_q),
+        ("vd", "V", bench.d_voltage, lambda values: phase_voltages(values, pole_pairs, bench)[1], from_d),
+        ("power", "W", bench.power, power, ("stator_resistance", *_flux_names(bench))),
+    )
     return tuple(
         Channel(
             name=name,
-            unit="V",
+            unit=unit,
             measured=measured,
-            predict=lambda values, axis=axis: phase_voltages(values, pole_pairs, bench)[axis],
+            predict=predict,
             rows=np.arange(bench.size),
-            depends_on=("stator_resistance", "q_axis_inductance", *_flux_names(bench)),
+            depends_on=depends_on,
         )
-        for axis, (name, measured) in enumerate((("vq", bench.q_voltage), ("vd", bench.d_voltage)))
+        for name, unit, measured, predict, depends_on in known
+        if measured is not None
     )
 
 
