@@ -33,6 +33,8 @@ class MotorIdentify:
         base: motor file that supplies what the bench does not determine.
         hold: parameters not fitted but taken from the base motor (friction and flux_drift: 0,
             voltage_utilization: 0.95).
+        also: parameters fitted only on request: torque_offset and current_offset (what the sensors read at
+            zero), gear_efficiency (a gear that loses a share of the load).
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         out: motor file to write; none when left out.
@@ -45,6 +47,7 @@ class MotorIdentify:
     peak_current: float | None = None
     base: Path | None = None
     hold: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
     rotor_inertia: float | None = None
     saturation_only: tyro.conf.FlagCreatePairsOff[bool] = False
     out: Path | None = None
@@ -96,7 +99,14 @@ class MotorIdentify:
         bench = load_bench(self.bench, needs_speed=not self.saturation_only)
         if self.saturation_only:
             bench = replace(bench, speed=None, q_voltage=None, d_voltage=None)
-        return identify(bench, pole_pairs=pole_pairs, peak_current=peak_current, base=base, hold=self.hold)
+        return identify(
+            bench,
+            pole_pairs=pole_pairs,
+            peak_current=peak_current,
+            base=base,
+            hold=self.hold,
+            also=self.also,
+        )
 
     def _print(self, result: Identification, numbers: dict[str, Any]) -> None:
         console = stdout_console()
@@ -117,8 +127,9 @@ class MotorIdentify:
 
 def identification_numbers(result: Identification) -> dict[str, Any]:
     """Estimates, fit quality and warnings, ready for JSON."""
-    from sprintlab.workbench.identification import PARAMETER_UNITS
+    from sprintlab.workbench.identification import OPTIONAL_UNITS, PARAMETER_UNITS
 
+    units = PARAMETER_UNITS | OPTIONAL_UNITS
     return {
         "trustworthy": result.trustworthy,
         "pole_pairs": result.pole_pairs,
@@ -128,7 +139,7 @@ def identification_numbers(result: Identification) -> dict[str, Any]:
             name: {
                 "value": estimate.value,
                 "half_width_95": estimate.half_width,
-                "unit": PARAMETER_UNITS[name],
+                "unit": units[name],
                 "determined": estimate.determined,
                 "reason": estimate.reason,
             }

@@ -2,11 +2,12 @@
 
 from sprintlab.workbench.identification.bench import COLUMNS, Bench, load_bench
 from sprintlab.workbench.identification.fit import identify
-from sprintlab.workbench.identification.model import PARAMETER_UNITS
+from sprintlab.workbench.identification.model import OPTIONAL_UNITS, PARAMETER_UNITS
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
 
 __all__ = [
     "COLUMNS",
+    "OPTIONAL_UNITS",
     "PARAMETER_UNITS",
     "Bench",
     "ChannelFit",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import directions
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ def check_levels(bench: Bench) -> None:
     if bench.size < FEWEST_ROWS:
         raise SprintlabError(f"the bench has {bench.size} rows, at least {FEWEST_ROWS} are needed")
     _check_spread("current", bench.current, "A")
-    if bench.speed is not None:
+    if bench.speed is not None and directions(bench).any():
         _check_spread("speed", bench.speed, "rad/s")
 
 
@@ -69,7 +70,7 @@ def torque_flux(bench: Bench, pole_pairs: int) -> float:
 def _torque_slope(bench: Bench) -> float:
     """Torque per ampere [N m/A]; friction and saturation are left out where they cannot be told apart."""
     columns = [bench.current, -bench.current * np.abs(bench.current)]
-    friction = [] if bench.speed is None else [-np.sign(bench.speed), -bench.speed]
+    friction = [] if bench.speed is None else [-directions(bench), -bench.speed]
     for chosen in ([*columns, *friction], columns):
         slopes = _robust_slopes(np.stack(chosen, axis=-1), bench.torque)
         if slopes is not None:

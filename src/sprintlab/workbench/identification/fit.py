@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +32,13 @@ from sprintlab.workbench.identification.checks import (
 from sprintlab.workbench.identification.model import (
     BOUNDS,
     LEAST_WARMING,
+    NEUTRAL,
+    OPTIONAL_UNITS,
     PARAMETER_UNITS,
+    STANDING,
     Channel,
     channels,
+    directions,
     warming,
 )
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
@@ -44,7 +49,13 @@ from sprintlab.workbench.identification.statistics import (
     lacking_term,
     local_median,
 )
-from sprintlab.workbench.identification.verdict import comparison, outlier_note, patterns, problems
+from sprintlab.workbench.identification.verdict import (
+    comparison,
+    magnets,
+    outlier_note,
+    patterns,
+    problems,
+)
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -57,7 +68,11 @@ _MOST_STEPS = 500  # of one round; fits that converge take some twenty
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
-_LARGEST_SHARE = {"flux_linkage": 0.1, "voltage_utilization": 0.1}  # torque and speed go with them
+_LARGEST_SHARE = {
+    "flux_linkage": 0.1,
+    "voltage_utilization": 0.1,
+    "gear_efficiency": 0.1,
+}  # torque and speed go with them
 _LARGEST_OTHER_SHARE = 0.5  # half width over value beyond which a parameter is not determined
 _LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
@@ -71,6 +86,7 @@ def identify(
     peak_current: float | None = None,
     base: PmsmParameters | None = None,
     hold: Sequence[str] = (),
+    also: Sequence[str] = (),
 ) -> Identification:
     """Fit what the columns of a bench allow.
 
@@ -80,6 +96,7 @@ def identify(
         peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
         base: a motor that supplies held values and is compared with.
         hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
+        also: of ``OPTIONAL_UNITS``, fitted too: the sensors' zeros, and a gear's efficiency.
 
     Raises:
         SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
@@ -90,10 +107,13 @@ def identify(
     check_range("pole_pairs", pole_pairs, 1, 200)
     for name in hold:
         check_choice("hold", name, tuple(PARAMETER_UNITS))
+    for name in also:
+        check_choice("also", name, tuple(OPTIONAL_UNITS))
+    bench, standing = _without_noise_of_standing(bench)
     if peak_current is not None:
         check_positive("peak_current", peak_current, "A")
     check_levels(bench)
-    warnings = repeated_rows(bench)
+    warnings = [*standing, *repeated_rows(bench)]
     if bench.speed is not None:
         warnings += check_units(bench, pole_pairs)
     largest = float(np.max(np.abs(bench.current)))
@@ -108,7 +128,21 @@ def identify(
         )
     if bench.temperature is None and bench.q_voltage is not None and "stator_resistance" not in hold:
         warnings.append("no temperature column: the resistance is that of the winding as warm as it was")
-    return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold)).run(warnings, base)
+    return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold), also).run(warnings, base)
+
+
+def _without_noise_of_standing(bench: Bench) -> tuple[Bench, list[str]]:
+    """The bench with speed 0 in every row if none turns, and a note on rows that stand."""
+    standing = int(np.sum(directions(bench) == 0.0)) if bench.speed is not None else 0
+    if standing == 0:
+        return bench, []
+    if standing == bench.size:
+        note = f"no row turns faster than {STANDING:g} rad/s: friction stays unknown, and is in the torque"
+        return replace(bench, speed=np.zeros(bench.size)), [note]
+    note = (
+        f"{standing} of {bench.size} rows stand still: friction may point either way, the torque leaves them"
+    )
+    return bench, [f"{note} out"]
 
 
 def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, float]:
@@ -128,17 +162,20 @@ def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, 
 class _Fit:
     """One fit over the channels of a bench; parameters travel in units of their first guess."""
 
-    def __init__(self, bench: Bench, pole_pairs: int, peak_current: float, held: dict[str, float]) -> None:
+    def __init__(
+        self, bench: Bench, pole_pairs: int, peak_current: float, held: dict[str, float], also: Sequence[str]
+    ) -> None:
         self._bench = bench
         self._pole_pairs = pole_pairs
         self._peak_current = peak_current
         self._held = held
-        self._channels = channels(bench, pole_pairs, peak_current)
+        self._channels = channels(bench, pole_pairs, peak_current, also)
+        self._names = (*PARAMETER_UNITS, *dict.fromkeys(also))
         seen = {name for channel in self._channels for name in channel.depends_on}
-        self._free = [name for name in PARAMETER_UNITS if name in seen and name not in held]
+        self._free = [name for name in self._names if name in seen and name not in held]
         guess = self._guess()
         self._start = np.array([guess[name] for name in self._free])
-        self._idle = {name: 0.0 for name in PARAMETER_UNITS if name not in self._free} | held
+        self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
 
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
         """Fit, and say how good it is."""
@@ -148,7 +185,12 @@ class _Fit:
         fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
         estimates = self._estimates(solution.x, widths, self._blind(decomposition))
         fatal = problems(estimates, fits, kept)
-        notes = [*comparison(estimates, base), *self._at_bounds(solution.x), *outlier_note(kept)]
+        notes = [
+            *comparison(estimates, base),
+            *magnets(estimates),
+            *self._at_bounds(solution.x),
+            *outlier_note(kept),
+        ]
         lacking = self._lacking(decomposition, solution.fun, kept)
         return Identification(
             bench=self._bench,
@@ -190,6 +232,9 @@ class _Fit:
             "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
             "flux_linkage": flux,
             "flux_drift": 1e-3,
+            "torque_offset": 0.01 * torque,
+            "current_offset": 0.01 * current,
+            "gear_efficiency": 0.9,
             "saturation": 0.1,
             "coulomb_friction": 0.02 * torque,
             "viscous_friction": 0.02 * torque / speed,
@@ -287,14 +332,14 @@ class _Fit:
         """What each channel's residuals follow; empty where they only scatter."""
         begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
         return [
-            lacking_term(self._bench, channel.rows[kept[channel.rows]], decomposition, residuals, begin)
+            lacking_term(self._bench, channel, kept, decomposition, residuals, begin)
             for channel, begin in zip(self._channels, begins, strict=False)
         ]
 
     def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
         values = self._values(point)
         found: dict[str, Estimate] = {}
-        for name in PARAMETER_UNITS:
+        for name in self._names:
             if name in self._free:
                 width = float(widths[self._free.index(name)])
                 found[name] = self._estimate(name, values[name], width, blind)
@@ -337,6 +382,8 @@ class _Fit:
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
             "flux_drift": _SMALL_EFFECT / max(warming(bench), 1.0),
             "saturation": _LARGEST_SATURATION_WIDTH,
+            "torque_offset": torque,
+            "current_offset": _SMALL_EFFECT * current,
             "coulomb_friction": torque,
             "viscous_friction": torque / speed,
         }.get(name, 0.0)
@@ -348,14 +395,14 @@ class _Fit:
             return "needs a bus_voltage and rows marked limited"
         if name == "flux_drift":
             return f"needs temperatures that differ by {LEAST_WARMING:g} K"
-        return "needs speeds"
+        return "needs speeds of a shaft that turns"
 
     def _at_bounds(self, point: FloatArray) -> list[str]:
         values = self._values(point)
         return [
             f"{name} ended at {values[name]:.3g}, the edge of what is possible: the model does not fit there"
             for name in self._free
-            if name != "voltage_utilization"
+            if name not in ("voltage_utilization", "flux_drift", "gear_efficiency")
             and _at_edge(name, values[name], self._start[self._free.index(name)])
         ]
 

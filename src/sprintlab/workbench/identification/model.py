@@ -2,10 +2,14 @@
 
 With ``w = N omega``, one inductance for both axes and the peak current ``I``::
 
-    tau = 1.5 N psi i_q (1 - alpha |i_q| / I) - coulomb sign(omega) - viscous omega
+    tau = 1.5 N psi i_q (1 - alpha |i_q| / I) eta^s - coulomb sign(omega) - viscous omega
     v_q = R i_q + w (L i_d + psi)
     v_d = R i_d - w L i_q
     |v| = gamma V_bus / sqrt(3)          where the inverter gives all its voltage
+
+``s`` is 1 where the motor drives and -1 where it brakes; the gear's efficiency ``eta`` is 1 unless it is
+fitted, and the zeros of the two sensors are 0 unless they are. At standstill friction may point either way:
+where other rows turn, the rows that stand tell nothing about the torque.
 
 Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % a kelvin,
 and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted where the temperatures differ.
@@ -14,7 +18,7 @@ and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted wh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,17 +45,35 @@ PARAMETER_UNITS = {
 }
 """What a bench can tell, with units; names as in ``PmsmParameters`` where it has them."""
 
+OPTIONAL_UNITS = {
+    "torque_offset": "N m",
+    "current_offset": "A",
+    "gear_efficiency": "",
+}
+"""What is fitted only on request: readings of the sensors at zero, and a gear's loss with the load."""
+
+NEUTRAL = {"gear_efficiency": 1.0}
+"""Values of parameters that are not fitted, where not 0."""
+
 BOUNDS = {
     "stator_resistance": (0.0, 100.0),
     "q_axis_inductance": (0.0, 0.1),
     "flux_linkage": (1e-6, 2.0),
-    "flux_drift": (-0.01, 0.01),
+    "flux_drift": (-0.003, 0.001),  # ferrites, the worst of magnets, lose 0.2 % a kelvin
     "saturation": (0.0, 0.499),
     "coulomb_friction": (0.0, 1e3),
     "viscous_friction": (0.0, 1e2),
     "voltage_utilization": (0.05, 1.3),
+    "torque_offset": (-1e3, 1e3),
+    "current_offset": (-1e3, 1e3),
+    "gear_efficiency": (0.3, 1.0),
 }
 """Where the fit may look."""
+
+STANDING = 0.5
+"""Speed up to which the shaft counts as standing [rad/s]: its sign is the encoder's noise."""
+
+_STANDING_SHARE = 0.01  # of the largest speed, likewise
 
 LEAST_WARMING = 10.0
 """Range of temperatures below which the flux shows no drift [K]."""
@@ -80,12 +102,27 @@ class Channel:
 
 def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench: Bench) -> FloatArray:
     """Torque on the shaft [N m] ``(n,)``, saturation and friction in; no friction without speeds."""
-    current = bench.current
-    speed = np.zeros(bench.size) if bench.speed is None else bench.speed
+    current = bench.current - values["current_offset"]
+    direction, speed = directions(bench), np.zeros(bench.size) if bench.speed is None else bench.speed
     ideal = 1.5 * pole_pairs * linked_flux(values, bench) * current
     saturated = ideal * (1.0 - values["saturation"] * np.abs(current) / peak_current)
-    friction = values["coulomb_friction"] * np.sign(speed) + values["viscous_friction"] * speed
-    return saturated - friction
+    passed_on = saturated * values["gear_efficiency"] ** (np.sign(current) * direction)
+    friction = values["coulomb_friction"] * direction + values["viscous_friction"] * speed
+    return passed_on - friction + values["torque_offset"]
+
+
+def directions(bench: Bench) -> FloatArray:
+    """Direction in which each row turns, -1, 0 or 1 ``(n,)``; 0 where the shaft stands."""
+    if bench.speed is None:
+        return np.zeros(bench.size)
+    least = max(STANDING, _STANDING_SHARE * float(np.max(np.abs(bench.speed))))
+    return np.where(np.abs(bench.speed) > least, np.sign(bench.speed), 0.0)
+
+
+def torque_rows(bench: Bench) -> NDArray[np.int64]:
+    """Rows whose torque counts: those that turn, or all of a bench where none does."""
+    turning = np.flatnonzero(directions(bench))
+    return turning if len(turning) else np.arange(bench.size)
 
 
 def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[FloatArray, FloatArray]:
@@ -94,10 +131,9 @@ def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[F
     electrical = pole_pairs * bench.speed
     resistance = values["stator_resistance"] * resistance_factor(bench)
     inductance = values["q_axis_inductance"]
-    v_q = resistance * bench.current + electrical * (
-        inductance * bench.d_current + linked_flux(values, bench)
-    )
-    v_d = resistance * bench.d_current - electrical * inductance * bench.current
+    current = bench.current - values["current_offset"]
+    v_q = resistance * current + electrical * (inductance * bench.d_current + linked_flux(values, bench))
+    v_d = resistance * bench.d_current - electrical * inductance * current
     return v_q, v_d
 
 
@@ -121,24 +157,27 @@ def warming(bench: Bench) -> float:
     return 0.0 if bench.temperature is None else float(np.ptp(bench.temperature))
 
 
-def channels(bench: Bench, pole_pairs: int, peak_current: float) -> tuple[Channel, ...]:
-    """Every channel that the bench's columns allow, the torque first."""
+def channels(
+    bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str] = ()
+) -> tuple[Channel, ...]:
+    """Every channel that the bench's columns allow, the torque first; ``also``: optional parameters."""
     return (
-        _torque_channel(bench, pole_pairs, peak_current),
+        _torque_channel(bench, pole_pairs, peak_current, also),
         *_voltage_channels(bench, pole_pairs),
         *_limit_channel(bench, pole_pairs),
     )
 
 
-def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float) -> Channel:
-    friction = () if bench.speed is None else ("coulomb_friction", "viscous_friction")
+def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str]) -> Channel:
+    friction = ("coulomb_friction", "viscous_friction") if directions(bench).any() else ()
+    rows = torque_rows(bench)
     return Channel(
         name="torque",
         unit="N m",
-        measured=bench.torque,
-        predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench),
-        rows=np.arange(bench.size),
-        depends_on=("saturation", *_flux_names(bench), *friction),
+        measured=bench.torque[rows],
+        predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench)[rows],
+        rows=rows,
+        depends_on=("saturation", *_flux_names(bench), *friction, *also),
     )
 
 

@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import Channel, directions
 
 FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
+LOAD_LOSS = "difference of driving and braking"
+"""The torque lacks a loss with the load."""
+ZERO = "zero of a sensor"
+"""The torque lacks a constant."""
 LACKING = 4.0
 """Standard deviations of a term's share in the residuals beyond which the model lacks it."""
 
@@ -21,7 +26,9 @@ _BLIND = 1e-5  # a singular value below this share of the largest sees nothing
 _LEAST_LEFT = 0.05  # share of a residual that the fit leaves, at least
 _TAKEN = 0.5  # leverage above which a residual no longer shows its own noise
 _NEIGHBOURS = 9  # rows whose median error counts as a spread
-_IMITATED = 1e-3  # share of a term that is left of it once the parameters have taken theirs
+_IMITATED = (
+    0.03  # share of a term left once the parameters have taken theirs: less is the noise of the current
+)
 
 
 class Decomposition:
@@ -102,7 +109,12 @@ def local_median(size: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def lacking_term(
-    bench: Bench, row: NDArray[np.int64], decomposition: Decomposition, residuals: FloatArray, begin: int
+    bench: Bench,
+    channel: Channel,
+    kept: NDArray[np.bool_],
+    decomposition: Decomposition,
+    residuals: FloatArray,
+    begin: int,
 ) -> str:
     """What the residuals of one channel still follow once the parameters have done what they can.
 
@@ -110,16 +122,19 @@ def lacking_term(
 
     Args:
         bench: the data.
-        row: (k,) rows of the bench that the channel uses.
+        channel: whose residuals are looked at.
+        kept: (n,) rows of the bench that are no outliers.
         decomposition: of the weighted Jacobian ``(m, p)``.
         residuals: in units of their channel's noise ``(m,)``.
         begin: where the channel's residuals begin.
 
     Returns:
-        ``"speed"``, ``"current"``, ``"speed and current together"``, or nothing.
+        ``"speed"``, ``"current"``, ``"speed and current together"``; of the torque also ``LOAD_LOSS`` and
+        ``ZERO``; or nothing.
     """
+    row = channel.rows[kept[channel.rows]]
     strongest, found = LACKING, ""
-    for name, term in _terms(bench, row):
+    for name, term in [*_terms(bench, row), *(_torque_terms(bench, row) if channel.name == "torque" else [])]:
         column = np.zeros(len(residuals))
         column[begin : begin + len(row)] = term
         left = column - decomposition.basis @ (decomposition.basis.T @ column)
@@ -141,6 +156,14 @@ def _terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]
     terms += [("speed", term) for term in _shapes(speed)]
     products = (speed * np.abs(current), speed * current * np.abs(current), np.abs(speed) * current)
     return terms + [("speed and current together", term) for term in products]
+
+
+def _torque_terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
+    """Faults of benches, not of motors: a gear that loses with the load, and sensors with a wrong zero."""
+    return [
+        (LOAD_LOSS, np.abs(bench.current[row]) * directions(bench)[row]),
+        (ZERO, np.ones(len(row))),
+    ]
 
 
 def _shapes(values: FloatArray) -> tuple[FloatArray, ...]:

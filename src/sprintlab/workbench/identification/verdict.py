@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import BOUNDS, directions
 from sprintlab.workbench.identification.results import ChannelFit, Estimate
+from sprintlab.workbench.identification.statistics import LOAD_LOSS, ZERO
 
 _MANY_OUTLIERS = 0.2
+_NEAR_BASE = {"stator_resistance": (0.6, 1.6), "q_axis_inductance": (0.6, 1.6), "flux_linkage": (0.9, 1.1)}
+_MAGNETS = (-0.0022, 0.0002)  # [1/K]: ferrite -0.2 %, neodymium -0.12 %, samarium-cobalt -0.04 %
 _LEAST_EXPLAINED = 0.9
-_PATTERN = 0.5  # correlation of neighbouring residuals that noise does not have
-_PATTERN_DEVIATIONS = 3.5  # standard deviations of that correlation, 1 / sqrt(n) for noise
-_FEWEST_FOR_PATTERN = 15
+_CHANCE = 1e-5  # probability that residuals which only scatter pass for a pattern
+_LEVEL = 0.2  # share of the range of current or speed that makes one group
+_FEWEST_IN_GROUP = 10  # rows, to know the mean and the spread of a group
+_FEWEST_GROUPS = 3
+_LARGE = 0.3  # share of the largest current from which torque over current shows a gear's loss
 _SMALL_ERROR = 1e-4  # share of a channel's range: a pattern this small does not matter
 
 
@@ -48,13 +55,33 @@ def outlier_note(kept: NDArray[np.bool_]) -> list[str]:
 def comparison(estimates: dict[str, Estimate], base: PmsmParameters | None) -> list[str]:
     """Where the fit is far from the base motor."""
     notes: list[str] = []
-    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage"):
+    for name in _NEAR_BASE:
         estimate, reference = estimates[name], float(getattr(base, name)) if base is not None else 0.0
         if estimate.value and estimate.determined and reference > 0:
             ratio = estimate.value / reference
-            if not 0.6 <= ratio <= 1.6:
-                notes.append(f"{name} is {ratio:.3g} times that of the base motor: check the units of both")
+            low, high = _NEAR_BASE[name]
+            if not low <= ratio <= high:
+                notes.append(
+                    f"{name} is {ratio:.3g} times that of the base motor: check the units of both and the "
+                    "gains of the sensors"
+                )
     return notes
+
+
+def magnets(estimates: dict[str, Estimate]) -> list[str]:
+    """A flux that drifts as no magnet does, with which the flux at 20 degC is wrong too."""
+    drift = estimates["flux_drift"]
+    if drift.value is None or drift.half_width is None or drift.reason == "held":
+        return []
+    low, high = _MAGNETS
+    edges = np.isclose(drift.value, BOUNDS["flux_drift"], rtol=1e-3)
+    if not edges.any() and drift.value + drift.half_width >= low and drift.value - drift.half_width <= high:
+        return []
+    return [
+        f"flux_drift = {drift.value:.2%} a kelvin is no magnet's (they lose 0.03 % to 0.2 %), and "
+        "flux_linkage at 20 degC is wrong with it: something else in the torque goes with the temperature, "
+        "or the winding's is not the magnets'; leave the drift out with --hold flux_drift"
+    ]
 
 
 def patterns(
@@ -62,7 +89,9 @@ def patterns(
 ) -> list[str]:
     """Where residuals follow current or speed instead of scattering: the model lacks something there.
 
-    Noise has no memory; the correlation of residuals that are neighbours in current or speed shows one.
+    Rows at about the same current (or speed) make a group; the mean residuals of the groups must be equal
+    within what the scatter in each explains. By chance that fails in one of a
+    hundred thousand.
 
     Args:
         bench: the data.
@@ -74,6 +103,9 @@ def patterns(
     for fit, term in zip(fits, lacking, strict=True):
         if fit.noise <= _SMALL_ERROR * float(np.max(np.abs(fit.measured))):
             continue
+        if term in (LOAD_LOSS, ZERO):
+            notes.append(_load_loss(bench, kept) if term == LOAD_LOSS else _wrong_zero())
+            continue
         followed = dict.fromkeys([*_followed(bench, fit, kept), *([term] if term else [])])
         notes += [
             f"the residuals of {fit.name} follow the {name}: the model lacks something there, which the "
@@ -83,20 +115,58 @@ def patterns(
     return notes
 
 
+def _load_loss(bench: Bench, kept: NDArray[np.bool_]) -> str:
+    large = kept & (np.abs(bench.current) > _LARGE * float(np.max(np.abs(bench.current))))
+    drives = np.sign(bench.current) * directions(bench)
+    driving, braking = (
+        float(np.median(bench.torque[rows] / bench.current[rows]))
+        for rows in (np.flatnonzero(large & (drives == way)) for way in (1.0, -1.0))
+    )
+    return (
+        f"an ampere gives {driving:.3g} N m driving and takes {braking:.3g} N m braking: more than friction "
+        "does. A gear that loses a share of the load does that: fit it with --also gear_efficiency"
+    )
+
+
+def _wrong_zero() -> str:
+    return (
+        "the torque does not vanish with current and friction: a sensor has a wrong zero; fit it with --also "
+        "torque_offset, or current_offset"
+    )
+
+
 def _followed(bench: Bench, fit: ChannelFit, kept: NDArray[np.bool_]) -> list[str]:
     used = kept[fit.rows]
     error, rows = (fit.measured - fit.predicted)[used], fit.rows[used]
     return [
         name
         for name, values in (("current", bench.current), ("speed", bench.speed))
-        if values is not None and _has_pattern(error[np.argsort(values[rows], kind="stable")])
+        if values is not None and _has_pattern(values[rows], error)
     ]
 
 
-def _has_pattern(error: NDArray[np.float64]) -> bool:
-    count = len(error)
-    energy = float(np.sum(error**2))
-    if count < _FEWEST_FOR_PATTERN or energy == 0.0:
+def _has_pattern(values: NDArray[np.float64], error: NDArray[np.float64]) -> bool:
+    """Whether groups of rows at about the same value have different mean residuals (Alexander and Govern)."""
+    from scipy import stats  # pyright: ignore[reportMissingTypeStubs]
+
+    order = np.argsort(values, kind="stable")
+    ordered, sorted_error = values[order], error[order]
+    groups = [sorted_error[begin:end] for begin, end in _groups(ordered, 0, len(ordered))]
+    if len(groups) < _FEWEST_GROUPS or any(float(np.ptp(group)) == 0.0 for group in groups):
         return False
-    correlation = float(np.sum(error[1:] * error[:-1])) / energy
-    return correlation > max(_PATTERN, _PATTERN_DEVIATIONS / float(np.sqrt(count)))
+    untyped: Any = stats
+    return float(untyped.alexandergovern(*groups).pvalue) < _CHANCE
+
+
+def _groups(ordered: NDArray[np.float64], begin: int, end: int) -> list[tuple[int, int]]:
+    """Ranges of rows at about the same value, parted at the widest gaps.
+
+    A sensor's noise spreads one level of current, and within a level the residuals follow that noise. So a
+    level must never be parted: only groups wider than a share of the whole range are.
+    """
+    width = _LEVEL * float(ordered[-1] - ordered[0])
+    first, last = begin + _FEWEST_IN_GROUP, end - _FEWEST_IN_GROUP
+    if last < first or ordered[end - 1] - ordered[begin] <= width:
+        return [(begin, end)]
+    cut = first + int(np.argmax(ordered[first : last + 1] - ordered[first - 1 : last]))
+    return [*_groups(ordered, begin, cut), *_groups(ordered, cut, end)]

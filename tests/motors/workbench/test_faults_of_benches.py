@@ -1,0 +1,177 @@
+"""Faults that measured benches have: noisy steps of current, wrong zeros, gears, warm magnets, standstill."""
+
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import PmsmParameters
+from sprintlab.workbench.identification import Bench, identify
+
+PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
+CONSTANT = 1.5 * PAIRS * FLUX
+COULOMB, VISCOUS = 0.05, 3e-4
+RESISTANCE, INDUCTANCE = 0.158, 84e-6
+
+
+def points(seed, levels=9, rows=20, largest=40.0):
+    """Stepped currents, each at random speeds of either direction; and the random numbers that go on."""
+    random = np.random.default_rng(seed)
+    current = np.tile(np.linspace(-largest, largest, levels), rows)
+    speed = random.uniform(10.0, 200.0, len(current)) * random.choice([-1.0, 1.0], len(current))
+    return current, speed, random
+
+
+def shaft(current, speed, efficiency=1.0):
+    """Torque on the shaft [N m] by the law of the model."""
+    ideal = CONSTANT * current * (1.0 - SATURATION * np.abs(current) / PEAK)
+    return ideal * efficiency ** np.sign(current * speed) - COULOMB * np.sign(speed) - VISCOUS * speed
+
+
+def bench(current, torque, speed, **others):
+    count = len(current)
+    return Bench(
+        current=current,
+        torque=torque,
+        speed=speed,
+        d_current=np.zeros(count),
+        limited=np.zeros(count, dtype=bool),
+        lines=np.arange(count) + 2,
+        **others,
+    )
+
+
+def fitted(data, **options):
+    return identify(data, pole_pairs=PAIRS, peak_current=PEAK, **options)
+
+
+def said(found, words):
+    return any(words in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(("levels", "rows", "largest"), [(9, 20, 40.0), (5, 30, 40.0), (9, 20, 10.0)])
+def test_noise_of_the_current_at_steps_is_no_pattern(levels, rows, largest):
+    """Exact torque, 0.2 A of noise: within a step the residuals follow that noise, between steps nothing."""
+    told = 0
+    for seed in range(30):
+        current, speed, random = points(seed, levels, rows, largest)
+        noisy = current + random.normal(0.0, 0.2, len(current))
+        told += said(fitted(bench(noisy, shaft(current, speed), speed)), "follow")
+    assert told == 0
+
+
+def test_a_knee_of_saturation_is_still_a_pattern():
+    for seed in range(5):
+        current, speed, random = points(seed)
+        torque = shaft(current, speed) - 0.1 * np.sign(current) * np.maximum(np.abs(current) - 25.0, 0.0)
+        noisy = current + random.normal(0.0, 0.2, len(current))
+        assert said(fitted(bench(noisy, torque, speed)), "residuals of torque follow the current")
+
+
+def test_the_zero_of_the_torque_sensor_is_noticed_and_fitted():
+    current, speed, random = points(1)
+    torque = shaft(current, speed) + 0.3 + random.normal(0.0, 0.02, len(current))
+    data = bench(current, torque, speed)
+    assert said(fitted(data), "--also torque_offset")
+    found = fitted(data, also=("torque_offset",))
+    offset = found.estimates["torque_offset"]
+    assert offset.determined and abs(offset.value - 0.3) < 1.6 * offset.half_width
+    assert not said(found, "wrong zero")
+
+
+def test_the_zero_of_the_current_sensor_is_told_from_the_torques_by_the_voltage():
+    current, speed, random = points(2)
+    electrical = PAIRS * speed
+    count = len(current)
+    data = bench(
+        current + 0.8,
+        shaft(current, speed) - 0.1 + random.normal(0.0, 0.02, count),
+        speed,
+        q_voltage=RESISTANCE * current + electrical * FLUX + random.normal(0.0, 0.02, count),
+        d_voltage=-electrical * INDUCTANCE * current + random.normal(0.0, 0.02, count),
+    )
+    found = fitted(data, also=("torque_offset", "current_offset"))
+    for name, value in {"current_offset": 0.8, "torque_offset": -0.1, "flux_linkage": FLUX}.items():
+        estimate = found.estimates[name]
+        assert estimate.determined and abs(estimate.value - value) < 1.6 * estimate.half_width, name
+
+
+def test_without_voltages_the_two_zeros_are_not_told_apart():
+    current, speed, random = points(3, largest=10.0)
+    torque = shaft(current, speed) + 0.3 + random.normal(0.0, 0.02, len(current))
+    found = fitted(bench(current, torque, speed), also=("torque_offset", "current_offset"))
+    assert not found.estimates["current_offset"].determined
+
+
+def test_a_gear_that_loses_with_the_load_is_noticed_and_fitted():
+    """An ampere gives 2.9 N m driving and takes 4.1 braking, as on a joint of a legged robot."""
+    current, speed, random = points(4)
+    ideal, efficiency = np.sqrt(2.9 * 4.1), np.sqrt(2.9 / 4.1)
+    torque = ideal * current * efficiency ** np.sign(current * speed) + random.normal(0.0, 0.5, len(current))
+    data = bench(current, torque, speed)
+    plain = fitted(data)
+    assert said(plain, "--also gear_efficiency")
+    found = fitted(data, also=("gear_efficiency",))
+    estimate = found.estimates["gear_efficiency"]
+    assert estimate.determined and abs(estimate.value - efficiency) < 1.6 * estimate.half_width
+    assert found.torque_constant == pytest.approx(ideal, rel=0.02)
+    assert not said(found, "driving")
+
+
+def test_a_sound_bench_needs_none_of_it():
+    told = 0
+    for seed in range(30):
+        current, speed, random = points(seed)
+        torque = shaft(current, speed) + random.normal(0.0, 0.03, len(current))
+        told += said(fitted(bench(current, torque, speed)), "--also")
+    assert told == 0
+    with pytest.raises(InvalidValueError, match="also"):
+        fitted(bench(current, torque, speed), also=("cogging",))
+
+
+def test_a_flux_that_drifts_as_no_magnet_does_is_told():
+    current, speed, random = points(5)
+    temperature = random.uniform(30.0, 90.0, len(current))
+    for drift, unsound in ((-0.006, True), (-0.0011, False)):
+        noise = random.normal(0.0, 0.02, len(current))
+        torque = shaft(current, speed) + drift * (temperature - 20.0) * CONSTANT * current + noise
+        found = fitted(bench(current, torque, speed, temperature=temperature))
+        assert said(found, "no magnet's") == unsound
+
+
+def test_a_flux_far_from_the_base_motors_is_told():
+    current, speed, random = points(6)
+    data = bench(current, shaft(current, speed) + random.normal(0.0, 0.02, len(current)), speed)
+    for factor, unlike in ((1.18, True), (1.02, False)):
+        base = PmsmParameters(
+            pole_pairs=PAIRS,
+            stator_resistance=RESISTANCE,
+            q_axis_inductance=INDUCTANCE,
+            flux_linkage=factor * FLUX,
+            peak_torque=11.0,
+            rotor_inertia=5e-4,
+        )
+        assert said(fitted(data, base=base), "that of the base motor") == unlike
+
+
+def test_at_standstill_the_encoders_noise_tells_no_friction():
+    current, _, random = points(7)
+    speed = random.normal(0.0, 0.1, len(current))
+    torque = shaft(current, np.zeros(len(current))) + random.normal(0.0, 0.02, len(current))
+    found = fitted(bench(current, torque, speed))
+    assert said(found, "no row turns")
+    for name in ("coulomb_friction", "viscous_friction"):
+        assert found.estimates[name].value is None and not found.estimates[name].determined
+    assert found.estimates["flux_linkage"].value == pytest.approx(FLUX, rel=0.01)
+
+
+def test_rows_that_stand_are_left_out_of_the_torque():
+    """Stiction of any size below the Coulomb friction, under a speed that is noise."""
+    current, speed, random = points(8)
+    stands = np.arange(len(speed)) % 3 == 0
+    noise = random.normal(0.0, 0.01, len(current))
+    torque = np.where(stands, shaft(current, 0.0 * speed) + 0.5, shaft(current, speed)) + noise
+    found = fitted(bench(current, torque, np.where(stands, random.normal(0.0, 0.1, len(speed)), speed)))
+    assert said(found, "60 of 180 rows stand still")
+    assert len(found.channels[0].rows) == 120
+    viscous = found.estimates["viscous_friction"]
+    assert abs(viscous.value - VISCOUS) < 1.6 * viscous.half_width
