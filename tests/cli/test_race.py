@@ -68,7 +68,7 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, json_flag):
     options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
     outcome = call("evaluate", policy, *options, "--out", tmp_path / "numbers.json", *json_flag)
     numbers = json.loads((tmp_path / "numbers.json").read_text())
-    assert set(numbers) == {"raw", "self_paced"}
+    assert set(numbers) == {"raw", "self_paced", "battery"}
     assert [row["top_speed_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
     assert numbers["raw"]["top_speed_command_m_s"] == 0.75
     assert numbers["raw"]["J_common_rad2_s"] >= 0.0

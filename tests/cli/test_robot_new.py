@@ -55,13 +55,13 @@ def test_options_alone_are_enough(call, here):
         ((GO1 / "go1.xml", *OPTIONS[2:]), "abad motor is not given: use --abad-motor or --choices"),
         ((GO1 / "go1.xml", *OPTIONS[:-1], -5), "bus_voltage = -5.0"),
         ((GO1 / "go1.xml", *OPTIONS, "--name", "../x"), "name = '../x'"),
-        ((GO1 / "go1.xml", *OPTIONS, "--hip-motor", "none.toml"), "cannot read none.toml"),
+        ((GO1 / "go1.xml", *OPTIONS, "--hip-motor", "none.toml"), "cannot read motor file none.toml"),
         (
             (GO1 / "go1.xml", *OPTIONS, "--hip-motor", "ak80"),
             "ROBOT:JOINT such as bp2:hip, or one of cubemars",
         ),
         ((GO1 / "motor.toml", *OPTIONS), "cannot be used"),
-        ((GO1 / "go1.xml", "--choices", "none.toml"), "cannot read none.toml"),
+        ((GO1 / "go1.xml", "--choices", "none.toml"), "cannot read choices none.toml"),
     ],
 )
 def test_bad_input_is_refused_with_one_sentence(call, here, arguments, sentence):

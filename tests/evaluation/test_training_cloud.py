@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.operating_points import TrainingCloud, load_training_cloud
-from sprintlab.motors import saturate, torque_limits
+from sprintlab.motors import joint_torque, saturate, torque_limits
 
 
 def save(path, arrays):
@@ -63,7 +63,7 @@ def test_what_is_no_archive_is_refused(cloud_arrays, tmp_path):
     speed=st.floats(-30.0, 30.0),
 )
 def test_the_limit_is_that_of_the_robots_own_bus_and_strength(robot, bus, strength, share, speed):
-    ratio, gain = np.asarray(robot.gear.ratio), np.asarray(robot.gear.ratio) * robot.gear.efficiency
+    ratio = np.asarray(robot.gear.ratio)
     lower, upper = torque_limits(robot.motors, speed * ratio, bus * robot.bus_voltage)
     peak = np.asarray(robot.motors.peak_torque)
     wanted = np.clip(share * np.where(share > 0, upper, -lower), -peak, peak)
@@ -72,7 +72,7 @@ def test_the_limit_is_that_of_the_robots_own_bus_and_strength(robot, bus, streng
         motor_model="square",
         time=np.zeros(1),
         joint_velocity=np.full((1, 1, 12), speed),
-        joint_torque=(np.asarray(saturate(robot.motors, wanted)) * gain * strength)[None, None],
+        joint_torque=(joint_torque(robot.gear, saturate(robot.motors, wanted), speed) * strength)[None, None],
         on_limit=np.zeros((1, 1, 12), dtype=bool),
         forward_speed=np.zeros((1, 1)),
         bus_voltage_factor=np.full((1, 1), bus),

@@ -104,15 +104,15 @@ def test_the_rollout_s_image_is_complete_and_asks_the_estimator_anew() -> None:
 
 def test_mirrored_epochs_make_the_policy_more_symmetric() -> None:
     mirror, found = Mirror(OBSERVATION, load_robot("bp2"), "cpu"), {}
-    quick = replace(SETTINGS.ppo, desired_kl=0.5, entropy=0.0)
+    quick = replace(SETTINGS.ppo, desired_kl=0.05, entropy=0.0)
     for mirrored in (False, True):
         learner = filled(replace(SETTINGS, ppo=replace(quick, mirror_epochs=mirrored)))
         histories = learner.rollout.history.flatten(0, 1).clone()
-        for _ in range(10):
+        for _ in range(20):
             learner.update()
             fill(learner)
         found[mirrored] = asymmetry(learner, mirror, histories)
-    assert found[True] < 0.8 * found[False]
+    assert found[True] < 0.6 * found[False]
 
 
 def test_the_normalizers_statistics_are_symmetric() -> None:
