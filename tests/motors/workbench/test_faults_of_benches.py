@@ -78,7 +78,7 @@ def test_the_zero_of_the_torque_sensor_is_noticed_and_fitted():
     found = fitted(data, also=("torque_offset",))
     offset = found.estimates["torque_offset"]
     assert offset.determined and abs(offset.value - 0.3) < 1.6 * offset.half_width
-    assert not said(found, "wrong zero")
+    assert not said(found, "--also")
 
 
 def test_the_zero_of_the_current_sensor_is_told_from_the_torques_by_the_voltage():
@@ -96,6 +96,12 @@ def test_the_zero_of_the_current_sensor_is_told_from_the_torques_by_the_voltage(
     for name, value in {"current_offset": 0.8, "torque_offset": -0.1, "flux_linkage": FLUX}.items():
         estimate = found.estimates[name]
         assert estimate.determined and abs(estimate.value - value) < 1.6 * estimate.half_width, name
+
+
+def test_in_a_table_without_speeds_the_zero_may_be_friction():
+    current, _, random = points(10)
+    torque = shaft(current, 0.0 * current) - 0.3 + random.normal(0.0, 0.02, len(current))
+    assert said(fitted(bench(current, torque, None)), "friction, or a sensor with a wrong zero")
 
 
 def test_without_voltages_the_two_zeros_are_not_told_apart():

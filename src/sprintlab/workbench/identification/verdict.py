@@ -104,7 +104,7 @@ def patterns(
         if fit.noise <= _SMALL_ERROR * float(np.max(np.abs(fit.measured))):
             continue
         if term in (LOAD_LOSS, ZERO):
-            notes.append(_load_loss(bench, kept) if term == LOAD_LOSS else _wrong_zero())
+            notes.append(_load_loss(bench, kept) if term == LOAD_LOSS else _wrong_zero(bench))
             continue
         followed = dict.fromkeys([*_followed(bench, fit, kept), *([term] if term else [])])
         notes += [
@@ -128,10 +128,12 @@ def _load_loss(bench: Bench, kept: NDArray[np.bool_]) -> str:
     )
 
 
-def _wrong_zero() -> str:
+def _wrong_zero(bench: Bench) -> str:
+    turns = bool(directions(bench).any())
+    where = "current and friction: " if turns else "the current: friction, or "
     return (
-        "the torque does not vanish with current and friction: a sensor has a wrong zero; fit it with --also "
-        "torque_offset, or current_offset"
+        f"the torque does not vanish with {where}a sensor with a wrong zero; fit it with "
+        "--also torque_offset, or current_offset"
     )
 
 
