@@ -104,7 +104,7 @@ def fitting_policies(policies: dict[str, Any], robot: Any) -> dict[str, Any]:
     """Those of the policies that were made for this robot.
 
     Raises:
-        SprintlabError: there is none.
+        SprintlabError: none of them fits the robot.
     """
     from sprintlab.control import check_contract
 
@@ -168,7 +168,7 @@ def load_policy(policy: PolicyChoice) -> Policy:
     """A policy by the path of its file, or by the name of one that comes with the package.
 
     Raises:
-        PolicyFileError: there is no such policy, or the file is none.
+        PolicyFileError: there is no such policy, or the file is not a policy.
         ContractMismatchError: it sees or estimates what this version does not build.
     """
     from sprintlab.control import load_policy as read

@@ -117,7 +117,7 @@ class Robustness:
 
 
 def _known_speed(folder: Path) -> float | None:
-    """The command of a study that is to go on; ``None`` where there is none yet."""
+    """The command of a study that is to go on; ``None`` for a new study."""
     from sprintlab.evaluation.robustness.study import known_top_speed
 
     return known_top_speed(folder)

@@ -165,7 +165,7 @@ class Schedule(Protocol):
 
 
 def check_schedule(schedule: object) -> None:
-    """Refuse what is no schedule. Raises ``InvalidValueError`` that names what it lacks."""
+    """Refuse an object that is not a schedule. Raises ``InvalidValueError`` that names what it lacks."""
     name = type(schedule).__name__
     if not isinstance(schedule, Schedule):
         raise InvalidValueError(

@@ -39,7 +39,7 @@ def read_arrays(
     Args:
         path: the file.
         names: which ones; those that are not there are left out of the answer. None for all.
-        wanted: completes the sentence that refuses what is no such file.
+        wanted: completes the sentence that refuses a file of another kind.
         limit: most bytes that the file, and all arrays that are taken from it, may have.
 
     Raises:
