@@ -49,6 +49,8 @@ class TargetSampling:
         zero_share: share of speed targets that are exactly zero.
         yaw_share: share of draws with a yaw-rate target; the others are straight.
         yaw_limit: greatest yaw-rate target [rad/s].
+        turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; the paper's
+            is 1, at which nothing is left to run with.
         grid: curriculum from which the other speed targets and their yaw rates are drawn; None: they are
             uniform over the range.
 
@@ -57,17 +59,19 @@ class TargetSampling:
     """
 
     persistence: tuple[float, float] = (3.0, 7.0)
-    top_share: float = 0.65
+    top_share: float = 0.5
     top_fraction: float = 0.25
     zero_share: float = 0.1
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
+    turn_share: float = 0.6
     grid: CommandGrid | None = CommandGrid()
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, "s")
         for field in ("top_share", "top_fraction", "zero_share", "yaw_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
+        check_range("turn_share", self.turn_share, 0.0, 1.0)
         check_range("top_share + zero_share", self.top_share + self.zero_share, 0.0, 1.0)
         check_range("yaw_limit", self.yaw_limit, 0.0, float("inf"), "rad/s")
 
@@ -197,6 +201,9 @@ class AdaptiveSchedule:
             nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
+        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
+            of the robot if it cannot follow, as a user's command does.
+        ramp: least and greatest such acceleration [m/s^2].
 
     Raises:
         InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
@@ -207,12 +214,16 @@ class AdaptiveSchedule:
     braking_window: float = 4.0
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
+    ramp_share: float = 0.3
+    ramp: tuple[float, float] = (2.0, 4.0)
 
     def __post_init__(self) -> None:
         for field in ("window", "braking_window"):
             check_positive(field, getattr(self, field), "m/s")
         check_interval("hold", self.hold, 0.0, "s")
-        check_range("biased_share", self.biased_share, 0.0, 1.0)
+        check_interval("ramp", self.ramp, 0.0, "m/s^2")
+        for field in ("biased_share", "ramp_share"):
+            check_range(field, getattr(self, field), 0.0, 1.0)
 
     def advance(
         self,
@@ -249,11 +260,23 @@ class AdaptiveSchedule:
         remaining = state.time_to_update - dt
         update = renewed | (remaining <= 0.0)
         held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
+        acceleration = xp.where(renewed, self._ramp(random), state.acceleration)
+        start, change = xp.where(fresh, speed, state.command[:, 0]), acceleration * dt
+        ramped = clip(state.target_speed, start - change, start + change)
+        commanded = clip(xp.where(acceleration > 0.0, ramped, held), lower, upper)
         shortest, longest = self.hold
         return state._replace(
-            command=assemble_command(clip(held, lower, upper), state.target_yaw_rate, friction),
+            command=assemble_command(commanded, state.target_yaw_rate, self.targets.turn_share * friction),
             time_to_update=xp.where(update, shortest + (longest - shortest) * random[:, 7], remaining),
+            acceleration=acceleration,
         )
+
+    def _ramp(self, random: Array) -> Array:
+        """Acceleration [m/s^2] ``(n,)`` with which the command goes to a new target; 0: ACS moves it."""
+        xp = namespace(random)
+        gentlest, hardest = self.ramp
+        drawn = gentlest + (hardest - gentlest) * random[:, 6]
+        return xp.where(random[:, 5] < self.ramp_share, drawn, xp.zeros_like(drawn))
 
     def _draw(self, target: Array, speed: Array, random: Array, steady: Array | float) -> Array:
         xp = namespace(random)
@@ -294,7 +317,7 @@ class UniformSchedule:
         )
         commanded = clip(state.target_speed, lower, upper)
         return state._replace(
-            command=assemble_command(commanded, state.target_yaw_rate, friction),
+            command=assemble_command(commanded, state.target_yaw_rate, self.targets.turn_share * friction),
             time_to_update=state.time_to_target,
         )
 
@@ -343,7 +366,9 @@ class FixedAccelerationSchedule:
         start = xp.where(fresh, speed, state.command[:, 0])
         moved = clip(state.target_speed, start - acceleration * dt, start + acceleration * dt)
         return state._replace(
-            command=assemble_command(clip(moved, lower, upper), state.target_yaw_rate, friction),
+            command=assemble_command(
+                clip(moved, lower, upper), state.target_yaw_rate, self.targets.turn_share * friction
+            ),
             time_to_update=xp.zeros_like(moved),
             acceleration=acceleration,
         )

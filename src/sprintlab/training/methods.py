@@ -50,6 +50,8 @@ def paper_rewards() -> RewardSettings:
     none = RewardWeight(first=0.0, second=0.0)
     return RewardSettings(
         progress=0.0,
+        fine_speed_tracking=0.0,
+        fine_yaw_tracking=0.0,
         bare_squares=True,
         action_rate=RewardWeight(first=-0.01, second=-0.01),
         smoothness=RewardWeight(first=-0.005, second=-0.005),
@@ -59,6 +61,12 @@ def paper_rewards() -> RewardSettings:
         over_speed=none,
         touchdown=none,
         leg_distance=none,
+        electrical_power=none,
+        gear_torque=none,
+        foot_force=none,
+        hasty_touchdowns=none,
+        short_stances=none,
+        restless_feet=none,
     )
 
 

@@ -249,16 +249,19 @@ def joint_torque_kernel(
     qvel: wp.array2d(dtype=float),
     model: int,
     heated: int,
+    share_of_step: float,
     substep: int,
     winding_temperature: wp.array2d(dtype=float),
     control: wp.array2d(dtype=float),
     drive_torque: wp.array2d(dtype=float),
     on_limit: wp.array2d(dtype=float),
+    power: wp.array2d(dtype=float),
 ):
     """Torque on each joint ``(environments, 12)``; ``voltage`` is the phase voltage limit [V].
 
     The previous target still holds in the first ``delay`` substeps of a policy step. Where ``heated`` is 1
-    the copper loss warms ``winding_temperature`` [degC], else that array is not touched.
+    the copper loss warms ``winding_temperature`` [degC], else that array is not touched. ``power`` [W] is the
+    mean over the substeps so far of what each joint draws from the bus, each weighing ``share_of_step``.
     """
     environment, joint = wp.tid()
     drive = drives[joint]
@@ -286,9 +289,14 @@ def joint_torque_kernel(
     drive_torque[environment, joint] = delivered
     on_limit[environment, joint] = wp.where(motor == desired, 0.0, 1.0)
     control[environment, joint] = delivered - friction + stop_torque(drive, position, velocity)
+    loss = copper_loss(now, motor, voltage[environment], model)
+    drawn = share_of_step * (shaft * drive.ratio * velocity + loss)
+    if substep > 0:
+        drawn += power[environment, joint]
+    power[environment, joint] = drawn
     if heated == 1:
         heat = heats[joint]
-        end = heat.ambient + heat.thermal_resistance * copper_loss(now, motor, voltage[environment], model)
+        end = heat.ambient + heat.thermal_resistance * loss
         winding_temperature[environment, joint] = end + (temperature - end) * heat.decay
 
 

@@ -6,6 +6,7 @@ import math
 
 import torch
 
+from sprintlab.commands.state import GRAVITY
 from sprintlab.robots import effective_leg_mass, friction_ratio, pair_parameters
 from sprintlab.training.environment.feet import contact_laws
 from sprintlab.training.environment.simulation import BatchSimulation
@@ -64,5 +65,6 @@ def _randomize_trunk(simulation: BatchSimulation, settings: RandomizationSetting
     for field in ("body_mass", "body_subtreemass"):
         simulation.fields[field][:, trunk] += payload
     simulation.fields["body_subtreemass"][:, 0] += payload
+    simulation.monitor.weight += GRAVITY * payload
     shift = _uniform(n, -settings.center_of_mass, settings.center_of_mass, device, 3)
     simulation.fields["body_ipos"][:, trunk] += shift

@@ -14,10 +14,14 @@ import torch
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.kinematics import BodyState
+from sprintlab.training.environment.loads import Loads
 from sprintlab.training.settings import RewardSettings
 
 PROGRESS_SPEED = 10.0
 """Speed at which the progress term is one [m/s]."""
+POWER_SPEED = 0.5
+"""Added to the speed by which electrical power is divided, so that standing has a cost too [m/s]."""
+_REST, _SLOW = 0.1, 0.5  # commands [m/s, rad/s] that mean rest, and a speed [m/s] at which feet can stay down
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
 
@@ -35,6 +39,10 @@ class RewardInput(NamedTuple):
         torque: delivered by the motors [N m] ``(n, 12)``.
         limit_excess: beyond the beginning of the end stops [rad] ``(n, 12)``.
         base_height_target: [m].
+        loads: what happened in the physics steps of this policy step.
+        running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
+        running_yaw_rate: averaged alike [rad/s] ``(n,)``.
+        weight: of the robot [N] ``(n,)``.
         no_load_speed: of each joint on the robot's own bus [rad/s] ``(12,)``.
     """
 
@@ -47,6 +55,10 @@ class RewardInput(NamedTuple):
     torque: torch.Tensor
     limit_excess: torch.Tensor
     base_height_target: float
+    loads: Loads
+    running_speed: torch.Tensor
+    running_yaw_rate: torch.Tensor
+    weight: torch.Tensor | float
     no_load_speed: torch.Tensor | float = math.inf
 
 
@@ -78,8 +90,22 @@ PENALTIES: dict[str, Penalty] = {
     "over_speed": lambda x, s: (
         (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
     ),
+    "electrical_power": lambda x, s: (
+        x.loads.power.sum(1).clamp(min=0.0) / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
+    ),
+    "gear_torque": lambda x, s: (x.loads.gear_torque - s.gear_torque_limit).clamp(min=0.0).square().sum(1),
+    "foot_force": lambda x, s: (x.loads.foot_force - s.foot_force_limit).clamp(min=0.0).square().sum(1),
+    "hasty_touchdowns": lambda x, s: x.loads.hasty_touchdowns.sum(1),
+    "short_stances": lambda x, s: x.loads.short_stances.sum(1),
+    "restless_feet": lambda x, s: (1.0 - x.loads.stance).sum(1) * _asked_to_stand(x),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
 }
+
+
+def _asked_to_stand(x: RewardInput) -> torch.Tensor:
+    """1 where the command is rest, and the robot has come to it."""
+    asked = (x.command[:, 0].abs() < _REST) & (x.command[:, 2].abs() < _REST)
+    return (asked & (x.running_speed.abs() < _SLOW)).float()
 
 
 def _unwanted_yaw_rate(x: RewardInput, s: RewardSettings) -> torch.Tensor:
@@ -105,6 +131,16 @@ def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     wanted = x.command[:, 0].clamp(min=0.0)
     onward = torch.minimum(x.body.velocity[:, 0].clamp(min=0.0), wanted) / PROGRESS_SPEED
     return torch.exp(-error), torch.exp(-turn), onward
+
+
+def fine_tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:
+    """Accuracy over a stride, unweighted, each ``(n,)``: of the forward speed and of the yaw rate.
+
+    ``exp(-(error / width)^2)``: the paper's kernels, 1 m/s and 1 rad/s wide, are flat where a good runner is.
+    """
+    speed = (x.command[:, 0] - x.running_speed) / settings.fine_speed
+    turn = (x.command[:, 2] - x.running_yaw_rate) / settings.fine_yaw_rate
+    return torch.exp(-speed.square()), torch.exp(-turn.square())
 
 
 def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:

@@ -21,6 +21,7 @@ from sprintlab.training.environment.actuation import (
     air_drag_kernel,
     joint_torque_kernel,
 )
+from sprintlab.training.environment.loads import LoadMonitor
 from sprintlab.training.environment.supply import Supply
 from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
@@ -94,6 +95,8 @@ class BatchSimulation:
         mean_delay: about which it varies ``(n,)``.
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
+        power: drawn from the bus, mean over the policy step [W] ``(n, 12)``.
+        monitor: loads between the policy steps.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage,
             drag_area: randomized, writable.
     """
@@ -107,6 +110,7 @@ class BatchSimulation:
         self._warp_device = wp.get_device(device)
         self._allocate_physics()
         self._allocate_actuation(actuator_model)
+        self.monitor = LoadMonitor(robot, self)
         self._graph = self._capture()
 
     def _allocate_physics(self) -> None:
@@ -164,6 +168,7 @@ class BatchSimulation:
         self.strength = torch.ones(n, joints, device=self.device)
         self.drive_torque = torch.zeros(n, joints, device=self.device)
         self.on_limit = torch.zeros(n, joints, device=self.device)
+        self.power = torch.zeros(n, joints, device=self.device)
         self.resistance_factor = torch.ones(n, device=self.device)
         self.friction_factor = torch.ones(n, device=self.device)
         limit = float(phase_voltage_limit(robot.bus_voltage))
@@ -194,11 +199,12 @@ class BatchSimulation:
                 *state,
                 model,
                 self.supply.heated,
+                1.0 / self.settings.substeps,
             ],
             "outputs": [
                 *arrays(self.supply.winding_temperature),
                 self.data.ctrl,
-                *arrays(self.drive_torque, self.on_limit),
+                *arrays(self.drive_torque, self.on_limit, self.power),
             ],
             "device": self._warp_device,
         }
@@ -234,6 +240,7 @@ class BatchSimulation:
             self.actuate(substep)
             watch(substep)
             mujoco_warp.step(self.model, self.data)
+            self.monitor.launch(substep)
 
     def step(self, watch: Callable[[int], None] | None = None) -> None:
         """Advance by one policy step; does not wait for the device.
@@ -261,5 +268,6 @@ class BatchSimulation:
         return {
             **{name: getattr(self, name) for name in names},
             **{name: getattr(self.supply, name) for name in supply},
+            **self.monitor.state(),
             **self.fields,
         }

@@ -41,7 +41,14 @@ from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.environment.randomization import randomize
-from sprintlab.training.environment.rewards import RewardInput, aggregate, penalties, penalty_terms, tracking
+from sprintlab.training.environment.rewards import (
+    RewardInput,
+    aggregate,
+    fine_tracking,
+    penalties,
+    penalty_terms,
+    tracking,
+)
 from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
@@ -53,7 +60,7 @@ SPEED_AVERAGE = 0.1
 _LARGEST_OBSERVATION = 50.0
 _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
-    "tilt", "vertical_speed", "broken",
+    "tilt", "vertical_speed", "broken", "electrical_power",
 )  # fmt: skip
 _PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
 
@@ -124,6 +131,21 @@ class SprintEnvironment:
             ]
         )
         self._standing_qpos = tensor(self.simulation.mj_model.key_qpos[0])
+        limits = self.settings.rewards
+        self.simulation.monitor.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
+        self._draw_joint_offsets(noise.joint_offset)
+
+    def _draw_joint_offsets(self, greatest: float) -> None:
+        """Encoders whose zero is off: what they say is too high, and what they are driven to too low."""
+        shape = (self.num_envs, self.num_actions)
+        self._joint_offset = greatest * (2 * torch.rand(shape, device=self.device) - 1)
+        parts = [
+            self._joint_offset
+            if term.name == "joint_position"
+            else torch.zeros(self.num_envs, self.observation.size(term), device=self.device)
+            for term in MEASURED_TERMS
+        ]
+        self._measured_offset = torch.cat(parts, 1)
 
     def _allocate_state(self) -> None:
         n, joints = self.num_envs, self.num_actions
@@ -210,6 +232,7 @@ class SprintEnvironment:
         """Turn actions ``(n, 12)`` into the joint targets of the next ``advance``."""
         self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
+        target = target - self._joint_offset
         self.simulation.previous_target.copy_(self.simulation.target)
         self.simulation.target.copy_(target)
 
@@ -265,13 +288,21 @@ class SprintEnvironment:
             torque=self.simulation.drive_torque,
             limit_excess=above + below,
             base_height_target=self.robot.base_height_target,
+            loads=self.simulation.monitor.loads,
+            running_speed=self.running_speed,
+            running_yaw_rate=self.running_yaw_rate,
+            weight=self.simulation.monitor.weight,
             no_load_speed=self.no_load_speed,
         )
         rewards = self.settings.rewards
         follow, turn, onward = tracking(inputs)
+        fine_follow, fine_turn = fine_tracking(inputs, rewards)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
         positive = positive + rewards.progress * onward
+        positive = (
+            positive + rewards.fine_speed_tracking * fine_follow + rewards.fine_yaw_tracking * fine_turn
+        )
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._log(inputs, (follow, turn, rate), ends, weighted)
@@ -297,6 +328,7 @@ class SprintEnvironment:
             body.gravity[:, :2].norm(dim=1),
             body.velocity[:, 2].abs(),
             ends.broken.float(),
+            self.simulation.monitor.loads.power.sum(1),
         )
         means = torch.cat((torch.stack(values, 1), weighted), 1)
         self._log_sums.add_(torch.nan_to_num(means).mean(0))
@@ -354,6 +386,9 @@ class SprintEnvironment:
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
         for buffer in (self.filtered, self.history, self.course, *self.commands):
             self._put(buffer, starts.copied, buffer[starts.donors])
+        for buffer in self.simulation.monitor.state().values():
+            self._put(buffer, starts.copied, buffer[starts.donors])
+            self._put(buffer, starts.restarted, torch.ones_like(buffer))
         self.episode_length_buf.mul_((~mask).long())
         return starts.restarted
 
@@ -427,7 +462,7 @@ class SprintEnvironment:
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
         )
         clean = torch.nan_to_num(join_proprioception(parts))
-        noisy = clean + self._noise * (2 * self.draws["noise"] - 1)
+        noisy = clean + self._noise * (2 * self.draws["noise"] - 1) + self._measured_offset
         self.filtered.copy_(self._filter.step(self.filtered, noisy, fresh))
         frame = self._frame(self.filtered)
         self.history.copy_(update_history(self.history, frame, fresh))
