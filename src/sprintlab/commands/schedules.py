@@ -59,9 +59,9 @@ class TargetSampling:
     """
 
     persistence: tuple[float, float] = (3.0, 7.0)
-    top_share: float = 0.5
+    top_share: float = 0.4
     top_fraction: float = 0.25
-    zero_share: float = 0.1
+    zero_share: float = 0.12
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     turn_share: float = 0.6
@@ -197,12 +197,13 @@ class AdaptiveSchedule:
         targets: how ``v*`` is drawn.
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
-            steady stage of training. The paper's neighbourhood is symmetric, and 1 m/s is its width; then
+            steady stage of training; drawn between ``window`` and this at every update. The paper's
+            neighbourhood is symmetric, and 1 m/s is its width; then
             nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
-        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
-            of the robot if it cannot follow, as a user's command does.
+        ramp_share: in the steady stage of training, share of the targets to which the command moves at a
+            constant acceleration instead, ahead of the robot if it cannot follow, as a user's command does.
         ramp: least and greatest such acceleration [m/s^2].
 
     Raises:
@@ -260,7 +261,7 @@ class AdaptiveSchedule:
         remaining = state.time_to_update - dt
         update = renewed | (remaining <= 0.0)
         held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
-        acceleration = xp.where(renewed, self._ramp(random), state.acceleration)
+        acceleration = xp.where(renewed, self._ramp(random, steady), state.acceleration)
         start, change = xp.where(fresh, speed, state.command[:, 0]), acceleration * dt
         ramped = clip(state.target_speed, start - change, start + change)
         commanded = clip(xp.where(acceleration > 0.0, ramped, held), lower, upper)
@@ -271,16 +272,17 @@ class AdaptiveSchedule:
             acceleration=acceleration,
         )
 
-    def _ramp(self, random: Array) -> Array:
+    def _ramp(self, random: Array, steady: Array | float) -> Array:
         """Acceleration [m/s^2] ``(n,)`` with which the command goes to a new target; 0: ACS moves it."""
         xp = namespace(random)
         gentlest, hardest = self.ramp
         drawn = gentlest + (hardest - gentlest) * random[:, 6]
-        return xp.where(random[:, 5] < self.ramp_share, drawn, xp.zeros_like(drawn))
+        return xp.where(random[:, 5] < steady * self.ramp_share, drawn, xp.zeros_like(drawn))
 
     def _draw(self, target: Array, speed: Array, random: Array, steady: Array | float) -> Array:
         xp = namespace(random)
         braking_window = self.window + steady * (self.braking_window - self.window)
+        braking_window = self.window + (braking_window - self.window) * random[:, 5]
         biased = clip(target, speed - braking_window, speed + self.window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
         return xp.where(random[:, 6] < self.biased_share, biased, anywhere)

@@ -66,7 +66,7 @@ def paper_rewards() -> RewardSettings:
         foot_force=none,
         hasty_touchdowns=none,
         short_stances=none,
-        restless_feet=none,
+        restlessness=none,
     )
 
 

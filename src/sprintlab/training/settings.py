@@ -92,7 +92,7 @@ class RewardSettings:
         angular_tracking: of ``exp(-(yaw rate - command)^2)``.
         progress: of the forward speed over 10 m/s, up to the commanded speed; not in the paper. Under ACS the
             command follows the robot, so that tracking alone pays no more at 12 m/s than at 8.
-        fine_speed_tracking, fine_yaw_tracking: of ``exp(-(error / width)^2)`` with narrow widths and the mean
+        fine_speed_tracking, fine_yaw_tracking: of ``exp(-|error| / width)`` with narrow widths and the mean
             speed and yaw rate of about a stride; not in the paper, whose kernels are flat below 0.3.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
         leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper. Without it legs
@@ -110,13 +110,14 @@ class RewardSettings:
             the paper: shocks are free in a simulation.
         hasty_touchdowns, short_stances: touchdowns sooner than ``shortest_stride`` after the last and
             stances shorter than ``shortest_stance``; not in the paper: else a gait becomes a tap.
-        restless_feet: feet in the air while the robot is asked to stand; not in the paper.
+        restlessness: feet in the air and speed while the robot is asked to stand; not in the paper.
         collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
         action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
             -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
-        bare_squares: yaw rate and foot clearance as the paper prints them: the squared yaw rate, which fights
-            every commanded turn, and the squared height error, which punishes feet for standing. By default
-            the first is the error of the yaw rate, the second weighted by the foot's speed.
+        bare_squares: yaw rate, tilt and foot clearance as the paper prints them: the squared yaw rate, which
+            fights every commanded turn, the squared tilt, which fights the lean into it, and the squared
+            height error, which punishes feet for standing. By default the first is the error of the yaw rate,
+            the second leaves out the lean, and the third is weighted by the foot's speed.
         aggregation: ``"exponential"`` tracking * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
             The exponential keeps a gradient where penalties are large and never rewards an early end.
         penalty_scale: factor of the penalties inside the exponential.
@@ -136,9 +137,9 @@ class RewardSettings:
 
     linear_tracking: float = 1.0
     angular_tracking: float = 0.5
-    progress: float = 0.5
-    fine_speed_tracking: float = 0.5
-    fine_yaw_tracking: float = 0.5
+    progress: float = 1.0
+    fine_speed_tracking: float = 0.75
+    fine_yaw_tracking: float = 1.0
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
     action_rate: RewardWeight = RewardWeight(first=-0.01, second=-0.005)
@@ -157,25 +158,25 @@ class RewardSettings:
     grounded: RewardWeight = RewardWeight(first=-0.03, second=0.0)
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
     over_speed: RewardWeight = _constant(-10.0)
-    leg_distance: RewardWeight = _constant(-1.0)
+    leg_distance: RewardWeight = _constant(-2.0)
     electrical_power: RewardWeight = RewardWeight(first=-0.2, second=-1.0)
     gear_torque: RewardWeight = RewardWeight(first=-0.05, second=-0.2)
-    foot_force: RewardWeight = RewardWeight(first=-0.1, second=-0.5)
-    hasty_touchdowns: RewardWeight = RewardWeight(first=-1.0, second=-5.0)
-    short_stances: RewardWeight = RewardWeight(first=-1.0, second=-3.0)
-    restless_feet: RewardWeight = RewardWeight(first=0.0, second=-1.0)
+    foot_force: RewardWeight = RewardWeight(first=-0.3, second=-3.0)
+    hasty_touchdowns: RewardWeight = RewardWeight(first=-1.0, second=-6.0)
+    short_stances: RewardWeight = RewardWeight(first=-1.0, second=-5.0)
+    restlessness: RewardWeight = RewardWeight(first=-0.2, second=-0.5)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
-    leg_distance_limit: float = 0.06
+    leg_distance_limit: float = 0.10
     foot_clearance_target: float = 0.11
     touchdown_height: float = 0.05
-    fine_speed: float = 0.25
-    fine_yaw_rate: float = 0.1
+    fine_speed: float = 0.3
+    fine_yaw_rate: float = 0.15
     gear_torque_limit: float = 1.5
-    foot_force_limit: float = 3.0
-    shortest_stride: float = 0.19
-    shortest_stance: float = 0.028
+    foot_force_limit: float = 2.8
+    shortest_stride: float = 0.195
+    shortest_stance: float = 0.031
 
     def __post_init__(self) -> None:
         check_choice("aggregation", self.aggregation, AGGREGATIONS)
@@ -210,6 +211,8 @@ class RandomizationSettings:
         delay: time from the policy's reading to the joints' new targets [s], in whole physics steps.
         delay_jitter: by which that time changes from one policy step to the next, either way [s]: gaits must
             not live on the policy's clock.
+        clock: factor of the policy's period, drawn once an environment: gaits that count policy steps do not
+            fit all of them.
         angular_velocity_noise: uniform, symmetric [rad/s].
         gravity_noise: on the unit vector.
         joint_position_noise: [rad].
@@ -235,6 +238,7 @@ class RandomizationSettings:
     dry_friction: Interval = (0.7, 1.3)
     delay: Interval = (0.0, 0.01)
     delay_jitter: float = 0.0025
+    clock: Interval = (0.92, 1.08)
     angular_velocity_noise: float = 0.15
     gravity_noise: float = 0.02
     joint_position_noise: float = 0.01
@@ -244,7 +248,7 @@ class RandomizationSettings:
     push_speed: float = 0.5
 
     def __post_init__(self) -> None:
-        factors = ("friction", "bus_voltage", "resistance", "dry_friction")
+        factors = ("friction", "bus_voltage", "resistance", "dry_friction", "clock")
         for name in (*factors, "foot_stiffness", "foot_restitution"):
             low, high = getattr(self, name)
             check_range(f"{name}[0]", low, 0.05, high)
@@ -263,8 +267,8 @@ class RandomizationSettings:
             self, friction=(0.9, 0.9), foot_stiffness=(80e3, 80e3), foot_restitution=(0.4, 0.4),
             drag_area=(0.15, 0.15), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
             bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
-            delay_jitter=0.0, joint_offset=0.0, angular_velocity_noise=0.0, gravity_noise=0.0,
-            joint_position_noise=0.0, joint_velocity_noise=0.0, push_speed=0.0,
+            delay_jitter=0.0, clock=(1.0, 1.0), joint_offset=0.0, angular_velocity_noise=0.0,
+            gravity_noise=0.0, joint_position_noise=0.0, joint_velocity_noise=0.0, push_speed=0.0,
         )  # fmt: skip
 
 
@@ -402,7 +406,7 @@ class PpoSettings:
     least_std: float = 0.3
     calm_iterations: tuple[int, int] | None = None
     calm_std: float = 0.15
-    quiet_share: float = 0.25
+    quiet_share: float = 0.35
     quiet_noise: float = 0.25
     mirror_epochs: bool = False
     hidden: tuple[int, ...] = (512, 256, 128)
@@ -457,7 +461,7 @@ class EstimatorSettings:
     """
 
     latent: int = 16
-    encoder: tuple[int, ...] = (128, 64)
+    encoder: tuple[int, ...] = (256, 128)
     decoder: tuple[int, ...] = (64, 128)
     learning_rate: float = 1e-3
     epochs: int = 1

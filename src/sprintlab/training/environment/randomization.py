@@ -27,6 +27,7 @@ def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> t
     friction = _uniform(n, *settings.friction, device)
     simulation.fields["pair_friction"][:, :, :2] = friction[:, None, None]
     _randomize_feet(simulation, settings)
+    simulation.timestep.mul_(_uniform(n, *settings.clock, device))
     simulation.drag_area.copy_(_uniform(n, *settings.drag_area, device))
     _randomize_trunk(simulation, settings)
     for gain in (simulation.stiffness, simulation.damping):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import torch
 
+from sprintlab.commands.state import GRAVITY
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.loads import Loads
@@ -21,7 +22,7 @@ PROGRESS_SPEED = 10.0
 """Speed at which the progress term is one [m/s]."""
 POWER_SPEED = 0.5
 """Added to the speed by which electrical power is divided, so that standing has a cost too [m/s]."""
-_REST, _SLOW = 0.1, 0.5  # commands [m/s, rad/s] that mean rest, and a speed [m/s] at which feet can stay down
+_REST = 0.1  # commands that mean rest [m/s, rad/s]
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
 
@@ -71,7 +72,7 @@ PENALTIES: dict[str, Penalty] = {
     "smoothness": lambda x, s: (x.action - 2 * x.previous_action + x.earlier_action).square().sum(1),
     "joint_limit": lambda x, s: x.limit_excess.square().sum(1),
     "roll_pitch_rate": lambda x, s: x.body.angular_velocity[:, :2].square().sum(1),
-    "orientation": lambda x, s: x.body.gravity[:, :2].square().sum(1),
+    "orientation": lambda x, s: _unwanted_tilt(x, s),
     "base_height": lambda x, s: (x.body.height - x.base_height_target).square(),
     "joint_acceleration": lambda x, s: x.joint_acceleration.square().sum(1),
     "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
@@ -97,15 +98,26 @@ PENALTIES: dict[str, Penalty] = {
     "foot_force": lambda x, s: (x.loads.foot_force - s.foot_force_limit).clamp(min=0.0).square().sum(1),
     "hasty_touchdowns": lambda x, s: x.loads.hasty_touchdowns.sum(1),
     "short_stances": lambda x, s: x.loads.short_stances.sum(1),
-    "restless_feet": lambda x, s: (1.0 - x.loads.stance).sum(1) * _asked_to_stand(x),
+    "restlessness": lambda x, s: (
+        _asked_to_stand(x) * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
+    ),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
 }
 
 
 def _asked_to_stand(x: RewardInput) -> torch.Tensor:
-    """1 where the command is rest, and the robot has come to it."""
-    asked = (x.command[:, 0].abs() < _REST) & (x.command[:, 2].abs() < _REST)
-    return (asked & (x.running_speed.abs() < _SLOW)).float()
+    """1 where the command is rest."""
+    return ((x.command[:, 0].abs() < _REST) & (x.command[:, 2].abs() < _REST)).float()
+
+
+def _unwanted_tilt(x: RewardInput, s: RewardSettings) -> torch.Tensor:
+    """Squared tilt of the trunk; a lean into the turn, up to ``tan(lean) = v w / g``, is free."""
+    pitch, roll = x.body.gravity[:, 0], x.body.gravity[:, 1]
+    if not s.bare_squares:
+        lateral = x.running_speed * x.command[:, 2] / GRAVITY
+        lean = lateral * torch.rsqrt(1.0 + lateral.square())
+        roll = roll - torch.minimum(torch.maximum(roll, lean.clamp(max=0.0)), lean.clamp(min=0.0))
+    return pitch.square() + roll.square()
 
 
 def _unwanted_yaw_rate(x: RewardInput, s: RewardSettings) -> torch.Tensor:
@@ -123,24 +135,26 @@ def _clearance_error(x: RewardInput, s: RewardSettings) -> torch.Tensor:
 def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """What is rewarded, unweighted, each ``(n,)``.
 
-    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the forward speed up to the commanded
-    one over 10 m/s.
+    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the speed in the commanded direction,
+    up to the commanded one, over 10 m/s.
     """
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
-    wanted = x.command[:, 0].clamp(min=0.0)
-    onward = torch.minimum(x.body.velocity[:, 0].clamp(min=0.0), wanted) / PROGRESS_SPEED
+    wanted = x.command[:, 0].abs()
+    along = x.body.velocity[:, 0] * torch.sign(x.command[:, 0])
+    onward = torch.minimum(along.clamp(min=0.0), wanted) / PROGRESS_SPEED
     return torch.exp(-error), torch.exp(-turn), onward
 
 
 def fine_tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:
     """Accuracy over a stride, unweighted, each ``(n,)``: of the forward speed and of the yaw rate.
 
-    ``exp(-(error / width)^2)``: the paper's kernels, 1 m/s and 1 rad/s wide, are flat where a good runner is.
+    ``exp(-|error| / width)``: the paper's kernels, 1 m/s and 1 rad/s wide, are flat where a good runner is;
+    these have a slope everywhere.
     """
-    speed = (x.command[:, 0] - x.running_speed) / settings.fine_speed
-    turn = (x.command[:, 2] - x.running_yaw_rate) / settings.fine_yaw_rate
-    return torch.exp(-speed.square()), torch.exp(-turn.square())
+    speed = (x.command[:, 0] - x.running_speed).abs() / settings.fine_speed
+    turn = (x.command[:, 2] - x.running_yaw_rate).abs() / settings.fine_yaw_rate
+    return torch.exp(-speed), torch.exp(-turn)
 
 
 def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:

@@ -96,6 +96,7 @@ class BatchSimulation:
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
         power: drawn from the bus, mean over the policy step [W] ``(n, 12)``.
+        timestep: of the physics; ``substeps`` of them are the policy's period [s] ``(n,)``.
         monitor: loads between the policy steps.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage,
             drag_area: randomized, writable.
@@ -127,9 +128,8 @@ class BatchSimulation:
                 njmax=self.settings.max_constraints,
             )
             self.fields = {name: self._expand(name) for name in RANDOMIZED_FIELDS}
-            ratio = np.repeat(self.model.opt.impratio_invsqrt.numpy()[:1], self.environments)
-            self.model.opt.impratio_invsqrt = wp.array(ratio, dtype=float, device=self._warp_device)
-        self.friction_ratio_invsqrt = wp.to_torch(self.model.opt.impratio_invsqrt)
+            self.friction_ratio_invsqrt = self._expand_option("impratio_invsqrt")
+            self.timestep = self._expand_option("timestep")
         views = ("qpos", "qvel", "ctrl", "qacc_warmstart", "geom_xpos", "xpos", "cvel", "subtree_com")
         for name in views:
             setattr(self, name, wp.to_torch(getattr(self.data, name)))
@@ -152,6 +152,13 @@ class BatchSimulation:
         rows = np.repeat(one.numpy()[:1], self.environments, axis=0)
         each = wp.array(rows, dtype=one.dtype, device=self._warp_device)
         setattr(self.model, name, each)
+        return wp.to_torch(each)
+
+    def _expand_option(self, name: str) -> torch.Tensor:
+        """Give a number of the physics one value an environment, and return it as a torch tensor."""
+        values = np.repeat(getattr(self.model.opt, name).numpy()[:1], self.environments)
+        each = wp.array(values, dtype=float, device=self._warp_device)
+        setattr(self.model.opt, name, each)
         return wp.to_torch(each)
 
     def _allocate_actuation(self, actuator_model: str) -> None:
@@ -262,7 +269,7 @@ class BatchSimulation:
         names = (
             "qpos", "qvel", "qacc_warmstart", "target", "previous_target", "drive_torque", "on_limit",
             "delay", "mean_delay", "stiffness", "damping", "strength", "resistance_factor", "friction_factor",
-            "voltage", "drag_area", "friction_ratio_invsqrt",
+            "voltage", "drag_area", "friction_ratio_invsqrt", "timestep",
         )  # fmt: skip
         supply = ("state_of_charge", "winding_temperature")
         return {
