@@ -47,6 +47,7 @@ class TargetSampling:
         top_share: share of the speed targets drawn from the top of the range.
         top_fraction: the top of the range is ``[(1 - top_fraction) upper, upper]``.
         zero_share: share of speed targets that are exactly zero.
+        backward_share: share of speed targets drawn from the backward end of the range.
         yaw_share: share of draws with a yaw-rate target; the others are straight.
         yaw_limit: greatest yaw-rate target [rad/s].
         turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; the paper's
@@ -62,6 +63,7 @@ class TargetSampling:
     top_share: float = 0.4
     top_fraction: float = 0.25
     zero_share: float = 0.12
+    backward_share: float = 0.08
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     turn_share: float = 0.6
@@ -69,11 +71,17 @@ class TargetSampling:
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, "s")
-        for field in ("top_share", "top_fraction", "zero_share", "yaw_share"):
+        for field in ("top_share", "top_fraction", "zero_share", "backward_share", "yaw_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
         check_range("turn_share", self.turn_share, 0.0, 1.0)
-        check_range("top_share + zero_share", self.top_share + self.zero_share, 0.0, 1.0)
+        named = self.top_share + self.zero_share + self.backward_share
+        check_range("top_share + zero_share + backward_share", named, 0.0, 1.0)
         check_range("yaw_limit", self.yaw_limit, 0.0, float("inf"), "rad/s")
+
+    @property
+    def _last_drawn(self) -> float:
+        """Kinds from here on are backward or zero."""
+        return 1.0 - self.zero_share - self.backward_share
 
     def speed(self, random: Array, lower: Array | float, upper: Array | float) -> Array:
         """Speed targets [m/s] ``(n,)`` in ``[lower, upper]``, or zero."""
@@ -81,6 +89,7 @@ class TargetSampling:
         value, kind = random[:, 0], random[:, 1]
         top = upper * (1.0 - self.top_fraction + self.top_fraction * value)
         drawn = xp.where(kind < self.top_share, top, lower + (upper - lower) * value)
+        drawn = xp.where(kind >= self._last_drawn, lower * value, drawn)
         return xp.where(kind >= 1.0 - self.zero_share, xp.zeros_like(drawn), drawn)
 
     def yaw_rate(self, random: Array) -> Array:
@@ -98,7 +107,7 @@ class TargetSampling:
         if self.grid is None or weights is None:
             return speed, yaw_rate
         kind = random[:, 1]
-        ours = (kind >= self.top_share) & (kind < 1.0 - self.zero_share)
+        ours = (kind >= self.top_share) & (kind < self._last_drawn)
         places = xp.stack((random[:, 3], random[:, 0], random[:, 2]), axis=1)
         grid_speed, grid_yaw_rate = self.grid.draw(weights, places, lower, upper)
         return xp.where(ours, grid_speed, speed), xp.where(ours, grid_yaw_rate, yaw_rate)
@@ -202,8 +211,8 @@ class AdaptiveSchedule:
             nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
-        ramp_share: in the steady stage of training, share of the targets to which the command moves at a
-            constant acceleration instead, ahead of the robot if it cannot follow, as a user's command does.
+        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
+            of the robot if it cannot follow, as a user's command does.
         ramp: least and greatest such acceleration [m/s^2].
 
     Raises:
@@ -215,7 +224,7 @@ class AdaptiveSchedule:
     braking_window: float = 4.0
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
-    ramp_share: float = 0.3
+    ramp_share: float = 0.25
     ramp: tuple[float, float] = (2.0, 4.0)
 
     def __post_init__(self) -> None:
@@ -261,7 +270,7 @@ class AdaptiveSchedule:
         remaining = state.time_to_update - dt
         update = renewed | (remaining <= 0.0)
         held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
-        acceleration = xp.where(renewed, self._ramp(random, steady), state.acceleration)
+        acceleration = xp.where(renewed, self._ramp(random), state.acceleration)
         start, change = xp.where(fresh, speed, state.command[:, 0]), acceleration * dt
         ramped = clip(state.target_speed, start - change, start + change)
         commanded = clip(xp.where(acceleration > 0.0, ramped, held), lower, upper)
@@ -272,12 +281,12 @@ class AdaptiveSchedule:
             acceleration=acceleration,
         )
 
-    def _ramp(self, random: Array, steady: Array | float) -> Array:
+    def _ramp(self, random: Array) -> Array:
         """Acceleration [m/s^2] ``(n,)`` with which the command goes to a new target; 0: ACS moves it."""
         xp = namespace(random)
         gentlest, hardest = self.ramp
         drawn = gentlest + (hardest - gentlest) * random[:, 6]
-        return xp.where(random[:, 5] < steady * self.ramp_share, drawn, xp.zeros_like(drawn))
+        return xp.where(random[:, 5] < self.ramp_share, drawn, xp.zeros_like(drawn))
 
     def _draw(self, target: Array, speed: Array, random: Array, steady: Array | float) -> Array:
         xp = namespace(random)

@@ -91,14 +91,14 @@ class Surrogate:
         check_range("gear_efficiency", self.gear_efficiency, 0.5, 1.0)
 
 
-_NOMINAL = Surrogate(stack=1.4, hip_gear=8.25, knee_gear=7.0)
+_NOMINAL = Surrogate(stack=1.25, hip_gear=8.25, knee_gear=7.75)
 
 EDITIONS: dict[str, Surrogate] = {
     TEMPLATE: _NOMINAL,
     "bp2-weak": replace(
         _NOMINAL,
         hip_gear=8.5,
-        knee_gear=7.21,
+        knee_gear=7.98,
         spring=1000.0,
         total_mass=38.0,
         resistance=1.10,
@@ -113,7 +113,7 @@ EDITIONS: dict[str, Surrogate] = {
     "bp2-strong": replace(
         _NOMINAL,
         hip_gear=8.0,
-        knee_gear=6.79,
+        knee_gear=7.52,
         spring=640.0,
         resistance=0.90,
         inductance=0.85,

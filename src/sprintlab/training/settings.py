@@ -138,14 +138,14 @@ class RewardSettings:
     linear_tracking: float = 1.0
     angular_tracking: float = 0.5
     progress: float = 1.0
-    fine_speed_tracking: float = 0.75
-    fine_yaw_tracking: float = 1.0
+    fine_speed_tracking: float = 1.0
+    fine_yaw_tracking: float = 2.0
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
     action_rate: RewardWeight = RewardWeight(first=-0.01, second=-0.005)
     smoothness: RewardWeight = RewardWeight(first=-0.005, second=-0.0025)
     joint_limit: RewardWeight = _constant(-10.0)
-    roll_pitch_rate: RewardWeight = RewardWeight(first=-0.02, second=-0.5)
+    roll_pitch_rate: RewardWeight = RewardWeight(first=-0.02, second=-0.3)
     orientation: RewardWeight = RewardWeight(first=-5.0, second=-100.0)
     base_height: RewardWeight = RewardWeight(first=-10.0, second=-20.0)
     joint_acceleration: RewardWeight = RewardWeight(first=-2.5e-7, second=-3e-8)
@@ -159,20 +159,20 @@ class RewardSettings:
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
     over_speed: RewardWeight = _constant(-10.0)
     leg_distance: RewardWeight = _constant(-2.0)
-    electrical_power: RewardWeight = RewardWeight(first=-0.2, second=-1.0)
+    electrical_power: RewardWeight = RewardWeight(first=-0.2, second=-0.8)
     gear_torque: RewardWeight = RewardWeight(first=-0.05, second=-0.2)
-    foot_force: RewardWeight = RewardWeight(first=-0.3, second=-3.0)
-    hasty_touchdowns: RewardWeight = RewardWeight(first=-1.0, second=-6.0)
+    foot_force: RewardWeight = RewardWeight(first=-0.5, second=-4.0)
+    hasty_touchdowns: RewardWeight = RewardWeight(first=-2.0, second=-10.0)
     short_stances: RewardWeight = RewardWeight(first=-1.0, second=-5.0)
-    restlessness: RewardWeight = RewardWeight(first=-0.2, second=-0.5)
+    restlessness: RewardWeight = RewardWeight(first=-0.5, second=-1.0)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
     leg_distance_limit: float = 0.10
     foot_clearance_target: float = 0.11
     touchdown_height: float = 0.05
-    fine_speed: float = 0.3
-    fine_yaw_rate: float = 0.15
+    fine_speed: float = 0.5
+    fine_yaw_rate: float = 0.1
     gear_torque_limit: float = 1.5
     foot_force_limit: float = 2.8
     shortest_stride: float = 0.195
@@ -238,7 +238,7 @@ class RandomizationSettings:
     dry_friction: Interval = (0.7, 1.3)
     delay: Interval = (0.0, 0.01)
     delay_jitter: float = 0.0025
-    clock: Interval = (0.92, 1.08)
+    clock: Interval = (0.95, 1.05)
     angular_velocity_noise: float = 0.15
     gravity_noise: float = 0.02
     joint_position_noise: float = 0.01

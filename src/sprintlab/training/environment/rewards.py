@@ -20,8 +20,9 @@ from sprintlab.training.settings import RewardSettings
 
 PROGRESS_SPEED = 10.0
 """Speed at which the progress term is one [m/s]."""
-POWER_SPEED = 0.5
-"""Added to the speed by which electrical power is divided, so that standing has a cost too [m/s]."""
+POWER_SPEED = 2.0
+"""Added to the speed by which electrical power is divided [m/s], so that standing has a cost. With 0.5 m/s,
+and the power that action noise takes in training, walking on was cheaper than standing when asked to."""
 _REST = 0.1  # commands that mean rest [m/s, rad/s]
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
