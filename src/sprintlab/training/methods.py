@@ -31,6 +31,7 @@ class Method:
         schedule: how commands evolve.
         rewards: instead of the preset's; None: the preset's.
         battery: behind the bus in training; None: that of the settings, stiff by default.
+        network: whether an actuator network takes the motor model's place, its file from the settings.
         source: paper that the method follows; empty: the paper of this package.
     """
 
@@ -38,6 +39,7 @@ class Method:
     schedule: Schedule
     rewards: RewardSettings | None = None
     battery: Battery | None = None
+    network: bool = False
     source: str = ""
 
 
@@ -128,6 +130,12 @@ COMPARATORS = {
         battery=Battery(),
         source="Spot (2504.17857): a battery in the loop, ours",
     ),
+    "actuator-network": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        network=True,
+        source="Hwangbo et al. 2019: a network fitted to our simulated bench",
+    ),
     "flux-weakening": Method(
         actuator_model="flux-weakening",
         schedule=AdaptiveSchedule(),
@@ -195,14 +203,18 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     """``base`` (default: all defaults) with what sets method ``name`` apart.
 
     Raises:
-        InvalidValueError: the method is unknown, the message lists those that are known; or the rewards were
-            changed that the method decides.
+        InvalidValueError: the method is unknown, the message lists those that are known; the rewards were
+            changed that the method decides; or it needs an actuator network and there is none.
     """
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
     if method.rewards is not None and base.rewards not in (RewardSettings(), method.rewards):
         raise InvalidValueError("settings.rewards", "changed", f"left alone: method {name} decides them")
     simulation = base.simulation
+    if method.network and simulation.actuator_network is None:
+        raise InvalidValueError(
+            "settings.simulation.actuator_network", None, "a file made by python -m studies.paper network"
+        )
     if method.battery is not None:
         simulation = replace(simulation, battery=method.battery)
     return replace(

@@ -15,6 +15,7 @@ from sprintlab.commands import (
 )
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
@@ -42,11 +43,14 @@ class SimulationSettings:
         knee_spring: whether the passive knee springs are there.
         battery: behind the bus that a robot's joints share; ``None``, as in the paper: the bus is stiff.
         heat: of the windings; ``None``, as in the paper: they stay cold.
+        actuator_network: file of networks that give the joints' torques instead of the motor model, made by
+            ``python -m studies.paper network``; ``None``: the motor model does.
         state_of_charge: of a battery at an episode's start, drawn once an environment [-].
         winding_temperature: with heat, at an episode's start, drawn once an environment and joint [degC].
 
     Raises:
-        InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
+        InvalidValueError: a value out of range, a policy rate other than 50 Hz, or an actuator network beside
+            a battery or heat, which it does not know.
     """
 
     environments: int = 8192
@@ -59,6 +63,7 @@ class SimulationSettings:
     knee_spring: bool = True
     battery: Battery | None = None
     heat: WindingHeat | None = None
+    actuator_network: str | None = None
     state_of_charge: tuple[float, float] = (0.3, 1.0)
     winding_temperature: tuple[float, float] = (25.0, 90.0)
 
@@ -68,6 +73,8 @@ class SimulationSettings:
         check_range("winding_temperature[1]", self.winding_temperature[1], -60.0, 200.0, "degC")
         coldest, hottest = self.winding_temperature
         check_range("winding_temperature[0]", coldest, -60.0, hottest, "degC")
+        if self.actuator_network is not None and (self.battery or self.heat):
+            raise InvalidValueError("actuator_network", self.actuator_network, "without battery and heat")
         for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):
             check_range(name, getattr(self, name), 1, 10**7)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")

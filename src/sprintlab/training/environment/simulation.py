@@ -21,6 +21,11 @@ from sprintlab.training.environment.actuation import (
     air_drag_kernel,
     joint_torque_kernel,
 )
+from sprintlab.training.environment.actuator_network import (
+    network_inputs,
+    network_torque_kernel,
+    read_networks,
+)
 from sprintlab.training.environment.supply import Supply
 from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
@@ -202,6 +207,8 @@ class BatchSimulation:
             ],
             "device": self._warp_device,
         }
+        if self.settings.actuator_network is not None:
+            self._use_network([drives, *control, strength, friction, *state])
 
         trunk = int(self.mj_model.body("trunk").id)
         self._air = {
@@ -211,6 +218,15 @@ class BatchSimulation:
             "outputs": [self.data.xfrc_applied],
             "device": self._warp_device,
         }
+
+    def _use_network(self, inputs: list[Any]) -> None:
+        """Let actuator networks give the torques; inputs of their kernel without the networks."""
+        networks = read_networks(str(self.settings.actuator_network), len(self.robot.joint_names))
+        drives, *others = inputs
+        weights = network_inputs(networks, self._warp_device)
+        outputs = self._launch["outputs"][1:]  # without the windings' temperature
+        self._launch |= {"kernel": network_torque_kernel, "outputs": outputs}
+        self._launch["inputs"] = [drives, *weights, *others]
 
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""

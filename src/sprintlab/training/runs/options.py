@@ -24,7 +24,7 @@ class TrainOptions:
     Attributes:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
             literal-acs: commands that follow the robot and move toward nothing; or after other papers:
-            rlvrl, lp-acrl, after-hacl, hound, spot-battery, flux-weakening.
+            rlvrl, lp-acrl, after-hacl, hound, spot-battery, actuator-network, flux-weakening.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
             ``tensorboard/``.
