@@ -271,7 +271,7 @@ class SprintEnvironment:
             no_load_speed=self.no_load_speed,
         )
         rewards = self.settings.rewards
-        follow, turn, onward = tracking(inputs)
+        follow, turn, onward = tracking(inputs, rewards.angular_sharpness)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
         positive = positive + rewards.progress * onward
