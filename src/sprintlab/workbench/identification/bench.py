@@ -255,8 +255,8 @@ def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, fl
             raise InvalidValueError(f"{path}: column", cell[:40], f"at most {_LONGEST_HEADING} characters")
         match = _HEADER.fullmatch(cell)
         name = _known_name(match[1]) if match else None
-        if match is None or name is None:
-            continue
+        if match is None or name is None or (name == "time" and not match[2]):
+            continue  # strangers' tables have a time in any form; only one with a unit makes a log
         if name in found:
             raise InvalidValueError(f"{path}: column {name}", cell, "is given twice")
         found[name] = (index, _unit_factor(path, name, cell, match[2] or ""))

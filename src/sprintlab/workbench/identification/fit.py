@@ -39,6 +39,7 @@ from sprintlab.workbench.identification.model import (
     Channel,
     channels,
     directions,
+    turns,
     warming,
 )
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
@@ -145,6 +146,9 @@ def _without_noise_of_standing(bench: Bench) -> tuple[Bench, list[str]]:
     if standing == bench.size:
         note = f"no row turns faster than {STANDING:g} rad/s: friction stays unknown, and is in the torque"
         return replace(bench, speed=np.zeros(bench.size)), [note]
+    if not turns(bench):
+        note = f"only {bench.size - standing} of {bench.size} rows turn: the motor counts as stalled"
+        return bench, [f"{note}, and the torque leaves them out; friction stays unknown"]
     note = (
         f"{standing} of {bench.size} rows stand still: friction may point either way, the torque leaves them"
     )

@@ -77,6 +77,9 @@ BOUNDS = {
 STANDING = 0.5
 """Speed up to which the shaft counts as standing [rad/s]: its sign is the encoder's noise."""
 
+LEAST_TURNING = 0.1
+"""Share of rows that must turn to be those that count: a stalled motor swings when it is let go."""
+
 _STANDING_SHARE = 0.01  # of the largest speed, likewise
 
 LEAST_WARMING = 10.0
@@ -128,10 +131,14 @@ def directions(bench: Bench) -> FloatArray:
     return np.where(np.abs(bench.speed) > least, np.sign(bench.speed), 0.0)
 
 
+def turns(bench: Bench) -> bool:
+    """Whether enough rows turn to tell friction; else the bench is one of a stalled motor."""
+    return float(np.mean(directions(bench) != 0.0)) >= LEAST_TURNING
+
+
 def torque_rows(bench: Bench) -> NDArray[np.int64]:
-    """Rows whose torque counts: those that turn, or all of a bench where none does."""
-    turning = np.flatnonzero(directions(bench))
-    return turning if len(turning) else np.arange(bench.size)
+    """Rows whose torque counts: those that turn; of a bench that hardly ever turns, those that stand."""
+    return np.flatnonzero((directions(bench) != 0.0) == turns(bench))
 
 
 def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[FloatArray, FloatArray]:
@@ -178,7 +185,7 @@ def channels(
 
 
 def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str]) -> Channel:
-    friction = ("coulomb_friction", "viscous_friction") if directions(bench).any() else ()
+    friction = ("coulomb_friction", "viscous_friction") if turns(bench) else ()
     rows = torque_rows(bench)
     return Channel(
         name="torque",
