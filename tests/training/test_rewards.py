@@ -80,6 +80,12 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
             still(joint_velocity=torch.full((1, 12), -2.0))._replace(torque=torch.ones(1, 12)),
             24,
         ),
+        ("diagonal_contact", still(contact=row(1, 0, 0, 1)), 1.0),
+        ("diagonal_contact", still(contact=row(0, 1, 1, 0)), 1.0),
+        ("diagonal_contact", still(contact=row(1, 1, 0, 1)), 0.0),
+        ("diagonal_contact", still(contact=row(1, 1, 0, 0)), 0.0),
+        ("tilt_rate", still(angular_velocity=row(-1, 2, 9)), 3.0),
+        ("torque", still()._replace(torque=torch.full((1, 12), 2.0)), 48.0),
         ("action_rate", still()._replace(action=torch.full((1, 12), 0.5)), 3.0),
         ("smoothness", still()._replace(previous_action=torch.full((1, 12), 0.5)), 12.0),
     ],
@@ -104,6 +110,7 @@ def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
     assert [term.item() for term in tracking(on_command)] == pytest.approx([1.0, 1.0, 0.3])
     off = tracking(inputs._replace(command=row(2, 0, 1)))
     assert [term.item() for term in off] == pytest.approx([math.exp(-2), math.exp(-1), 0.2])
+    assert tracking(inputs._replace(command=row(2, 0, 1)), 1.5)[1].item() == pytest.approx(math.exp(-1.5))
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,9 @@ PENALTIES: dict[str, Penalty] = {
         (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
     ),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
+    "diagonal_contact": lambda x, s: _diagonal_contact(x.body.contact),
+    "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
+    "torque": lambda x, s: x.torque.square().sum(1),
 }
 
 
@@ -94,17 +97,25 @@ def _clearance_error(x: RewardInput, s: RewardSettings) -> torch.Tensor:
     return error if s.bare_squares else error * x.body.foot_speed
 
 
-def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _diagonal_contact(contact: torch.Tensor) -> torch.Tensor:
+    """1 where exactly one diagonal pair of feet (FL and RR, or FR and RL) touches ``(n,)``."""
+    first, second = contact[:, 0] * contact[:, 3], contact[:, 1] * contact[:, 2]
+    return (first + second) * (contact.sum(1) == 2.0).float()
+
+
+def tracking(
+    x: RewardInput, angular_sharpness: float = 1.0
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """What is rewarded, unweighted, each ``(n,)``.
 
-    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the forward speed up to the commanded
-    one over 10 m/s.
+    ``exp(-|v_xy - command|^2)``, ``exp(-angular_sharpness (yaw rate - command)^2)``, and the forward speed
+    up to the commanded one over 10 m/s.
     """
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
     wanted = x.command[:, 0].clamp(min=0.0)
     onward = torch.minimum(x.body.velocity[:, 0].clamp(min=0.0), wanted) / PROGRESS_SPEED
-    return torch.exp(-error), torch.exp(-turn), onward
+    return torch.exp(-error), torch.exp(-angular_sharpness * turn), onward
 
 
 def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:
