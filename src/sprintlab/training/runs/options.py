@@ -22,8 +22,9 @@ class TrainOptions:
     """How to train.
 
     Attributes:
-        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands, or
-            literal-acs: commands that follow the robot and move toward nothing.
+        method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
+            literal-acs: commands that follow the robot and move toward nothing; or after other papers:
+            rlvrl, lp-acrl, after-hacl, hound, spot-battery, flux-weakening.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
             ``tensorboard/``.
