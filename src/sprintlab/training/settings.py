@@ -6,13 +6,21 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
 
-from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
+from sprintlab.commands import (
+    AdaptiveSchedule,
+    CurriculumSchedule,
+    FixedAccelerationSchedule,
+    RampedSchedule,
+    UniformSchedule,
+)
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
-Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
+Schedule = (
+    AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
+)
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 
@@ -85,7 +93,8 @@ class RewardSettings:
 
     Attributes:
         linear_tracking: of ``exp(-|v_xy - command|^2)``.
-        angular_tracking: of ``exp(-(yaw rate - command)^2)``.
+        angular_tracking: of ``exp(-angular_sharpness (yaw rate - command)^2)``.
+        angular_sharpness: one in the paper.
         progress: of the forward speed over 10 m/s, up to the commanded speed; not in the paper. Under ACS the
             command follows the robot, so that tracking alone pays no more at 12 m/s than at 8.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
@@ -100,6 +109,10 @@ class RewardSettings:
         collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
         action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
             -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
+        diagonal_contact: steps in which one diagonal pair of feet stands and the other swings; a reward, with
+            a positive weight. This and the next two are Hound's, not the paper's, and off by default.
+        tilt_rate: sum of the roll and pitch rates' magnitudes.
+        torque: squared joint torques.
         bare_squares: yaw rate and foot clearance as the paper prints them: the squared yaw rate, which fights
             every commanded turn, and the squared height error, which punishes feet for standing. By default
             the first is the error of the yaw rate, the second weighted by the foot's speed.
@@ -116,6 +129,7 @@ class RewardSettings:
 
     linear_tracking: float = 1.0
     angular_tracking: float = 0.5
+    angular_sharpness: float = 1.0
     progress: float = 0.5
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
@@ -136,6 +150,9 @@ class RewardSettings:
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
     over_speed: RewardWeight = _constant(-10.0)
     leg_distance: RewardWeight = _constant(-1.0)
+    diagonal_contact: RewardWeight = _constant(0.0)
+    tilt_rate: RewardWeight = _constant(0.0)
+    torque: RewardWeight = _constant(0.0)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
@@ -145,7 +162,13 @@ class RewardSettings:
 
     def __post_init__(self) -> None:
         check_choice("aggregation", self.aggregation, AGGREGATIONS)
-        for name in ("penalty_scale", "leg_distance_limit", "foot_clearance_target", "touchdown_height"):
+        for name in (
+            "angular_sharpness",
+            "penalty_scale",
+            "leg_distance_limit",
+            "foot_clearance_target",
+            "touchdown_height",
+        ):
             check_positive(name, getattr(self, name))
 
     def penalties(self) -> dict[str, RewardWeight]:
