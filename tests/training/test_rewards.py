@@ -26,6 +26,7 @@ SETTINGS = RewardSettings()
 WIDTHS = {
     "gravity": 3, "angular_velocity": 3, "velocity": 3, "joint_position": 12, "joint_velocity": 12,
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
+    "abduction": 4,
 }  # fmt: skip
 
 
@@ -73,8 +74,8 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(-4, 0, 0)), 0.0),
         ("touchdown", still(foot_height=row(0.04, 0.06, 0.1, 0.1), foot_descent=row(2, 3, 0, 0)), 4.0),
         ("foot_clearance", still(foot_height=row(0.21, 0.11, 0.11, 0.11), foot_speed=row(2, 5, 5, 5)), 0.02),
-        ("abduction", still(joint_position=torch.arange(12.0)[None]), 0 + 9 + 36 + 81),
-        ("abduction_mirror", still(joint_position=torch.arange(12.0)[None]), 9 + 225),
+        ("abduction", still(abduction=row(0.0, 3.0, 6.0, 9.0)), 0 + 9 + 36 + 81),
+        ("abduction_mirror", still(abduction=row(0.0, 3.0, 6.0, 9.0)), 9 + 225),
         (
             "joint_power",
             still(joint_velocity=torch.full((1, 12), -2.0))._replace(torque=torch.ones(1, 12)),

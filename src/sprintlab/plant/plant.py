@@ -405,7 +405,7 @@ def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.in
     """
     table = np.zeros((model.ngeom, model.ngeom), dtype=np.int8)
     floor = model.geom("floor").id
-    fatal = {"trunk": 1, **{f"{leg}_thigh": 2 for leg in robot.leg_names}}
+    fatal = dict.fromkeys(robot.trunk_bodies, 1) | {f"{leg}_thigh": 2 for leg in robot.leg_names}
     for name, code in fatal.items():
         geom = model.geom(name).id
         table[floor, geom] = table[geom, floor] = code

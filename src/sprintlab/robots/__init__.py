@@ -7,8 +7,10 @@ from sprintlab.robots.description import (
     Mechanics,
     RobotDescription,
     SoftStop,
+    joint_kind,
     mirror_joints,
     mirror_legs,
+    neighbouring_legs,
     robot_fingerprint,
 )
 from sprintlab.robots.foot import (
@@ -60,10 +62,12 @@ __all__ = [
     "effective_leg_mass",
     "expected_drop",
     "friction_ratio",
+    "joint_kind",
     "load_robot",
     "load_robot_file",
     "mirror_joints",
     "mirror_legs",
+    "neighbouring_legs",
     "pair_parameters",
     "parameter_table",
     "robot_fingerprint",

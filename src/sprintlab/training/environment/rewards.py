@@ -28,14 +28,14 @@ class RewardInput(NamedTuple):
     Attributes:
         body: state after the step.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
-        action: of this step ``(n, 12)``.
-        previous_action: of the step before ``(n, 12)``.
-        earlier_action: of two steps before ``(n, 12)``.
-        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, 12)``.
-        torque: delivered by the motors [N m] ``(n, 12)``.
-        limit_excess: beyond the beginning of the end stops [rad] ``(n, 12)``.
+        action: of this step ``(n, joints)``.
+        previous_action: of the step before ``(n, joints)``.
+        earlier_action: of two steps before ``(n, joints)``.
+        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, joints)``.
+        torque: delivered by the motors [N m] ``(n, joints)``.
+        limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
         base_height_target: [m].
-        no_load_speed: of each joint on the robot's own bus [rad/s] ``(12,)``.
+        no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
     """
 
     body: BodyState
@@ -62,14 +62,13 @@ PENALTIES: dict[str, Penalty] = {
     "orientation": lambda x, s: x.body.gravity[:, :2].square().sum(1),
     "base_height": lambda x, s: (x.body.height - x.base_height_target).square(),
     "joint_acceleration": lambda x, s: x.joint_acceleration.square().sum(1),
-    "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
+    "abduction": lambda x, s: x.body.abduction.square().sum(1),
     "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
     "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
     "yaw_rate": lambda x, s: _unwanted_yaw_rate(x, s).square(),
     "foot_clearance": lambda x, s: _clearance_error(x, s).sum(1),
     "abduction_mirror": lambda x, s: (
-        (x.body.joint_position[:, 0] + x.body.joint_position[:, 3]).square()
-        + (x.body.joint_position[:, 6] + x.body.joint_position[:, 9]).square()
+        (x.body.abduction[:, 0::2] + x.body.abduction[:, 1::2]).square().sum(1)  # left and right
     ),
     "grounded": lambda x, s: x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0),
     "touchdown": lambda x, s: (

@@ -93,12 +93,12 @@ class BatchSimulation:
 
     Attributes (torch views on the simulator's own memory, ``n`` environments):
         qpos, qvel: state ``(n, nq)``, ``(n, nv)``.
-        target: joint targets [rad] ``(n, 12)``: write here, then ``step``.
-        previous_target: in force during the first ``delay`` substeps ``(n, 12)``.
+        target: joint targets [rad] ``(n, joints)``: write here, then ``step``.
+        previous_target: in force during the first ``delay`` substeps ``(n, joints)``.
         delay: substeps before the target takes effect ``(n,)``.
         mean_delay: about which it varies ``(n,)``.
-        drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
-        on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
+        drive_torque: torque delivered by the motors in the last substep [N m] ``(n, joints)``.
+        on_limit: 1 where the motor was on its envelope in the last substep ``(n, joints)``.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage,
             drag_area: randomized, writable.
     """
@@ -185,7 +185,7 @@ class BatchSimulation:
             self.strength, self.resistance_factor, self.friction_factor, self.voltage
         )
         state, model = [self.data.qpos, self.data.qvel], MODEL_CODES[actuator_model]
-        self.supply = Supply(self.settings, self.device)
+        self.supply = Supply(self.settings, joints, self.device)
         self.supply.connect([drives, *control, resistance], state, model, voltage)
         scales = [strength, resistance, friction, voltage]
         self._launch = {

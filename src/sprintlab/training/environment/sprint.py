@@ -210,7 +210,7 @@ class SprintEnvironment:
         return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
 
     def write_action(self, actions: torch.Tensor) -> None:
-        """Turn actions ``(n, 12)`` into the joint targets of the next ``advance``."""
+        """Turn actions ``(n, joints)`` into the joint targets of the next ``advance``."""
         self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
         self.simulation.previous_target.copy_(self.simulation.target)
