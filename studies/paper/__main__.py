@@ -12,6 +12,7 @@ from studies.paper.compare import Compare
 from studies.paper.draw import Figures
 from studies.paper.network import Network
 from studies.paper.publish import Publish
+from studies.paper.stride import Strides
 
 REFUSED = 2
 
@@ -20,6 +21,7 @@ Command = (
     | Annotated[Figures, tyro.conf.subcommand(name="figures")]
     | Annotated[Publish, tyro.conf.subcommand(name="publish")]
     | Annotated[Network, tyro.conf.subcommand(name="network")]
+    | Annotated[Strides, tyro.conf.subcommand(name="stride")]
 )
 
 

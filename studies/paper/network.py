@@ -45,7 +45,7 @@ class Network:
     robot: str = "bp2"
     out: Path = Path("studies/paper/actuator_network.npz")
     points: int = 30_000
-    epochs: int = 40
+    epochs: int = 200
     noise: float = 0.01
     seed: int = 0
     json: tyro.conf.FlagCreatePairsOff[bool] = False

@@ -174,7 +174,9 @@ class BatchSimulation:
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
         self.drag_area = torch.full((n,), DRAG_AREA, device=self.device)
-        drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
+        constants = _joint_drives(robot, self.mj_model)
+        constants["saturation"] *= float(self.settings.saturation)
+        drives = wp.array(constants, dtype=JointDrive, device=self._warp_device)
 
         def arrays(*tensors: torch.Tensor) -> list[Any]:
             return [wp.from_torch(tensor, dtype=wp.float32) for tensor in tensors]
