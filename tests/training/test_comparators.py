@@ -144,7 +144,7 @@ def test_the_likeness_to_a_stride_is_that_of_a_plain_loop_and_fades() -> None:
     speeds, states = read_strides(prior.file)
     environment = SprintEnvironment(WITH_PRIOR, "cpu")
     torch.manual_seed(0)
-    running = torch.linspace(-1.0, 14.0, 16)
+    running = torch.linspace(-0.7, 13.9, 16)
     body = environment.kinematics.read()
     body = body._replace(
         joint_position=body.joint_position + 0.3 * torch.randn(16, 12),
