@@ -103,4 +103,4 @@ def test_feet_and_the_waists_torque_are_those_of_the_model() -> None:
         )
         lift += load * jacobian[2, waist]
     wanted = data.qfrc_bias[waist] - lift
-    assert Legs(WAIST).carrying_torque(WAIST.default_pose, loads)[12] == pytest.approx(wanted, abs=1.5)
+    assert Legs(WAIST).carrying_torque(WAIST.default_pose, loads)[12] == pytest.approx(wanted, rel=1e-6)

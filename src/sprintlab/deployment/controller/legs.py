@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sprintlab.deployment.interface import FloatArray
-from sprintlab.robots import RobotDescription, leg_signs
+from sprintlab.robots import RobotDescription, leg_signs, shank_with_foot
 
 GRAVITY = 9.81  # m/s^2
 
@@ -31,7 +31,9 @@ class Legs:
         front, side = np.array([leg_signs(leg) for leg in robot.leg_names]).T
         self._joints, self._waist = robot.leg_joints, robot.waist
         self._count, self._rear = len(robot.joint_names), front < 0.0
-        self._rear_moment = _rear_moment(robot)
+        rear = mechanics.rear_trunk
+        self._rear_moment = 0.0 if rear is None else GRAVITY * rear.mass * rear.center_of_mass[0]
+        self._mass_moments = _mass_moments(robot)
         self._a, self._b = mechanics.thigh_length, mechanics.shank_length
         self._offset = mechanics.abad_offset * side
         self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros_like(side)), axis=1)
@@ -109,7 +111,7 @@ class Legs:
     def carrying_torque(self, pose: FloatArray, loads: FloatArray) -> FloatArray:
         """Torques [N m] ``(joints,)`` that hold vertical ``loads`` [N] ``(legs,)`` at the feet: ``-J' f``.
 
-        A waist carries the rear half besides; its feet are taken to be below the hips.
+        A waist also carries the weight of the rear half; it is taken to be straight and the robot level.
         """
         abad, hip, knee = pose[self._joints].T
         x, _ = self.in_plane(pose)
@@ -118,18 +120,25 @@ class Legs:
         rise = np.stack((sideways, -x * np.cos(abad), shank * np.cos(abad)), axis=1)
         torque = self._all_joints(-loads[:, None] * rise)
         if self._waist is not None:
-            torque[self._waist] = (loads * self._axes[:, 0])[self._rear].sum() - self._rear_moment
+            lever = self._axes[:, 0] + x
+            torque[self._waist] = (loads * lever - self._leg_moment(hip, knee))[self._rear].sum()
+            torque[self._waist] -= self._rear_moment
         return torque
 
+    def _leg_moment(self, hip: FloatArray, knee: FloatArray) -> FloatArray:
+        """Moment of each leg's weight about the waist, legs vertical from the front [N m] ``(legs,)``."""
+        whole, thigh, below, shank = self._mass_moments
+        forward = thigh * np.sin(hip) - below * self._a * np.sin(hip) + shank * np.sin(hip + knee)
+        return GRAVITY * (whole * self._axes[:, 0] + forward)
 
-def _rear_moment(robot: RobotDescription) -> float:
-    """Moment of the rear half's weight, legs below their hips, about the waist [N m]; 0 without one."""
+
+def _mass_moments(robot: RobotDescription) -> tuple[float, float, float, float]:
+    """A leg's mass, the thigh's first moment, the mass below the knee, the shank's first moment [kg, kg m]."""
     mechanics = robot.mechanics
-    if mechanics.rear_trunk is None:
-        return 0.0
-    rear_legs = sum(leg_signs(leg)[0] < 0.0 for leg in robot.leg_names)
-    trunk = mechanics.rear_trunk.mass * mechanics.rear_trunk.center_of_mass[0]
-    return GRAVITY * (trunk - rear_legs * mechanics.leg_mass * mechanics.hip_x)
+    shank, center, _ = shank_with_foot(robot)
+    carrier = 0.0 if mechanics.knee_carrier is None else mechanics.knee_carrier.mass
+    thigh = mechanics.thigh.mass * mechanics.thigh.center_of_mass[2]
+    return mechanics.leg_mass, thigh, shank + carrier, shank * float(center[2])
 
 
 def folded_pose(robot: RobotDescription) -> FloatArray:
