@@ -133,7 +133,7 @@ class Legs:
 
 
 def _mass_moments(robot: RobotDescription) -> tuple[float, float, float, float]:
-    """A leg's mass, the thigh's first moment, the mass below the knee, the shank's first moment [kg, kg m]."""
+    """A leg's mass, the thigh's first moment, the mass below the knee, the shank's [kg, kg m]."""
     mechanics = robot.mechanics
     shank, center, _ = shank_with_foot(robot)
     carrier = 0.0 if mechanics.knee_carrier is None else mechanics.knee_carrier.mass
