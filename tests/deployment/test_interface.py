@@ -104,7 +104,7 @@ def command(**changes):
 
 def test_a_message_of_another_kind_or_length_is_refused():
     content = encode(command())
-    with pytest.raises(MessageError, match="has 412 bytes"):
+    with pytest.raises(MessageError, match="has 420 bytes"):
         decode(RobotState, content)
     with pytest.raises(MessageError, match="bytes"):
         decode(JointCommand, content[:-1])

@@ -18,7 +18,8 @@ Duties of the robot's end, whatever robot it is:
    ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
    ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
 4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in ``session``
-   and ``command_sequence`` whose command it accepted last, and which.
+   and ``command_sequence`` whose command it accepted last, and which, and in ``command_digest`` what stood
+   in it (``command_digest``): numbers alone could be another's.
 5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires.
    It drops commands of every other session and counts them in ``foreign_commands``.
 """
@@ -40,7 +41,7 @@ from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MAGIC = b"SPRT"
 WATCHDOG_TIMEOUT = 0.05
 """Seconds without an accepted command after which the robot damps its joints by itself."""
@@ -93,6 +94,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         status: ``RobotStatus`` flags.
         session: of the controller that sent the last accepted command; 0 before the first.
         foreign_commands: dropped so far because they belonged to another session.
+        command_digest: of the last accepted command's content, as ``command_digest`` makes it; 0 before the
+            first, and of a robot that does not say.
     """
 
     sequence: int
@@ -107,6 +110,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     status: int = 0
     session: int = 0
     foreign_commands: int = 0
+    command_digest: int = 0
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -216,7 +220,13 @@ _LAYOUTS = (
     _Layout(
         1,
         RobotState,
-        {"command_sequence": int, "status": int, "session": int, "foreign_commands": int},
+        {
+            "command_sequence": int,
+            "status": int,
+            "session": int,
+            "foreign_commands": int,
+            "command_digest": int,
+        },
         {
             "joint_position": _J,
             "joint_velocity": _J,
@@ -305,6 +315,13 @@ def check_command(command: JointCommand) -> None:
             raise MessageError(
                 f"{field} must be {JOINT_COUNT} numbers from {least:g} to {greatest:g}, got {value}"
             )
+
+
+def command_digest(command: JointCommand) -> int:
+    """A number that tells what a command asks of the joints: its CRC-32, and a bit so that it is not 0."""
+    parts = (command.target_position, command.stiffness, command.damping, command.feedforward_torque)
+    content = b"".join(part.tobytes() for part in parts)
+    return 1 << 32 | zlib.crc32(content, int(command.mode))
 
 
 MOST_DAMAGED = 16

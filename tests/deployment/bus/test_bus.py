@@ -1,5 +1,6 @@
 """Every bus keeps the same promises; shared memory also survives crashes."""
 
+import errno
 import os
 import signal
 import socket
@@ -235,6 +236,46 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch):
     monkeypatch.delitem(sys.modules, "sprintlab.deployment.bus.zenoh_bus", raising=False)
     with pytest.raises(BusError, match=r"sprintlab\[zenoh\]"):
         open_bus("zenoh://bp2")
+
+
+def test_the_robot_takes_all_of_its_memory_at_the_start(bus_name):
+    """A sparse file on a full disk would end both processes with a bus error in the middle of a run."""
+    endpoint = open_endpoint(f"shm://{bus_name}")
+    status = (shared_folder() / f"{PREFIX}{bus_name}").stat()
+    endpoint.close()
+    assert 512 * status.st_blocks >= status.st_size
+
+
+def test_no_room_for_the_memory_is_one_sentence_and_leaves_nothing(bus_name, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(BusError, match="No space left"):
+        open_endpoint(f"shm://{bus_name}")
+    assert not [path for path in shared_folder().iterdir() if bus_name in path.name]
+
+
+def test_a_robot_of_another_account_is_no_robot(bus_name, monkeypatch):
+    """Everybody can make a file of that name in the shared folder, and pose as the robot."""
+    endpoint = open_endpoint(f"shm://{bus_name}")
+    own = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: own + 1)
+    with pytest.raises(BusError, match="another account"):
+        open_bus(f"shm://{bus_name}")
+    endpoint.close()
+
+
+def test_a_link_is_no_robot(bus_name):
+    endpoint = open_endpoint(f"shm://{bus_name}")
+    link = shared_folder() / f"{PREFIX}{bus_name}-link"
+    link.symlink_to(shared_folder() / f"{PREFIX}{bus_name}")
+    try:
+        with pytest.raises(BusError, match="no robot named"):
+            open_bus(f"shm://{bus_name}-link")
+    finally:
+        link.unlink()
+        endpoint.close()
 
 
 def test_the_robot_removes_its_memory(bus_name):
