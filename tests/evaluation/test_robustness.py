@@ -18,11 +18,11 @@ from sprintlab.evaluation.robustness import (
     NOMINAL,
     StudySettings,
     draw_request,
-    robustness_figure,
     run_study,
     summarize,
     wilson_interval,
 )
+from sprintlab.evaluation.robustness.figure import robustness_figure
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
