@@ -57,7 +57,7 @@ def eventually(look):
 
 
 def arrives(send, receive, base=0):
-    """Send a message that had not been sent, another one when it is lost; all before has arrived when it has."""
+    """Send a message, another one when it is lost; all that was sent before has arrived when it has."""
     number, sent_at = 0, -1.0
 
     def look():
