@@ -188,6 +188,7 @@ class _Layout:
         self.count = sum(max(size, 1) for size in doubles.values())
         self.values = struct.Struct(f"<{self.count}d")
         self.size = self.head.size + self.values.size + 4
+        self.start = struct.pack("<4sHH", MAGIC, FORMAT_VERSION, kind)
 
     def pack(self, message: Any) -> bytes:
         numbers: list[float] = []
@@ -251,6 +252,24 @@ _BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
 def message_size(kind: type[Message]) -> int:
     """Bytes of every message of this type."""
     return _BY_TYPE[kind].size
+
+
+def message_start(kind: type[Message]) -> bytes:
+    """The first bytes of every message of this type."""
+    return _BY_TYPE[kind].start
+
+
+def message_layout(kind: type[Message]) -> np.dtype[np.void]:
+    """The bytes of a message as a structure of NumPy, by the names of its fields."""
+    layout = _BY_TYPE[kind]
+    return np.dtype(
+        [
+            ("start", "S8"),
+            *((name, "<u8") for name in ("sequence", "timestamp", *layout.whole)),
+            *((name, "<f8", (size,)) if size else (name, "<f8") for name, size in layout.doubles.items()),
+            ("checksum", "<u4"),
+        ]
+    )
 
 
 def encode(message: Message) -> bytes:
