@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from sprintlab.core.extras import require_package
 from sprintlab.core.reading import open_regular, printable
 from sprintlab.deployment.interface import (
-    JOINT_COUNT,
     JointCommand,
     JointMode,
     MessageError,
@@ -29,6 +28,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     decode,
     message_layout,
+    message_size,
     message_start,
 )
 from sprintlab.deployment.log.topics import (
@@ -76,21 +76,34 @@ class Messages(Sequence[Message], Generic[Message]):
     """Messages of one kind, kept as the bus's bytes.
 
     Attributes:
-        time: of the controller's clock, when each was noted [s] ``(n,)``.
+        joints: of the robot that they are of; 0 where a message holds none.
     """
 
     def __init__(self, kind: type[Message]) -> None:
-        self._kind, self._layout = kind, message_layout(kind)
-        self._start, self._size = message_start(kind), self._layout.itemsize
+        self._kind, self._start = kind, message_start(kind)
+        self._size, self.joints = 0, 0
         self._content, self._times = bytearray(), array("Q")
 
     def add(self, time: int, content: bytes) -> None:
-        """Keep one message. Raises ``MessageError`` where it is damaged, or of another version."""
+        """Keep one message.
+
+        Raises:
+            MessageError: it is damaged, of another version, or of a robot with other joints than the first.
+        """
         sound = len(content) == self._size and content.startswith(self._start)
         if not sound or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
-            decode(self._kind, content)
+            self._begin(content)
         self._content += content
         self._times.append(time)
+
+    def _begin(self, content: bytes) -> None:
+        """Take the number of joints from the first message; refuse any other that differs."""
+        decode(self._kind, content)
+        if len(self):
+            raise MessageError("its messages do not all have the same number of joints")
+        self._size = len(content)
+        none, one = (message_size(self._kind, joints) for joints in (0, 1))
+        self.joints = (self._size - none) // (one - none) if one > none else 0
 
     @property
     def time(self) -> FloatArray:
@@ -99,7 +112,7 @@ class Messages(Sequence[Message], Generic[Message]):
 
     def column(self, field: str) -> NDArray[Any]:
         """One field of all messages ``(n,)`` or ``(n, k)``."""
-        return np.frombuffer(self._content, dtype=self._layout)[field]
+        return np.frombuffer(self._content, dtype=message_layout(self._kind, self.joints))[field]
 
     def __len__(self) -> int:
         return len(self._times)
@@ -119,6 +132,7 @@ class Ticks(Sequence[TickRecord]):
     """What the controller noted of its steps, as columns.
 
     Attributes:
+        joints: that have targets.
         faults: of the steps that had some, by their number.
     """
 
@@ -127,12 +141,14 @@ class Ticks(Sequence[TickRecord]):
         self._numbers = array("d")
         self._modes, self._names = array("H"), dict[str, int]()
         self._policy_steps = bytearray()
+        self.joints = 0
         self.faults: dict[int, tuple[str, ...]] = {}
 
     def add(self, content: bytes) -> None:
         """Keep one step. Raises ``msgspec.DecodeError`` or ``LogError``."""
         tick = self._decoder.decode(content)
-        if len(tick.velocity) != 3 or len(tick.targets) != JOINT_COUNT:
+        self.joints = self.joints or len(tick.targets)
+        if len(tick.velocity) != 3 or len(tick.targets) != self.joints:
             raise LogError(
                 f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
             )
@@ -145,12 +161,12 @@ class Ticks(Sequence[TickRecord]):
         self._numbers.extend((tick.time, *tick.velocity, *tick.targets, tick.compute_time))
 
     def column(self, field: str) -> NDArray[Any]:
-        """One field of all steps: ``(n,)``, ``(n, 3)`` or ``(n, 12)``; of ``mode`` the names."""
+        """One field of all steps: ``(n,)``, ``(n, 3)`` or ``(n, joints)``; of ``mode`` the names."""
         if field == "mode":
             return np.array(list(self._names))[np.frombuffer(self._modes, dtype=np.uint16)]
         if field == "policy_step":
             return np.frombuffer(self._policy_steps, dtype=bool)
-        table = np.frombuffer(self._numbers).reshape(-1, 5 + JOINT_COUNT)
+        table = np.frombuffer(self._numbers).reshape(-1, 5 + self.joints)
         places = {"time": 0, "velocity": slice(1, 4), "targets": slice(4, -1), "compute_time": -1}
         return table[:, places[field]]
 
@@ -244,6 +260,9 @@ def read_log(path: Path) -> RunRecord:
 
 def _impossible(record: RunRecord) -> str:
     """What no run can have logged; empty where there is nothing of the kind."""
+    joints = {record.states.joints, record.ticks.joints, record.commands.joints or record.states.joints}
+    if len(joints) > 1:
+        return "its messages do not all have the same number of joints"
     times = {
         "states": record.state_time,
         "fixes": record.fix_time,
