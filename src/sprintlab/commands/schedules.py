@@ -21,6 +21,7 @@ import inspect
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
@@ -62,7 +63,7 @@ class TargetSampling:
     zero_share: float = 0.1
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
-    grid: CommandGrid | None = CommandGrid()
+    grid: Curriculum | None = CommandGrid()
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, "s")

@@ -6,13 +6,21 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
 
-from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
+from sprintlab.commands import (
+    AdaptiveSchedule,
+    CurriculumSchedule,
+    FixedAccelerationSchedule,
+    RampedSchedule,
+    UniformSchedule,
+)
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
-Schedule = AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule
+Schedule = (
+    AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
+)
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 

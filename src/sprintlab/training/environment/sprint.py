@@ -16,6 +16,7 @@ import torch
 
 from sprintlab.commands import (
     CommandState,
+    TargetOutcome,
     heading_angle,
     heading_command,
     initial_state,
@@ -138,6 +139,7 @@ class SprintEnvironment:
         self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
+        self.tracked = zeros(n, 3)  # sums over a target's time: both kernels, steps
         self.grid = self.settings.schedule.targets.grid
         self.grid_weights = zeros(1, 1) if self.grid is None else self.grid.initial_weights(zeros(1))
         self.episode_length_buf = torch.zeros(n, dtype=torch.long, device=self.device)
@@ -162,6 +164,7 @@ class SprintEnvironment:
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
             "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
+            "tracked",
             "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
             "time_out", "done",
             "actor_observation", "critic_observation",
@@ -302,16 +305,30 @@ class SprintEnvironment:
         self._log_sums.add_(torch.nan_to_num(means).mean(0))
 
     def _learn_grid(self, ends: Ends) -> None:
-        """Open the grid around the targets that were held to the end of their time."""
+        """What robots make of their targets goes into the grid that draws them."""
         if self.grid is None:
             return
+        outcome = self._outcome(ends)
+        self.grid_weights.copy_(self.grid.update(self.grid_weights, outcome))
+        self.tracked.mul_((~(outcome.due | ends.any)).float()[:, None])
+
+    def _outcome(self, ends: Ends) -> TargetOutcome:
+        """How every robot does on its target."""
         commands = self.commands
-        due = (commands.time_to_target <= POLICY_STEP) & ~ends.any
-        held = self.grid.held(
-            commands.target_speed - self.running_speed, commands.command[:, 2] - self.running_yaw_rate
+        speed_error = commands.target_speed - self.running_speed
+        yaw_error = commands.command[:, 2] - self.running_yaw_rate
+        kernels = torch.stack((torch.exp(-speed_error.square()), torch.exp(-yaw_error.square())), 1)
+        self.tracked.add_(torch.cat((torch.nan_to_num(kernels), torch.ones_like(kernels[:, :1])), 1))
+        left = (commands.time_to_target / POLICY_STEP - 1.0).clamp(min=0.0)
+        return TargetOutcome(
+            speed=commands.target_speed,
+            yaw_rate=commands.command[:, 2],
+            speed_error=speed_error,
+            yaw_error=yaw_error,
+            tracking=self.tracked[:, :2] / (self.tracked[:, 2] + left)[:, None],
+            due=(commands.time_to_target <= POLICY_STEP) & ~ends.any,
+            failed=ends.failed,
         )
-        bins = self.grid.bins(commands.target_speed, commands.command[:, 2])
-        self.grid_weights.copy_(self.grid.learn(self.grid_weights, bins, due & held))
 
     def _push(self) -> None:
         """Now and then a kick: a random change of the horizontal base velocity."""
@@ -352,7 +369,7 @@ class SprintEnvironment:
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
-        for buffer in (self.filtered, self.history, self.course, *self.commands):
+        for buffer in (self.filtered, self.history, self.course, self.tracked, *self.commands):
             self._put(buffer, starts.copied, buffer[starts.donors])
         self.episode_length_buf.mul_((~mask).long())
         return starts.restarted
