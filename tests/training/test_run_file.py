@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,3 +142,10 @@ def test_a_missing_file_is_refused(words: list[str], message: str) -> None:
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SprintlabError, match="is not a TOML file"):
         parse_training(["--config", str(written_text(tmp_path, "method: sprint\n"))])
+
+
+def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "train.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(method = .*?)^```", page, re.MULTILINE | re.DOTALL)
+    settings = read_run_file(written_text(tmp_path, block)).full_settings()
+    assert (settings.robot, settings.ppo.precision) == ("go1", "bfloat16")
