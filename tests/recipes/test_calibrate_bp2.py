@@ -58,6 +58,39 @@ def test_a_short_search_finds_the_limit_again(chosen):
     assert 1.0 / found.parameters[0] <= 5.5 + 1e-6 and found.parameters[1] >= 0.12 - 1e-6
 
 
+def test_a_killed_walk_goes_on_with_what_is_missing(recipe, tmp_path):
+    cell, log = "1.4/8.25/7/800/1", recipe.Log(tmp_path)
+    jobs = list(recipe.random_jobs([cell], 2))
+    assert len(jobs) == 6 and len({job.identity for job in jobs}) == 6
+    for job in jobs[:3]:
+        log.add(recipe.search(job))
+    with log.path.open("a") as file:
+        file.write('{"job":["1.4/8.25/7/800/1","square","rand')  # a kill in the middle of a line
+    again = recipe.Log(tmp_path)
+    assert [job.identity in again.done for job in jobs] == [True] * 3 + [False] * 3
+    found = again.limits()[cell]
+    assert all(speed > 10.0 for speed, _ in found.values())
+    near = {job.model: job.near for job in recipe.known_jobs([cell], again, 0)}
+    assert near["square"] == tuple(found[model] for model in recipe.MODELS)
+    content = recipe.document(again)
+    assert content["cells"][cell]["starts"] == 1
+    recipe.write(tmp_path / "bp2.json", content)
+    assert json.loads((tmp_path / "bp2.json").read_text()) == json.loads(json.dumps(content))
+
+
+def test_known_strides_make_a_limit_no_lower(recipe):
+    cell = CELLS["1.4/8.25/7/800/1"]["limits"]["refined"]
+    job = recipe.Job("1.4/8.25/7/800/1", "refined", "known 0", 3, ((cell["speed"], cell["stride"]),))
+    assert recipe.search(job)["speed"] > cell["speed"] - 0.02
+
+
+def test_runs_of_an_edition_share_no_seed(recipe):
+    jobs = list(recipe.random_jobs(recipe.isolated(), 8))
+    seeds = {job.cell: {other.seed for other in jobs if other.cell == job.cell} for job in jobs}
+    one, two = seeds["bp2 run 1"], seeds["bp2 run 2"]
+    assert len(one) == len(two) == 8 and not one & two
+
+
 def test_the_tables_are_what_the_builder_makes_of_the_choices(load_script):
     editions = load_script("recipes/bp2_editions.py")
     for name, choice in EDITIONS.items():

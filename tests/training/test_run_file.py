@@ -29,6 +29,9 @@ CHANGED = TrainingSettings(
 OWN_SCHEDULE = replace(CHANGED, schedule=AdaptiveSchedule(window=0.7), actuator_model="flux-weakening")
 
 
+WITHOUT_FILES = [name for name, method in ALL_METHODS.items() if not (method.network or method.prior)]
+
+
 def written(folder: Path, options: TrainOptions) -> Path:
     path = folder / "run.toml"
     path.write_text(run_text(options, options.full_settings(), "sprintlab train"), encoding="utf-8")
@@ -44,7 +47,9 @@ def written_text(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     "options",
     [
-        *(TrainOptions(method=method, seed=3, environments=64) for method in ALL_METHODS),
+        *(TrainOptions(method=method, seed=3, environments=64) for method in WITHOUT_FILES),
+        TrainOptions(robot="go1", preset="paper"),
+        TrainOptions(robot="go1", settings=OWN_SCHEDULE, keep_schedule=True),
         TrainOptions(preset="paper", minutes=3.5, milestones=30.0, cloud=False),
         TrainOptions(settings=CHANGED, start_from=Path("runs/first run/checkpoint.pt"), wandb="speed"),
         TrainOptions(settings=OWN_SCHEDULE, keep_schedule=True, keep_motor_model=True),
@@ -56,7 +61,7 @@ def test_what_is_written_is_read_back_as_the_same_run(tmp_path: Path, options: T
     assert again.full_settings() == options.full_settings()
     assert again.full_settings().digest() == options.full_settings().digest()
     settings = options.full_settings()
-    kept = replace(options, settings=settings, preset="sprintlab")
+    kept = replace(options, settings=settings, preset="sprintlab", robot=None)
     unused = {"keep_schedule": again.keep_schedule, "keep_motor_model": again.keep_motor_model}
     assert replace(again, settings=settings) == replace(kept, **unused)
     assert read_run_file(written(tmp_path, again)).full_settings() == settings
@@ -68,10 +73,11 @@ def test_what_is_typed_beside_a_file_wins_and_the_names_are_the_same(tmp_path: P
     options = parse_training(["--config", str(path)])
     settings = options.full_settings()
     assert (settings.method, settings.seed, settings.robot) == ("baseline", 4, "go1")
+    assert settings.stages.first_top < TrainingSettings().stages.first_top  # scaled to the robot
     assert (settings.ppo.steps, settings.ppo.learning_rate, settings.ppo.epochs) == (16, 1.0, 5)
-    typed = parse_training(["sprint", f"--config={path}", "--ppo.steps", "4", "--robot", "bp2"])
+    typed = parse_training(["sprint", f"--config={path}", "--ppo.steps", "4", "--stages.growth", "0.2"])
     settings = typed.full_settings()
-    assert (settings.method, settings.seed, settings.robot) == ("sprint", 4, "bp2")
+    assert (settings.method, settings.seed, settings.stages.growth) == ("sprint", 4, 0.2)
     assert (settings.ppo.steps, settings.ppo.learning_rate) == (4, 1.0)
 
 
@@ -94,7 +100,7 @@ def test_a_part_of_several_kinds_is_chosen_in_file_and_command_line_alike(tmp_pa
             "ppo.stepps = 3 is not allowed: there is no such setting, did you mean ppo.steps?",
         ),
         ("enviroments = 3", "did you mean environments?"),
-        ("banana = 3", "choose among method, preset"),
+        ("banana = 3", "choose among method, robot, preset"),
         ("[ppo]\nsteps = 1.5", "ppo.steps = 1.5 is not allowed: must be a whole number"),
         ("[ppo]\nsteps = true", "ppo.steps = True is not allowed: must be a whole number"),
         ("[ppo]\nsteps = 0", "ppo.steps = 0 is not allowed: must lie in [1, 10000]"),

@@ -143,12 +143,21 @@ def method_as_option(arguments: Sequence[str]) -> list[str]:
 
 
 def short_help(text: str) -> str:
-    """The options of a run out of its whole help, and the robot; ``--help-all`` has the other settings."""
-    lines = text.splitlines()
-    kept = list(itertools.takewhile(lambda line: "settings options" not in line, lines))
-    at = next(place for place, line in enumerate(lines) if line.strip().startswith("--robot "))
-    rest = "Every setting of training, by group: sprintlab train --help-all"
-    return "\n".join([*kept[:-1], *lines[at : at + 2], "", rest])
+    """The options of a run out of its whole help; the settings, which follow them, are for ``--help-all``."""
+    kept = itertools.takewhile(lambda line: "settings options" not in line, text.splitlines())
+    return "\n".join([*kept, "Every setting of training, by group: sprintlab train --help-all"])
+
+
+def without_decided(text: str) -> str:
+    """The help without the settings that an option of the run decides."""
+    kept, hidden = list[str](), False
+    for line in text.splitlines():
+        word = line.split()[0] if line.split() else ""
+        if word.startswith("--") or not word:
+            hidden = word in {*DECIDED, "--settings.robot"}
+        if not hidden:
+            kept.append(line)
+    return "\n".join(kept)
 
 
 def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
@@ -167,7 +176,7 @@ def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
     except SystemExit as stop:
         if refusal := _refusal(stop):
             raise refusal from None
-        text = public_text(said.getvalue())
+        text = public_text(without_decided(said.getvalue()))
         if not asked:
             print(text, end="", file=sys.stderr)
             raise

@@ -55,13 +55,15 @@ def read_bytes(
         if not stat.S_ISREG(os.stat(path).st_mode):
             raise error(f"cannot read {what} {printable(path)}: it is no regular file")
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
                 raise error(f"cannot read {what} {printable(path)}: it is no regular file")
-            content = file.read(limit + 1)
+            large = status.st_size > limit
+            content = b"" if large else file.read(limit + 1)  # it may grow meanwhile
     except (OSError, ValueError) as reason:  # ValueError: a zero byte in the name
         said = getattr(reason, "strerror", None) or str(reason)
         raise error(f"cannot read {what} {printable(path)}: {said}") from reason
-    if len(content) > limit:
+    if large or len(content) > limit:
         raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
     return content
 

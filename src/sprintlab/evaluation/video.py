@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.commands import race_clock
+from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
 
 Array = NDArray[Any]
@@ -308,8 +309,7 @@ def _main() -> None:
     parser.add_argument("--robot", required=True)
     parser.add_argument("--hold", type=float, nargs=2, required=True)
     given = parser.parse_args()
-    with np.load(given.trajectory) as archive:
-        trajectory = {name: archive[name] for name in ("time", "qpos", "velocity", "command")}
+    trajectory = read_arrays(given.trajectory, ("time", "qpos", "velocity", "command"))
     model = build_model(load_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
     write_video(trajectory, model, given.target, tuple(given.hold), VideoOptions())
 

@@ -108,9 +108,9 @@ WORLD_RECORDS = {
     ),
     400.0: Pace(name="world record, 43.03 s, even pace", splits=((0.0, 0.0), (43.03, 400.0))),
 }
-"""By distance [m]: the men's records. 100 m: Bolt, Berlin 2009, reaction 0.146 s, the intermediate times that the
-IAAF published for every 20 m, with 10, 70 and 90 m from the tables of ten-metre splits; 400 m: van Niekerk, Rio
-de Janeiro 2016, of which the page knows the time only."""
+"""By distance [m]: the men's records. 100 m: Bolt, Berlin 2009, reaction 0.146 s, the IAAF's times at
+every 20 m, with 10, 70 and 90 m from tables of ten-metre splits; 400 m: van Niekerk, Rio de Janeiro 2016, of
+which the page knows the time only."""
 
 
 def load_arrays(path: Path) -> dict[str, Array]:

@@ -16,9 +16,10 @@ import tomli_w
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.reading import read_toml
-from sprintlab.training.methods import ALL_METHODS, method_settings
+from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
 from sprintlab.training.runs.named_settings import plain, replaced, unknown_setting
 from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 RUN_FILE = "run.toml"
@@ -60,7 +61,7 @@ def run_text(options: TrainOptions, settings: TrainingSettings, command_line: st
     environments = chosen["simulation"].pop("environments")
     decided = method_settings(settings.method, settings) if settings.method in ALL_METHODS else settings
     kept |= {
-        **{name: chosen[name] for name in ("method", "seed")},
+        **{name: chosen[name] for name in ("method", "robot", "seed")},
         "environments": environments,
         "keep_schedule": decided.schedule != settings.schedule,
         "keep_motor_model": decided.actuator_model != settings.actuator_model,
@@ -85,9 +86,11 @@ def _options(document: Mapping[str, Any]) -> TrainOptions:
     simulation = given.get("simulation")
     if isinstance(simulation, Mapping) and "environments" in simulation:
         raise InvalidValueError(ENVIRONMENTS, simulation["environments"], "write environments at the top")
-    settings = replaced(TrainingSettings(), given)
-    asked = {name: value for name, value in document.items() if name in _OPTIONS}
-    options = replace(replaced(TrainOptions(), asked), settings=settings)
+    asked = replaced(TrainOptions(), {name: document[name] for name in _OPTIONS if name in document})
+    base = preset_settings(asked.preset)
+    if asked.robot is not None:
+        base = scaled_settings(asked.robot, base, base)  # what the file says itself is not scaled
+    options = replace(asked, robot=None, preset=PRESETS[0], settings=replaced(base, given))
     _check_kept(options, given)
     return options
 

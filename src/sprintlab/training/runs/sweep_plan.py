@@ -35,7 +35,7 @@ class RunPlan:
     """One training of a sweep.
 
     Attributes:
-        method: one of the paper's six, or ``literal-acs``.
+        method: one of ``training.methods.ALL_METHODS``.
         seed: of every random generator.
         folder: ``<sweep>/<method>/seed-<seed>``, below a folder of the varied settings if there are any.
         overrides: dotted names of settings to their values, e.g. ``ppo.steps`` to 16.

@@ -100,7 +100,7 @@ class Identification:
             )
         names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
         values = {name: self._value(name, base) for name in names}
-        inertia = rotor_inertia if rotor_inertia is not None else getattr(base, "rotor_inertia", None)
+        inertia = rotor_inertia if rotor_inertia is not None else self._fitted_inertia(base)
         if inertia is None:
             raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
         return PmsmParameters(
@@ -109,6 +109,12 @@ class Identification:
             rotor_inertia=inertia,
             **values,
         )
+
+    def _fitted_inertia(self, base: PmsmParameters | None) -> float | None:
+        found = self.estimates.get("rotor_inertia")
+        if found is not None and found.determined:
+            return found.value
+        return getattr(base, "rotor_inertia", None)
 
     def _value(self, name: str, base: PmsmParameters | None) -> float:
         estimate = self.estimates[name]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
-from sprintlab.workbench.identification.model import BOUNDS, directions
+from sprintlab.workbench.identification.model import BOUNDS, directions, turns
 from sprintlab.workbench.identification.results import ChannelFit, Estimate
 from sprintlab.workbench.identification.statistics import LOAD_LOSS, ZERO
 
@@ -129,8 +129,7 @@ def _load_loss(bench: Bench, kept: NDArray[np.bool_]) -> str:
 
 
 def _wrong_zero(bench: Bench) -> str:
-    turns = bool(directions(bench).any())
-    where = "current and friction: " if turns else "the current: friction, or "
+    where = "current and friction: " if turns(bench) else "the current: friction, or "
     return (
         f"the torque does not vanish with {where}a sensor with a wrong zero; fit it with "
         "--also torque_offset, or current_offset"
