@@ -97,7 +97,7 @@ def method(
     Args:
         name: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration or uniform-commands.
         changes: dotted names of settings to values, e.g. ``{"ppo.steps": 16, "rewards.progress": 1.0}``.
-        robot: name, folder or table; bp2 when left out.
+        robot: name, folder or table, with lengths, speeds and masses scaled to it; bp2 when left out.
         environments: robots side by side.
         seed: of every random generator.
 
@@ -106,11 +106,12 @@ def method(
     """
     from sprintlab.training.methods import method_settings
     from sprintlab.training.runs.sweep_plan import override
+    from sprintlab.training.scaling import scaled_settings
     from sprintlab.training.settings import TrainingSettings
 
     base = TrainingSettings(seed=seed)
     if robot is not None:
-        base = replace(base, robot=robot_word(robot))
+        base = scaled_settings(robot_word(robot), base)
     if environments is not None:
         base = replace(base, simulation=replace(base.simulation, environments=environments))
     settings = method_settings(name, base)

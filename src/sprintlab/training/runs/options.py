@@ -12,6 +12,7 @@ from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
 from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_settings
+from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
@@ -23,8 +24,11 @@ class TrainOptions:
 
     Attributes:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
-            literal-acs: commands that follow the robot and move toward nothing; or after other papers:
-            rlvrl, lp-acrl, after-hacl, hound, spot-battery, flux-weakening.
+            literal-acs: commands that follow the robot and move toward nothing; no-saturation; after other
+            papers: rlvrl, lp-acrl, after-hacl, hound, spot-battery, actuator-network, stride-prior,
+            flux-weakening.
+        robot: name, folder or table of the robot to train; lengths, speeds and masses of the settings are
+            scaled to it where they are BP2's. Without it ``settings.robot`` is trained, nothing scaled.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
             ``tensorboard/``.
@@ -54,6 +58,7 @@ class TrainOptions:
     """
 
     method: str = "sprint"
+    robot: str | None = None
     preset: str = "sprintlab"
     output: Path = Path("runs/train")
     minutes: float = 20.0
@@ -91,6 +96,8 @@ class TrainOptions:
     def full_settings(self) -> TrainingSettings:
         """The settings with method, environments and seed in place."""
         chosen = preset_settings(self.preset, self.settings)
+        if self.robot is not None:
+            chosen = scaled_settings(self.robot, chosen, preset_settings(self.preset))
         simulation = replace(chosen.simulation, environments=self.environments)
         base = replace(chosen, simulation=simulation, seed=self.seed)
         settings = method_settings(self.method, base)
@@ -118,7 +125,7 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
     for source in (checkpoint if options.resume else None, options.start_from):
         if source is not None and "growth" not in check_checkpoint(source):
             raise SprintlabError(f"{source} is a milestone, which holds a policy only: export it")
-    load_robot(options.settings.robot)
+    load_robot(options.robot or options.settings.robot)
     if not unknown_settings(options.settings.schedule):
         check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
