@@ -27,7 +27,7 @@ def assert_refused(outcome, *words):
         (("no-such-policy",), ("no-such-policy", "there is: ")),
         (("missing.onnx",), ("missing.onnx", "No such file")),
         (("sprint", "shm://nobody-is-here"), ("no robot named 'nobody-is-here'",)),
-        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, dds")),
+        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, unitree")),
         (("sprint", "bp2"), ("an address like shm://bp2",)),
         (("--robot", "bp3"), ("bp3",)),
         (("--source", "telepathy"), ("telepathy", "choose one of sprint")),

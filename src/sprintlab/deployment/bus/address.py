@@ -5,8 +5,8 @@
 | ``shm://NAME`` | shared memory of this machine |
 | ``zenoh://NAME`` | zenoh on this machine, at a port that follows from the name (extra ``zenoh``) |
 | ``zenoh://NAME@HOST:PORT`` | zenoh; the robot listens there, the controller connects |
-| ``dds://NAME`` | DDS domain 0 through Cyclone DDS (extra ``dds``) |
-| ``dds://NAME@DOMAIN`` | the same in another DDS domain |
+| ``unitree://NAME@INTERFACE`` | Unitree's messages over DDS at a network interface (extra ``unitree``) |
+| ``unitree://NAME@INTERFACE:DOMAIN`` | the same in another DDS domain; without interface, on this machine |
 
 What is not this machine needs zenoh's TLS, or user and password (``zenoh_session``). DDS has no such check
 here: everybody in a DDS network can drive a robot in it.
@@ -24,9 +24,9 @@ from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.deployment.interface import RobotEndpoint, RobotInterface, new_session
 
-_CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "dds": "dds_bus"}
+_CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "unitree": "unitree_bus"}
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
-_FORM = "an address like shm://bp2, zenoh://bp2@127.0.0.1:7447 or dds://bp2"
+_FORM = "an address like shm://bp2, zenoh://bp2@127.0.0.1:7447 or unitree://go2@enp2s0"
 
 
 class BusError(SprintlabError):
@@ -37,7 +37,7 @@ class BusAddress(NamedTuple):
     """A parsed address.
 
     Attributes:
-        carrier: ``"shm"``, ``"zenoh"`` or ``"dds"``.
+        carrier: ``"shm"``, ``"zenoh"`` or ``"unitree"``.
         name: of the robot.
         place: what follows ``@``; empty if nothing does.
     """
