@@ -74,8 +74,12 @@ def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
     """Cut out what the policy drove, and turn it into a trial.
 
     Raises:
-        LogError: the policy never drove, or the log holds fewer than two position fixes of that time.
+        LogError: the policy never drove, the log holds fewer than two position fixes of that time, or it is
+            of a robot with other joints.
     """
+    if len(record.states[0].joint_position) != len(robot.joint_names):
+        found = f"{len(record.states[0].joint_position)} joints, {robot.name} has {len(robot.joint_names)}"
+        raise LogError(f"the log is of a robot with {found}")
     ticks = [tick for tick in record.ticks if tick.mode == "run"]
     if len(ticks) < RATE:
         raise LogError("the log holds less than half a second of running: there is nothing to draw")
@@ -141,7 +145,7 @@ def _trajectory(
     position, velocity = course.at(time + begin)
     heading = np.unwrap(wrap_angle(heading_angle(states["quaternion"][index]) - course.heading))
     # A drive sets its torque by the speed of the state before; speed and torque belong together.
-    count, joint_velocity = len(time), states["joint_velocity"][index - 1]
+    feet, joint_velocity = (len(time), len(robot.leg_names)), states["joint_velocity"][index - 1]
     qpos = np.concatenate((position, states["quaternion"][index], states["joint_position"][index]), axis=1)
     return Trajectory(
         time=time,
@@ -161,11 +165,11 @@ def _trajectory(
         joint_target=np.array([item.targets for item in record.ticks])[tick],
         joint_torque=states["joint_torque"][index],
         **_motor_side(record, robot, states, index),
-        foot_contact=np.zeros((count, 4), dtype=bool),
-        foot_penetration=np.zeros((count, 4)),
-        foot_position=np.zeros((count, 4, 3)),
-        foot_slip_speed=np.zeros((count, 4)),
-        leg_distance=np.zeros(count),
+        foot_contact=np.zeros(feet, dtype=bool),
+        foot_penetration=np.zeros(feet),
+        foot_position=np.zeros((*feet, 3)),
+        foot_slip_speed=np.zeros(feet),
+        leg_distance=np.zeros(len(time)),
     )
 
 
@@ -178,7 +182,7 @@ def _in_heading_frame(velocity: FloatArray, heading: FloatArray) -> FloatArray:
 def _motor_side(
     record: RunRecord, robot: RobotDescription, states: dict[str, FloatArray], index: NDArray[Any]
 ) -> dict[str, FloatArray]:
-    """Torques of the motors and their limits ``(T, 12)``, from the joint torques that the drives report."""
+    """Torques of the motors and their limits ``(T, joints)``, from what the drives report."""
     ratio = np.asarray(robot.gear.ratio)
     velocity = states["joint_velocity"][index - 1]
     delivered = shaft_torque(robot.gear, states["joint_torque"][index], velocity)
@@ -201,7 +205,7 @@ def _trial(
         pad_deflection=nan,
         smallest_leg_distance=nan,
         slip_per_step=nan,
-        duty_factor=(nan,) * 4,
+        duty_factor=(nan,) * len(robot.leg_names),
     )
     active = np.abs(trajectory.command[:, 0]) > 1e-9
     if active.any():

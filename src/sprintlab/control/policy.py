@@ -55,7 +55,7 @@ class Decision(NamedTuple):
     """What a network gives.
 
     Attributes:
-        action: ``(batch, 12)`` float32.
+        action: ``(batch, joints)`` float32.
         estimate: filtered, to be handed back at the next step ``(batch, 8)`` float32; ``None`` for a
             network without an estimator.
     """
@@ -85,7 +85,7 @@ class Policy:
         return self.contract.filters.estimate_cutoff_hz is not None
 
     def infer(self, observation: FloatArray) -> FloatArray:
-        """Actions ``(batch, 12)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
+        """Actions ``(batch, joints)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
 
         Raises:
             InvalidValueError: the input has another shape.
@@ -162,8 +162,8 @@ class Measurement(NamedTuple):
     Attributes:
         angular_velocity: body frame [rad/s] ``(3,)``.
         projected_gravity: unit gravity vector, body frame ``(3,)``.
-        joint_position: of the motor encoders [rad] ``(12,)``.
-        joint_velocity: [rad/s] ``(12,)``.
+        joint_position: of the motor encoders [rad] ``(joints,)``.
+        joint_velocity: [rad/s] ``(joints,)``.
     """
 
     angular_velocity: FloatArray
@@ -205,7 +205,7 @@ class PolicyRuntime:
 
     @property
     def previous_action(self) -> FloatArray:
-        """The last action, limited ``(12,)``; zeros after a reset."""
+        """The last action, limited ``(joints,)``; zeros after a reset."""
         return self._previous_action
 
     @property
@@ -218,7 +218,7 @@ class PolicyRuntime:
         return None if self._estimate is None else self._estimate[0]
 
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
-        """Joint position targets [rad] ``(12,)`` for the next policy period.
+        """Joint position targets [rad] ``(joints,)`` for the next policy period.
 
         Args:
             measurement: of this step.

@@ -80,7 +80,7 @@ class PreparedDrive:
         self._saturation = np.asarray(motors.saturation / motors.peak_torque, dtype=float)
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
-        """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
+        """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
         lower, upper = self.limits(joint_velocity)
         motor_torque = np.minimum(np.maximum(desired_joint_torque / self._ratio, lower), upper)
         shaft = motor_torque * (1.0 - self._saturation * np.abs(motor_torque))
@@ -93,7 +93,7 @@ class PreparedDrive:
         return DriveOutput(torque, motor_torque, lower, upper, direct)
 
     def limits(self, joint_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(12,)``."""
+        """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(joints,)``."""
         if self._model == "square":
             return -self._peak, self._peak
         if self._model == "flux-weakening":
@@ -121,8 +121,8 @@ class SupplyState:
         bus_voltage: in the last motor step [V].
         lowest_bus_voltage: so far [V].
         state_of_charge: [-]; 1 for a bus without a battery.
-        winding_temperature: ``(12,)`` [degC]; ``None`` where heat is off.
-        copper_loss: ``(12,)``, in the last motor step [W].
+        winding_temperature: ``(joints,)`` [degC]; ``None`` where heat is off.
+        copper_loss: ``(joints,)``, in the last motor step [W].
     """
 
     bus_voltage: float
@@ -190,8 +190,8 @@ class SuppliedDrive:
         """Advance by one step; arguments and result as of ``PreparedDrive``, the motors as warm as they are.
 
         Args:
-            desired_joint_torque: ``(12,)`` [N m].
-            joint_velocity: ``(12,)`` [rad/s].
+            desired_joint_torque: ``(joints,)`` [N m].
+            joint_velocity: ``(joints,)`` [rad/s].
         """
         desired = desired_joint_torque
         if self._heat is not None:

@@ -181,7 +181,7 @@ class JointDrive(Protocol):
     """Twelve motors: what they give of what is asked for."""
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray, /) -> DriveOutput:
-        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
+        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
         ...
 
 
@@ -244,7 +244,7 @@ class Plant:
         )
 
     def joint_state(self) -> tuple[FloatArray, FloatArray]:
-        """Joint positions [rad] and velocities [rad/s] that the encoders on the motor side see, ``(12,)``."""
+        """Positions [rad] and velocities [rad/s] that the encoders on the motor side see ``(joints,)``."""
         return self._position[self._joint_position], self._velocity[self._joint_velocity]
 
     def base_state(self) -> BaseState:
@@ -263,7 +263,7 @@ class Plant:
         """Hold joint targets for some motor steps.
 
         Args:
-            targets: ``(12,)`` [rad].
+            targets: ``(joints,)`` [rad].
             motor_steps: how many.
             recorder: takes a sample every ``options.record_every`` motor steps.
 
@@ -293,8 +293,8 @@ class Plant:
         """One motor step: ask the motors for torques, and go on whether the robot has fallen or not.
 
         Args:
-            desired_torque: ``(12,)`` joint side [N m], before the motors' limits.
-            targets: ``(12,)`` [rad], only recorded.
+            desired_torque: ``(joints,)`` joint side [N m], before the motors' limits.
+            targets: ``(joints,)`` [rad], only recorded.
             recorder: takes a sample every ``options.record_every`` motor steps.
 
         Returns:

@@ -32,7 +32,7 @@ from sprintlab.robots.foot import (
     set_friction,
 )
 from sprintlab.robots.loader import load_robot, load_robot_file, parameter_table, robot_names
-from sprintlab.robots.model import ModelOptions, build_model, robot_spec
+from sprintlab.robots.model import ModelOptions, build_model, leg_signs, robot_spec, shank_with_foot
 from sprintlab.robots.stops import soft_stop_torque
 from sprintlab.robots.table import ParameterRow
 
@@ -63,6 +63,7 @@ __all__ = [
     "expected_drop",
     "friction_ratio",
     "joint_kind",
+    "leg_signs",
     "load_robot",
     "load_robot_file",
     "mirror_joints",
@@ -75,5 +76,6 @@ __all__ = [
     "robot_spec",
     "set_foot_contact",
     "set_friction",
+    "shank_with_foot",
     "soft_stop_torque",
 ]

@@ -26,7 +26,7 @@ from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
 PREFIX = "sprintlab-"
 """How the names of the files begin."""
 
-_MAGIC = 0x53505254_00000002  # "SPRT", version of this file's layout
+_MAGIC = 0x53505254_00000003  # "SPRT", version of this file's layout
 _LOCK_CONTENT = b"SPRTLOCK"
 _HEADER_WORDS = 8
 _MAGIC_WORD, _ROBOT_LEFT, _CONTROLLER_LEFT, _SESSION = range(4)

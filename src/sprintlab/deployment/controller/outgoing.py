@@ -39,7 +39,7 @@ class CommandWriter:
         return self._write(now, state, JointMode.OFF, self._zeros, self._zeros, self._zeros, self._zeros)
 
     def servo(self, now: int, state: RobotState, targets: FloatArray) -> JointCommand | None:
-        """The robot's gains about ``targets`` [rad] ``(12,)``, within every limit; None if there is none."""
+        """The robot's gains about ``targets`` [rad] ``(joints,)``, within every limit; None without any."""
         age = self._link.both_ways(state.command_sequence, now)
         servo = self.guard.servo(targets, self._robot.stiffness, self._robot.damping, state, age)
         if servo is None:

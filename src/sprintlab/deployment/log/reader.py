@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import printable, read_bytes
 from sprintlab.deployment.interface import (
-    JOINT_COUNT,
     JointCommand,
     MessageError,
     PositionFix,
@@ -137,8 +136,13 @@ def _impossible(record: RunRecord) -> str:
             return f"the times of its {name} do not rise"
         if len(time) and not time[-1] - time[0] <= LONGEST_RUN:
             return f"its {name} span more than {LONGEST_RUN:g} s"
+    joints = len(record.states[0].joint_position)
+    if any(len(state.joint_position) != joints for state in record.states) or any(
+        len(command.target_position) != joints for command in record.commands
+    ):
+        return "its messages do not all have the same number of joints"
     for tick in record.ticks:
-        if len(tick.velocity) != 3 or len(tick.targets) != JOINT_COUNT:
+        if len(tick.velocity) != 3 or len(tick.targets) != joints:
             return f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
     for topic, field in _NUMBERS:
         values = record.column(topic, field)

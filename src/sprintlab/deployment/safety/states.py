@@ -74,6 +74,8 @@ class StateMonitor:
 
     def _refusal(self, state: RobotState) -> Fault | None:
         last = self.last
+        if state.joint_position.shape != self._lower.shape:
+            return Fault.STATE_IMPLAUSIBLE
         if last is not None and state.sequence == last.sequence:
             return Fault.STATE_DUPLICATE
         if last is not None and (state.sequence < last.sequence or state.timestamp <= last.timestamp):

@@ -84,7 +84,7 @@ class SimulatedRobot:
     def accept(self, command: JointCommand) -> bool:
         """Act on a command from now on, unless the robot must not; returns whether it does."""
         try:
-            check_command(command)
+            check_command(command, len(self._robot.joint_names))
         except MessageError:
             self.dropped += 1
             return False
