@@ -62,6 +62,21 @@ def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
     assert opened == ["go1-sprint.onnx"]
 
 
+def test_beyond_this_machine_a_policy_is_audited_before_the_bus_is_opened(call, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "sprintlab.api.clearance.require_clearance", lambda name, *_, **how: asked.append((name, how))
+    )
+    address = "zenoh://nobody@192.0.2.7:7447"
+    outcome = call(
+        "run", "sprint", address, "--no-log", "--source", "sprint-raw", "--despite-audit", "sprint"
+    )
+    assert outcome.status == 2 and "is not this machine" in outcome.err
+    assert asked == [("sprint", {"self_paced": False, "despite": "sprint"})]
+    call("run", "sprint", "shm://nobody-is-here", "--no-log")
+    assert len(asked) == 1
+
+
 def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
     pytest.importorskip("mcap")
     log = tmp_path / "run.mcap"

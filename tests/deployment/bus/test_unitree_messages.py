@@ -107,7 +107,7 @@ def test_a_command_comes_back_as_the_same_torque(mode):
         np.testing.assert_array_equal(back.stiffness, sent.stiffness)
     if mode != JointMode.OFF:
         np.testing.assert_array_equal(back.damping, sent.damping)
-    check_command(back)
+    check_command(back, 12)
 
 
 def test_a_wanted_velocity_becomes_torque():
@@ -120,7 +120,7 @@ def test_stiffness_about_no_position_is_refused():
     record = from_wire("LowCmd_", encode_command(command()))
     record["motor_cmd"]["q"][0] = 2.146e9
     with pytest.raises(MessageError, match="target_position"):
-        check_command(received(to_wire("LowCmd_", record)))
+        check_command(received(to_wire("LowCmd_", record)), 12)
 
 
 def test_a_state_comes_back_in_single_precision():
@@ -135,6 +135,15 @@ def test_a_state_comes_back_in_single_precision():
 @pytest.mark.parametrize("status", [RobotStatus.WATCHDOG_EXPIRED, RobotStatus.DRIVE_FAULT])
 def test_motors_that_do_not_serve_are_told(status):
     assert decode_state(encode_state(state(status=int(status))))[1].status == status
+
+
+def test_a_robot_with_another_number_of_joints_is_refused():
+    for build in (
+        lambda: encode_command(command(damping=np.ones(13))),
+        lambda: encode_state(state(joint_position=np.ones(13))),
+    ):
+        with pytest.raises(MessageError, match="12 joints, and this robot has 13"):
+            build()
 
 
 def test_what_is_not_finite_arrives_as_such():

@@ -14,6 +14,7 @@ here: everybody in a DDS network can drive a robot in it.
 
 from __future__ import annotations
 
+import ipaddress
 import os
 import re
 from importlib import import_module
@@ -58,6 +59,26 @@ def parse_address(address: str) -> BusAddress:
         raise InvalidValueError("bus", address, _FORM)
     check_choice("bus carrier", match["carrier"], tuple(_CARRIERS))
     return BusAddress(match["carrier"], match["name"], match["place"] or "")
+
+
+def leaves_this_machine(address: str) -> bool:
+    """Whether a robot at this address may be anything but a simulation on this machine.
+
+    Raises:
+        InvalidValueError: the address makes no sense.
+    """
+    parsed = parse_address(address)
+    host = parsed.place.rpartition(":")[0].strip("[]") if parsed.carrier == "zenoh" else ""
+    if parsed.carrier == "unitree":
+        return parsed.place.partition(":")[0] not in ("", "lo")
+    return bool(host) and host != "localhost" and not _is_loopback(host)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def open_bus(

@@ -80,8 +80,7 @@ def _numbers(type_: np.dtype[Any], offset: int = 0) -> Iterator[tuple[int, int]]
     elif type_.names is None:
         yield offset, type_.itemsize
     else:
-        for name in type_.names:
-            field, place = (type_.fields or {})[name][:2]
+        for field, place, *_ in (type_.fields or {}).values():
             yield from _numbers(field, offset + place)
 
 
@@ -167,10 +166,16 @@ def _idle_command() -> bytes:
 _IDLE = _idle_command()
 
 
+def _check_joints(count: int) -> None:
+    if count != JOINTS:
+        raise MessageError(f"the Go2's messages are for {JOINTS} joints, and this robot has {count}")
+
+
 def encode_command(command: JointCommand) -> bytes:
     """A command as ``LowCmd_``; its number and session have no place there."""
     # Not ``copy``: NumPy copies fields, and the checksum runs over what lies between them too.
     record = np.frombuffer(bytearray(_IDLE), LOW_COMMAND).reshape(())
+    _check_joints(len(command.damping))
     motors, chosen = record["motor_cmd"], MOTOR_OF_JOINT
     if command.mode != JointMode.OFF:
         motors["dq"][chosen] = 0.0
@@ -224,6 +229,7 @@ def encode_state(state: RobotState) -> bytes:
     A robot that damps its joints by itself shows all motors stopped; one with a failed drive shows one.
     Accelerations, raw values, foot forces and the battery stay zero: a ``RobotState`` has none of them.
     """
+    _check_joints(len(state.joint_position))
     record = new_message("LowState_")
     record["head"], record["level_flag"] = _HEAD, _LOW_LEVEL
     record["tick"] = state.timestamp // 1_000_000 & 0xFFFFFFFF
