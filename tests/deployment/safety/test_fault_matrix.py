@@ -526,6 +526,7 @@ NOT_IN_UNITREES_MESSAGES = {
     "commands lost, silent robot",
     "another's commands, numbered far above",
     "another's commands, numbered one above",
+    "another's commands under the controller's numbers",
     "another's commands, of another session",
     "another's old commands",
     "answer to a command never sent",
