@@ -354,7 +354,7 @@ def test_a_switch_that_is_down_from_the_start_does_not_count(pad):
 def test_letting_go_of_the_switch_brings_a_gallop_to_a_stand(pad, running):
     writing, source = pad
     os.write(writing, event(1, SWITCH, 1) + event(2, 1, -32767))
-    running.controller._source = source
+    running.controller._source, source._sequence = source, 10**6  # goes on where the other source was
     assert running.run(0.3).mode == "run" and not running.controller.braking
     os.write(writing, event(1, SWITCH, 0))
     running.run_until(lambda tick: running.controller.braking, 0.021)
