@@ -30,7 +30,7 @@ from sprintlab.deployment.interface import (
 from sprintlab.deployment.safety import RESPONSES, Fault, Reaction
 
 TOLERANCE = 1e-9
-FAULTS_TRIED = 64
+FAULTS_TRIED = 67
 """That many faults does ``docs/safety.md`` speak of."""
 
 
@@ -333,18 +333,32 @@ def broken_device(command: OperatorCommand) -> OperatorCommand:
     raise OSError("no such device")
 
 
-def bad_fix(rig: Any) -> Stimulus:
-    """The receiver reports NaN from its next fix on."""
-    stimulus = Stimulus(rig)
+def bad_fix(**fields: np.ndarray) -> Any:
+    """The receiver reports something else from its next fix on."""
 
-    def hook(fix: Any) -> Any:
-        if fix is None:
-            return None
-        stimulus.present = True
-        return msgspec.structs.replace(fix, position=np.full(3, np.nan))
+    def install(rig: Any) -> Stimulus:
+        stimulus = Stimulus(rig)
 
-    rig.on_fix = hook
-    return stimulus
+        def hook(fix: Any) -> Any:
+            if fix is None:
+                return None
+            stimulus.present = True
+            return msgspec.structs.replace(fix, **fields)
+
+        rig.on_fix = hook
+        return stimulus
+
+    return install
+
+
+def stuck_inertial_unit(states: list[RobotState], past: list[RobotState]) -> list[RobotState]:
+    """Orientation and gyro stay what they were; the encoders go on."""
+    first = past[0]
+    return [
+        msgspec.structs.replace(
+            states[0], quaternion=first.quaternion, angular_velocity=first.angular_velocity
+        )
+    ]
 
 
 def knock_over(rig: Any) -> Stimulus:
@@ -404,7 +418,11 @@ DROPPED = {
         on_every_state(set_field("bus_voltage", None, -1.0), times=5),
     ),
     "20 ms without a state": (Fault.STATE_LOST, silence(20)),
-    "NaN position fix": (Fault.FIX_INVALID, bad_fix),
+    "NaN position fix": (Fault.FIX_INVALID, bad_fix(position=np.full(3, NAN))),
+    "position fix of 1e308 m": (
+        Fault.FIX_INVALID,
+        bad_fix(position=np.array([1e308, -1e308, 0.0]), velocity=np.array([1e308, -1e308, 0.0])),
+    ),
     "NaN velocity command": (Fault.SOURCE_INVALID, source_becomes(velocity(NAN, 0.0, 0.0), times=5)),
     "infinite yaw rate": (Fault.SOURCE_INVALID, source_becomes(velocity(8.0, 0.0, INF), times=5)),
     "velocity command of two numbers": (Fault.SOURCE_INVALID, source_becomes(velocity(8.0, 0.0), times=5)),
@@ -420,6 +438,7 @@ STOPPED = {
     "robot reboots": (Fault.STATE_STALE, states_become(rebooted)),
     "content frozen": (Fault.STATE_FROZEN, states_become(frozen)),
     "encoder stuck": (Fault.ENCODER_STUCK, stuck_encoder),
+    "inertial unit stuck": (Fault.INERTIAL_STUCK, states_become(stuck_inertial_unit)),
     "joint beyond its stop": (
         Fault.JOINT_LIMIT,
         ramp("joint_position", 0, 1.2, lambda state: state.joint_position[0] > 1.0),
@@ -451,6 +470,10 @@ STOPPED = {
     "another's commands, numbered one above": (
         Fault.COMMANDS_FOREIGN,
         taken_over(lambda own, step: {"sequence": own.sequence + 1}),
+    ),
+    "another's commands under the controller's numbers": (
+        Fault.COMMANDS_FOREIGN,
+        taken_over(lambda own, step: {}),
     ),
     "another's commands, of another session": (
         Fault.COMMANDS_FOREIGN,
