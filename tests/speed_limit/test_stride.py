@@ -86,7 +86,7 @@ def test_limits_are_those_of_the_drives(runner):
 
 
 def test_copper_and_gear_loss_make_up_what_the_bus_gives_beyond_the_joints_power(runner):
-    """In all quadrants: electrical power is joint power, copper loss and a gear loss that is never negative."""
+    """In all quadrants: electrical power is joint power, copper loss and a gear loss, never negative."""
     random = np.random.default_rng(1)
     velocity = random.uniform(-15.0, 15.0, (400, 2))
     asked = runner.peak_torque * random.uniform(-0.7, 0.7, (400, 2)) / np.asarray(runner.gear.ratio)
