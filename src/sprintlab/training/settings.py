@@ -356,7 +356,7 @@ class StridePrior:
         InvalidValueError: a number that is not positive, or an unordered interval.
     """
 
-    file: str
+    file: str = "studies/paper/strides.npz"
     weight: float = 0.5
     fade: tuple[int, int] = (800, 1600)
     position_scale: float = 0.4
