@@ -1,31 +1,42 @@
 """Calibrate the BP2 surrogate: its speed limits over motor, gears, spring and leg, before any training.
 
-    python recipes/calibrate_bp2.py                    about 20 CPU minutes; goes on where it stopped
+    python recipes/calibrate_bp2.py --workers 32       3 minutes (1.6 CPU hours); goes on where it stopped
 
 Every cell is a robot of the family ``sprintlab.robots.surrogate``. Its fastest stride of at most 5.5 Hz and a
 duty of at least 0.12 is searched under three motor models: ``refined``, ``simplified-dc`` (no inductance) and
-``square`` (peak torque at every speed). The grid is walked coarse to fine: few starts everywhere, many where
-the rules may hold. All numbers land in one file, results/speed_limit/bp2.json.
+``square`` (peak torque at every speed). Stages, each one over all cells:
+
+1. random: eight starts, each a process of its own and with a seed of its own.
+2. known, twice: climbs from the best strides of the cell, of narrower motor models and of the nearest cells.
+3. lifted: the refined limit without the hip's torque limit, and without the knee's.
+
+The three editions are searched four times more with other seeds, each run for itself: how far runs differ.
+Every search that ends is a line of climbs.jsonl in the folder of the run; what is there is not done again
+(after a change of the search or of the family, begin a new folder). All limits land in one file,
+results/speed_limit/bp2.json; recipes/bp2_calibration_figure.py draws it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
-from time import process_time
+from time import monotonic, process_time
 from typing import Any
 
 import numpy as np
 import tyro
-from matplotlib.axes import Axes
+from rich.console import Console
 from rich.progress import Progress
+from rich.table import Table
 
+from sprintlab.core.errors import SimulationError
 from sprintlab.core.files import atomic_write_text
-from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
 from sprintlab.motors import no_load_speed
 from sprintlab.robots import RobotDescription
 from sprintlab.robots.surrogate import EDITIONS, Surrogate, surrogate_robot
@@ -38,56 +49,57 @@ from sprintlab.speed_limit import (
     runner_from_robot,
     stride_facts,
 )
-from sprintlab.speed_limit.stride import GROUPS
+from sprintlab.speed_limit.stride import GROUPS, PARAMETERS
 
 MODELS = ("refined", "simplified-dc", "square")
-SETTINGS = SearchSettings(max_stride=5.5, min_duty=0.12)
-SCREEN_STARTS, FINE_STARTS = 1, 8
-STACKS = (1.4, 1.6, 1.8, 2.0)
-HIP_GEARS, KNEE_GEARS = (7.0, 7.5, 8.0, 8.5), (7.0, 8.0)
-FINE = (
-    "1.4/8/7/800/1",
-    "1.4/8.25/7/800/1",
-    "1.4/8.25/7.5/800/1",
-    "1.5/8/7/800/1",
-    "1.5/8.25/7/800/1",
-    "1.6/7.75/7/800/1",
-    "1.6/8/7/800/1",
-    "1.6/8/7.5/800/1",
-)
-"""Where the coarse grid says that all rules may just hold."""
-SPRINGS_AND_LEGS = (
-    "1.4/8.25/7/500/1",
-    "1.4/8.25/7/1200/1",
-    "1.4/8.25/7/800/0.95",
-    "1.4/8.25/7/800/1.05",
-)
-RESULT = Path("results/speed_limit/bp2.json")
-POLICIES, FIGURE = Path("results/speed_limit/robots.json"), Path("docs/images/bp2-calibration.png")
+MAX_STRIDE, MIN_DUTY = 5.5, 0.12
+HIP_GEARS = (7.5, 7.75, 8.0, 8.25, 8.5)
+KNEE_GEARS = {
+    1.2: (8.0,),
+    1.25: (7.75, 8.0),
+    1.3: (7.0, 7.25, 7.5),
+    1.35: (7.0, 7.25, 7.5),
+    1.4: (7.0, 7.25, 7.5),
+    1.5: (7.0,),
+    1.6: (7.0, 7.5),
+    1.8: (7.0,),
+}
+"""Stacks with the knee gears that are searched: from the lowest that gives the knee 2.5 N m per kg (but not
+below 7, where it would turn faster than 37 rad/s), and 7 for the smaller stacks too."""
+SPRINGS, LEGS = (500.0, 600.0, 1000.0, 1200.0), (0.95, 1.05)
+ISOLATED_RUNS = 4
+KNOWN_ROUNDS, NEIGHBOURS = 2, 2
+RESULT, FOLDER = Path("results/speed_limit/bp2.json"), Path("runs/calibrate-bp2")
 REFINED, SIMPLIFIED_GAIN, SQUARE_GAIN = 13.2, 0.02, 0.09
-COLORS = (*LIGHT.legs, LIGHT.second, LIGHT.speed, LIGHT.muted)
-SCREENING = (
-    "limits under MODELS of an earlier, wider walk; its gears lost torque in braking instead of gaining it, "
-    "so that they lie 1 to 4 % low"
-)
 FACTS = ("frequency", "duty", "peak_force", "hip_full", "knee_full", "mechanical_power", "copper_loss")
+
+Stride = tuple[float, list[float]]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One cell: a robot, how many starts, and strides of similar robots to begin with.
+    """One search: climbs from known strides, from random ones and from the best of them, shaken.
+
+    Random and shaken starts are one each, two in the last stage.
 
     Attributes:
-        choice: the robot.
-        starts: of every search.
-        near: by motor model, strides as ``(speed, parameters)``.
-        lift: also the limits without hip torque and without knee torque.
+        cell: key of a robot of the grid (``key_of``), or the name of an edition and of a run: ``bp2 run 1``.
+        model: motor model.
+        stage: ``random``, ``known 0``, ``known 1`` or ``without hip``, ``without knee``.
+        seed: of the random stride and of the shaking.
+        near: known strides as ``(speed, parameters)``.
     """
 
-    choice: Surrogate
-    starts: int
-    near: dict[str, list[tuple[float, list[float]]]]
-    lift: bool = False
+    cell: str
+    model: str
+    stage: str
+    seed: int
+    near: tuple[Stride, ...] = ()
+
+    @property
+    def identity(self) -> tuple[str, str, str, int]:
+        """What tells it from other jobs."""
+        return self.cell, self.model, self.stage, self.seed
 
 
 def key_of(choice: Surrogate) -> str:
@@ -97,48 +109,231 @@ def key_of(choice: Surrogate) -> str:
     )
 
 
-def choice_of(key: str) -> Surrogate:
-    """Inverse of ``key_of``."""
-    stack, hip, knee, spring, leg = (float(word) for word in key.split("/"))
+def choice_of(cell: str) -> Surrogate:
+    """The robot of a cell: inverse of ``key_of``, or an edition."""
+    if "/" not in cell:
+        return EDITIONS[cell.split()[0]]
+    stack, hip, knee, spring, leg = (float(word) for word in cell.split("/"))
     return Surrogate(stack=stack, hip_gear=hip, knee_gear=knee, spring=spring, leg=leg)
 
 
-def calibrate_cell(job: Job) -> dict[str, Any]:
-    """Limits of one cell under the three models, each search begun at the last one's stride too."""
-    begun, runner = process_time(), runner_from_robot(surrogate_robot(job.choice))
-    settings = replace(SETTINGS, starts=job.starts)
-    limits: dict[str, Any] = {}
-    near: list[Fastest] = []
-    for model in MODELS:
-        known = [Fastest(speed=v, parameters=np.array(p)) for v, p in job.near.get(model, [])]
-        under = replace(runner, motor_model=model)
-        found = fastest_stride(under, settings, near=[*near, *known])
-        near = [found]
-        limits[model] = _limit(under, found)
-    cell = {"starts": job.starts, "limits": limits, **joint_facts(surrogate_robot(job.choice))}
-    if job.lift:
-        refined = limits["refined"]
-        best = Fastest(speed=refined["speed"], parameters=np.array(refined["stride"]))
-        cell["without"] = {joint: _without(runner, joint, best) for joint in ("hip", "knee")}
-    return {**cell, "cpu_s": round(process_time() - begun, 1)}
+def grid() -> Iterator[Surrogate]:
+    """Motors and gears with the template's springs and legs; then other springs and legs of the choice."""
+    for stack, knees in KNEE_GEARS.items():
+        for hip, knee in product(HIP_GEARS, knees):
+            yield Surrogate(stack=stack, hip_gear=hip, knee_gear=knee)
+    for spring in SPRINGS:
+        yield replace(EDITIONS["bp2"], spring=spring)
+    for leg in LEGS:
+        yield replace(EDITIONS["bp2"], leg=leg)
 
 
-def _limit(runner: Runner, found: Fastest) -> dict[str, Any]:
-    stride = evaluate(runner, found.parameters[None], found.speed)
-    facts = asdict(stride_facts(runner, stride, found.speed))
+def isolated() -> list[str]:
+    """Cells of the editions' own runs, that learn nothing from their neighbours."""
+    return [f"{name} run {run}" for name in EDITIONS for run in range(1, ISOLATED_RUNS + 1)]
+
+
+def search(job: Job) -> dict[str, Any]:
+    """Carry a job out: what a line of the log holds."""
+    begun = process_time()
+    runner = replace(runner_from_robot(surrogate_robot(choice_of(job.cell))), motor_model=job.model)
+    starts = 2 if job.stage.startswith("without") else 1
+    settings = SearchSettings(max_stride=MAX_STRIDE, min_duty=MIN_DUTY, starts=starts, seed=job.seed)
+    near = [Fastest(speed=speed, parameters=np.array(stride)) for speed, stride in job.near]
+    lifted = job.stage.removeprefix("without ") if job.stage.startswith("without ") else None
+    groups = [group for group in GROUPS if lifted is None or not group.startswith(lifted)]
+    ceiling = 2.0 * near[0].speed if lifted else None
+    try:
+        found = fastest_stride(runner, settings, groups=groups, near=near, ceiling=ceiling)
+    except SimulationError:
+        found = Fastest(speed=0.0, parameters=np.zeros(PARAMETERS))
     return {
-        "speed": round(found.speed, 3),
+        "job": list(job.identity),
+        "speed": round(found.speed, 4),
         "found": [round(speed, 2) for speed in found.found],
-        **{name: float(f"{facts[name]:.3g}") for name in FACTS},
-        "stride": [float(f"{value:.5g}") for value in found.parameters],
+        "stride": [float(f"{value:.6g}") for value in found.parameters],
+        "cpu_s": round(process_time() - begun, 2),
     }
 
 
-def _without(runner: Runner, joint: str, best: Fastest) -> float:
-    """Limit without one joint's torque limit [m/s]."""
-    kept = [group for group in GROUPS if not group.startswith(joint)]
-    settings = replace(SETTINGS, starts=3)
-    return round(fastest_stride(runner, settings, groups=kept, near=best, ceiling=2 * best.speed).speed, 3)
+class Log:
+    """Searches that have ended, in a file that grows by a line with each."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / "climbs.jsonl"
+        text = self.path.read_text(encoding="utf-8") if self.path.is_file() else ""
+        whole = text[: text.rfind("\n") + 1]  # a kill may have torn the last line
+        atomic_write_text(self.path, whole)
+        self.entries = [json.loads(line) for line in whole.splitlines()]
+        self.done = {tuple(entry["job"]) for entry in self.entries}
+
+    def add(self, entry: dict[str, Any]) -> None:
+        """Keep a search's result."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry, separators=(",", ":")) + "\n")
+        self.entries.append(entry)
+        self.done.add(tuple(entry["job"]))
+
+    def limits(self) -> dict[str, dict[str, Stride]]:
+        """Best stride of every cell by motor model."""
+        best: dict[str, dict[str, Stride]] = {}
+        for entry in self.entries:
+            cell, model, stage, _ = entry["job"]
+            known = best.setdefault(cell, {})
+            faster = entry["speed"] > known.get(model, (0.0, []))[0]
+            if faster and not stage.startswith("without"):
+                known[model] = (entry["speed"], entry["stride"])
+        return best
+
+
+# --- the stages ---------------------------------------------------------------------------------------------
+
+
+def random_jobs(cells: Sequence[str], starts: int) -> Iterator[Job]:
+    """Stage 1: the seeds of a run differ from those of every other run."""
+    for seed, cell, model in product(range(starts), cells, MODELS):
+        yield Job(cell, model, "random", 1000 * _run_of(cell) + seed)
+
+
+def known_jobs(cells: Sequence[str], log: Log, stage: int) -> Iterator[Job]:
+    """Stage 2: from what the cell, narrower motor models and the nearest cells came to."""
+    limits = log.limits()
+    shared = [cell for cell in limits if "/" in cell]
+    for cell, (place, model) in product(cells, enumerate(MODELS)):
+        near = [limits[cell][narrow] for narrow in MODELS[: place + 1] if narrow in limits.get(cell, {})]
+        if "/" in cell:
+            others = sorted((c for c in shared if c != cell), key=lambda c: distance(cell, c))[:NEIGHBOURS]
+            near += [limits[other][model] for other in others if model in limits[other]]
+        yield Job(cell, model, f"known {stage}", 1000 * _run_of(cell) + 100 * (stage + 1), tuple(near))
+
+
+def lifted_jobs(cells: Sequence[str], log: Log) -> Iterator[Job]:
+    """Stage 3: the refined limit without one joint's torque limit."""
+    limits = log.limits()
+    for cell, joint in product(cells, ("hip", "knee")):
+        if "/" in cell and "refined" in limits.get(cell, {}):
+            yield Job(cell, "refined", f"without {joint}", 300, (limits[cell]["refined"],))
+
+
+def _run_of(cell: str) -> int:
+    return 0 if "/" in cell else int(cell.split()[-1])
+
+
+def distance(first: str, second: str) -> float:
+    """How far two robots are from each other, in steps of the grid."""
+    one, two = choice_of(first), choice_of(second)
+    steps = (
+        (one.stack - two.stack) / 0.1,
+        (one.hip_gear - two.hip_gear) / 0.25,
+        (one.knee_gear - two.knee_gear) / 0.5,
+        np.log(one.spring / two.spring) / np.log(1.25),
+        (one.leg - two.leg) / 0.05,
+    )
+    return float(np.linalg.norm(steps))
+
+
+class Walk:
+    """All stages on some processes, until they are through or the time is up."""
+
+    def __init__(self, log: Log, workers: int, minutes: float | None) -> None:
+        self.log, self.workers = log, workers
+        self._end = None if minutes is None else monotonic() + 60.0 * minutes
+
+    def run(self, cells: Sequence[str], starts: int) -> bool:
+        """Whether every stage is through."""
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ[name] = "1"  # the processes are spawned: they load NumPy anew
+        with (
+            ProcessPoolExecutor(self.workers, mp_context=get_context("spawn")) as pool,
+            Progress() as progress,
+        ):
+            through = self._stage(pool, progress, "random", random_jobs(cells, starts))
+            for stage in range(KNOWN_ROUNDS):
+                through = through and self._stage(
+                    pool, progress, f"known {stage}", known_jobs(cells, self.log, stage)
+                )
+            return through and self._stage(pool, progress, "lifted", lifted_jobs(cells, self.log))
+
+    def _stage(self, pool: ProcessPoolExecutor, progress: Progress, name: str, jobs: Iterable[Job]) -> bool:
+        todo = [job for job in jobs if job.identity not in self.log.done]
+        bar = progress.add_task(name, total=len(todo))
+        waiting = [pool.submit(search, job) for job in todo]
+        for future in as_completed(waiting):
+            if future.cancelled():
+                continue
+            self.log.add(future.result())
+            progress.advance(bar)
+            if self._end is not None and monotonic() > self._end:
+                for other in waiting:
+                    other.cancel()  # those that run come to their end
+        return not any(future.cancelled() for future in waiting)
+
+
+# --- the file -----------------------------------------------------------------------------------------------
+
+
+def document(log: Log) -> dict[str, Any]:
+    """Everything that was found, as results/speed_limit/bp2.json keeps it."""
+    limits = log.limits()
+    whole = {cell: by_model for cell, by_model in sorted(limits.items()) if len(by_model) == len(MODELS)}
+    return {
+        "max_stride_hz": MAX_STRIDE,
+        "min_duty": MIN_DUTY,
+        "searches": len(log.entries),
+        "cpu_s": round(sum(entry["cpu_s"] for entry in log.entries)),
+        "cells are": "stack/hip gear/knee gear/spring [N m/rad]/leg length over 0.63 m",
+        "runs": {cell: _run(cell, log) for cell in whole if "/" not in cell},
+        "cells": {cell: _cell(cell, whole[cell], log) for cell in whole if "/" in cell},
+    }
+
+
+def _run(cell: str, log: Log) -> dict[str, float]:
+    """Limits of one isolated run of an edition [m/s]."""
+    limits = log.limits()[cell]
+    return {model: round(limits[model][0], 3) for model in MODELS}
+
+
+def _cell(cell: str, limits: dict[str, Stride], log: Log) -> dict[str, Any]:
+    robot = surrogate_robot(choice_of(cell))
+    runner = runner_from_robot(robot)
+    mine = [entry for entry in log.entries if entry["job"][0] == cell]
+    found = {model: _random_starts(mine, model) for model in MODELS}
+    lifted = {
+        joint: [entry["speed"] for entry in mine if entry["job"][2] == f"without {joint}"]
+        for joint in ("hip", "knee")
+    }
+    entry = {
+        "starts": min(len(speeds) for speeds in found.values()),
+        "limits": {
+            model: _limit(replace(runner, motor_model=model), *limits[model], found[model])
+            for model in MODELS
+        },
+        **joint_facts(robot),
+    }
+    if all(lifted.values()):
+        entry["without"] = {joint: round(max(speeds), 3) for joint, speeds in lifted.items()}
+    return entry
+
+
+def _random_starts(entries: Sequence[dict[str, Any]], model: str) -> list[float]:
+    """What each start of the first stage came to [m/s]."""
+    return [
+        round(entry["speed"], 2)
+        for entry in sorted(entries, key=lambda entry: entry["job"][3])
+        if entry["job"][1:3] == [model, "random"]
+    ]
+
+
+def _limit(runner: Runner, speed: float, stride: Sequence[float], found: list[float]) -> dict[str, Any]:
+    parameters = np.array(stride)
+    facts = asdict(stride_facts(runner, evaluate(runner, parameters[None], speed), speed))
+    return {
+        "speed": round(speed, 3),
+        "found": found,
+        **{name: float(f"{facts[name]:.3g}") for name in FACTS},
+        "stride": [float(f"{value:.5g}") for value in stride],
+    }
 
 
 def joint_facts(robot: RobotDescription) -> dict[str, list[float]]:
@@ -151,87 +346,16 @@ def joint_facts(robot: RobotDescription) -> dict[str, list[float]]:
     }
 
 
-# --- the walk over the grid ---------------------------------------------------------------------------------
+def write(path: Path, content: dict[str, Any]) -> None:
+    """The file, one line a cell."""
+    cells = content["cells"]
+    lines = [f"{json.dumps(key)}: {json.dumps(cells[key], separators=(',', ':'))}" for key in cells]
+    head = json.dumps({key: value for key, value in content.items() if key != "cells"}, indent=1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic_write_text(path, head[:-2] + ',\n "cells": {\n' + ",\n".join(lines) + "\n}}\n")
 
 
-def distance(first: Surrogate, second: Surrogate) -> float:
-    """How far two robots are from each other, in steps of the grid."""
-    steps = (
-        (first.stack - second.stack) / 0.2,
-        (first.hip_gear - second.hip_gear) / 0.5,
-        (first.knee_gear - second.knee_gear) / 0.75,
-        np.log(first.spring / second.spring) / np.log(2.0),
-        (first.leg - second.leg) / 0.05,
-    )
-    return float(np.linalg.norm(steps))
-
-
-def neighbours(choice: Surrogate, cells: dict[str, Any], count: int) -> dict[str, Any]:
-    """Strides of the nearest cells that are known, by motor model."""
-    known = sorted(cells, key=lambda key: distance(choice, choice_of(key)))[:count]
-    return {
-        model: [(cells[key]["limits"][model][name] for name in ("speed", "stride")) for key in known]
-        for model in MODELS
-    }
-
-
-def coarse() -> Iterator[Surrogate]:
-    """The whole grid with the template's springs and legs."""
-    for stack, hip, knee in product(STACKS, HIP_GEARS, KNEE_GEARS):
-        yield Surrogate(stack=stack, hip_gear=hip, knee_gear=knee)
-
-
-class Calibration:
-    """Cells done so far, in a file that is written after each."""
-
-    def __init__(self, path: Path, workers: int) -> None:
-        self.path, self.workers = path, workers
-        document = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-        self.cells: dict[str, Any] = document.get("cells", {})
-        self.screening: dict[str, Any] = document.get("screening", {})
-
-    def add(self, choices: Sequence[Surrogate], starts: int, lift: bool = False) -> None:
-        """Search the cells that are not there yet with as many starts."""
-        todo = [choice for choice in choices if self._missing(choice, starts, lift)]
-        with ProcessPoolExecutor(self.workers) as pool, Progress() as progress:
-            bar = progress.add_task(f"{starts} starts", total=len(todo))
-            while todo:
-                batch, todo = todo[: self.workers], todo[self.workers :]
-                jobs = [self._job(choice, starts, lift) for choice in batch]
-                for choice, cell in zip(batch, pool.map(calibrate_cell, jobs), strict=True):
-                    self.cells[key_of(choice)] = cell
-                    progress.advance(bar)
-                self.write()
-
-    def _missing(self, choice: Surrogate, starts: int, lift: bool) -> bool:
-        cell = self.cells.get(key_of(choice), {"starts": 0})
-        return cell["starts"] < starts or (lift and "without" not in cell)
-
-    def _job(self, choice: Surrogate, starts: int, lift: bool) -> Job:
-        near = neighbours(choice, self.cells, 1 if starts < FINE_STARTS else 3)
-        plain = {model: [tuple(item) for item in items] for model, items in near.items()}
-        return Job(choice, starts, plain, lift)
-
-    def write(self) -> None:
-        """The file, one line a cell."""
-        lines = [
-            f"{json.dumps(key)}: {json.dumps(self.cells[key], separators=(',', ':'))}"
-            for key in sorted(self.cells)
-        ]
-        head = {
-            "max_stride_hz": SETTINGS.max_stride,
-            "min_duty": SETTINGS.min_duty,
-            "cells are": "stack/hip gear/knee gear/spring [N m/rad]/leg length over 0.63 m",
-            "cpu_s": round(sum(cell["cpu_s"] for cell in self.cells.values())),
-        }
-        head["screening is"] = SCREENING
-        head["screening"] = self.screening
-        text = json.dumps(head, indent=1)[:-2] + ',\n "cells": {\n' + ",\n".join(lines) + "\n}}\n"
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write_text(self.path, text)
-
-
-# --- rules and picture --------------------------------------------------------------------------------------
+# --- rules --------------------------------------------------------------------------------------------------
 
 
 def rules(cell: dict[str, Any], mass: float = 36.5) -> dict[str, bool]:
@@ -248,97 +372,57 @@ def rules(cell: dict[str, Any], mass: float = 36.5) -> dict[str, bool]:
     }
 
 
-def draw(cells: dict[str, Any], screening: dict[str, list[float]], path: Path) -> None:
-    """The map and the policies of the package under the limits of their robots."""
-    figure, axes = themed_figure(LIGHT, (12.0, 3.9), 1, 3)
-    _draw_screening(axes[0], screening)
-    _draw_map(axes[0], cells)
-    _draw_gains(axes[1], cells)
-    _draw_policies(axes[2])
-    save_figure(path, figure, dpi=90)
+def table(content: dict[str, Any]) -> Table:
+    """The map, one row per cell: limit, third best start, gains of other models, rules that it breaks."""
+    found = Table(title=f"{content['searches']} searches, {content['cpu_s']} CPU s")
+    for column in ("cell", "starts", "refined", "third", "no L", "square", "breaks"):
+        found.add_column(column, no_wrap=True)
+    for key, cell in content["cells"].items():
+        refined, simplified, square = (cell["limits"][model]["speed"] for model in MODELS)
+        third = sorted(cell["limits"]["refined"]["found"], reverse=True)[:3][-1]
+        broken = ", ".join(rule for rule, held in rules(cell).items() if not held)
+        gains = (f"{100.0 * (speed / refined - 1.0):+.1f} %" for speed in (simplified, square))
+        found.add_row(key, str(cell["starts"]), f"{refined:.2f}", f"{third:.2f}", *gains, broken or "-")
+    for run, limits in content["runs"].items():
+        found.add_row(
+            run,
+            "",
+            f"{limits['refined']:.2f}",
+            "",
+            f"{limits['simplified-dc']:.2f}",
+            f"{limits['square']:.2f}",
+            "",
+        )
+    return found
 
 
-def _rows(cells: dict[str, Any]) -> dict[float, list[tuple[float, dict[str, Any]]]]:
-    """Cells with the knee gear, springs and legs of the choice: hip gear and cell, by stack."""
-    rows: dict[float, list[tuple[float, dict[str, Any]]]] = {}
-    for key in cells:
-        choice = choice_of(key)
-        if (choice.knee_gear, choice.spring, choice.leg) == (7.0, 800.0, 1.0):
-            rows.setdefault(choice.stack, []).append((choice.hip_gear, cells[key]))
-    return {stack: sorted(row, key=lambda item: item[0]) for stack, row in sorted(rows.items())}
-
-
-def _draw_map(axes: Axes, cells: dict[str, Any]) -> None:
-    for color, (stack, row) in zip(COLORS, _rows(cells).items(), strict=False):
-        gears, speeds = [gear for gear, _ in row], [cell["limits"]["refined"]["speed"] for _, cell in row]
-        axes.plot(gears, speeds, color=color, label=f"stack {stack:g}")
-        for gear, cell in row:
-            fill = color if all(rules(cell).values()) else "none"
-            axes.plot(gear, cell["limits"]["refined"]["speed"], "o", color=color, mfc=fill)
-    chosen = EDITIONS["bp2"]
-    speed = cells[key_of(chosen)]["limits"]["refined"]["speed"]
-    axes.plot(chosen.hip_gear, speed, "*", ms=15, color=LIGHT.foreground, label="bp2")
-    axes.axhline(REFINED, color=LIGHT.muted, ls="--")
-    axes.set(xlabel="gear ratio of the hip", ylabel="refined limit [m/s]")
-    set_title(axes, "Limit by stack (dotted: screening)", LIGHT)
-    axis_legend(axes, LIGHT)
-
-
-def _draw_screening(axes: Axes, screening: dict[str, list[float]]) -> None:
-    """The wider walk as thin lines, one for each stack."""
-    rows: dict[float, list[tuple[float, float]]] = {}
-    for key, limits in screening.items():
-        choice = choice_of(key)
-        if (choice.knee_gear, choice.spring, choice.leg) == (7.0, 800.0, 1.0):
-            rows.setdefault(choice.stack, []).append((choice.hip_gear, limits[0]))
-    for stack, row in sorted(rows.items()):
-        across, up = zip(*sorted(row), strict=True)
-        axes.plot(across, up, ":", color=LIGHT.muted, lw=1.0)
-        axes.annotate(f"{stack:g}", (across[0], up[0]), (-2, 2), textcoords="offset points", fontsize=7)
-
-
-def _draw_gains(axes: Axes, cells: dict[str, Any]) -> None:
-    for color, (stack, row) in zip(COLORS, _rows(cells).items(), strict=False):
-        for model, style in (("simplified-dc", ":"), ("square", "-")):
-            gains = [
-                100.0 * (cell["limits"][model]["speed"] / cell["limits"]["refined"]["speed"] - 1.0)
-                for _, cell in row
-            ]
-            label = f"{model}, stack {stack:g}" if stack == EDITIONS["bp2"].stack else None
-            axes.plot([gear for gear, _ in row], gains, style, marker=".", color=color, label=label)
-    for gain in (SIMPLIFIED_GAIN, SQUARE_GAIN):
-        axes.axhline(100.0 * gain, color=LIGHT.muted, ls="--")
-    axes.set(xlabel="gear ratio of the hip", ylabel="above the refined limit [%]")
-    set_title(axes, "What other motor models promise", LIGHT)
-    axis_legend(axes, LIGHT)
-
-
-def _draw_policies(axes: Axes) -> None:
-    rows = json.loads(POLICIES.read_text(encoding="utf-8"))["robots"]
-    for place, row in enumerate(rows.values()):
-        axes.barh(place, row["limit_m_s"], color=LIGHT.muted, alpha=0.4)
-        for index, (policy, speed) in enumerate(row["policies"].items()):
-            axes.plot(speed, place, "o", color=LIGHT.speed)
-            text, shift = f"{policy} {speed:.2f}", (-4, 7 - 18 * index)
-            axes.annotate(text, (speed, place), shift, textcoords="offset points", ha="right", fontsize=7)
-    axes.set_yticks(range(len(rows)), [f"{name}\n{row['strides']}" for name, row in rows.items()])
-    axes.set(xlabel="limit (bar) and policies (dots) [m/s]")
-    set_title(axes, "Robots, limits, policies", LIGHT)
-
-
-def main(workers: int = 2, result: Path = RESULT) -> None:
-    """The whole walk: the grid with one start, the cells at its edge of the rules with eight.
+def main(
+    workers: int = 2,
+    starts: int = 8,
+    minutes: float | None = None,
+    only: tuple[str, ...] = (),
+    folder: Path = FOLDER,
+    result: Path = RESULT,
+) -> None:
+    """Search what is missing, write the limits and print the map.
 
     Args:
         workers: processes.
-        result: file to go on with and to write.
+        starts: random starts of every cell under every motor model.
+        minutes: stop after this time, keep what was found; run again to go on. No limit when left out.
+        only: cells instead of the whole map, such as 1.4/8.25/7/800/1 or "bp2-weak run 1".
+        folder: folder of the run, to go on with.
+        result: file to write.
     """
-    calibration = Calibration(result, workers)
-    near = sorted(coarse(), key=lambda choice: distance(choice, EDITIONS["bp2"]))
-    calibration.add(near, SCREEN_STARTS)
-    calibration.add([choice_of(key) for key in FINE], FINE_STARTS, lift=True)
-    calibration.add([choice_of(key) for key in SPRINGS_AND_LEGS], FINE_STARTS)
-    draw(calibration.cells, calibration.screening, FIGURE)
+    log = Log(folder)
+    near = key_of(EDITIONS["bp2"])
+    cells = list(only) or [*isolated(), *sorted(map(key_of, grid()), key=lambda cell: distance(near, cell))]
+    through = Walk(log, workers, minutes).run(cells, starts)
+    content = document(log)
+    write(result, content)
+    console = Console()
+    console.print(table(content))
+    console.print(f"{result}: " + ("complete" if through else "time is up, run again to go on"))
 
 
 if __name__ == "__main__":

@@ -109,7 +109,95 @@ def function():
     return whole
 
 
+def filled_with(*nodes_and_constants):
+    """10^9 numbers where the last of these nodes gives one, none where somebody computes it as nought."""
+    nodes = [item for item in nodes_and_constants if isinstance(item, onnx.NodeProto)]
+    return model(
+        [
+            *nodes,
+            helper.make_node("Mul", [nodes[-1].output[0], "many"], ["size"]),
+            helper.make_node("ConstantOfShape", ["size"], ["huge"]),
+        ],
+        constant("many", [10**9]),
+        *(item for item in nodes_and_constants if not isinstance(item, onnx.NodeProto)),
+    )
+
+
+def half_is_true():
+    return filled_with(
+        helper.make_node("Cast", ["half"], ["yes"], to=TensorProto.BOOL),
+        helper.make_node("Cast", ["yes"], ["one"], to=TensorProto.INT64),
+        constant("half", [0.5], np.float32),
+    )
+
+
+def wrapped():
+    """257 is 1 in eight bits."""
+    return filled_with(
+        helper.make_node("Cast", ["number"], ["byte"], to=TensorProto.INT8),
+        helper.make_node("Cast", ["byte"], ["whole"], to=TensorProto.INT64),
+        helper.make_node("Equal", ["whole", "one"], ["same"]),
+        helper.make_node("Cast", ["same"], ["last"], to=TensorProto.INT64),
+        constant("number", [257]),
+        constant("one", [1]),
+    )
+
+
+def rounded():
+    """A division that doubles cannot do."""
+    return filled_with(
+        helper.make_node("Div", ["large", "one"], ["same"]),
+        helper.make_node("Sub", ["same", "other"], ["last"]),
+        constant("large", [2**62 + 1]),
+        constant("other", [2**62]),
+        constant("one", [1]),
+    )
+
+
+def overflowing():
+    """The sum is negative in 32 bits."""
+    return filled_with(
+        helper.make_node("Add", ["most", "step"], ["sum"]),
+        helper.make_node("Cast", ["sum"], ["wide"], to=TensorProto.INT64),
+        helper.make_node("Equal", ["wide", "least"], ["same"]),
+        helper.make_node("Cast", ["same"], ["last"], to=TensorProto.INT64),
+        helper.make_tensor("most", TensorProto.INT32, [1], [2**31 - 1]),
+        helper.make_tensor("step", TensorProto.INT32, [1], [1]),
+        constant("least", [-(2**31)]),
+    )
+
+
+def named_twice():
+    return model(
+        [helper.make_node("ConstantOfShape", ["size"], ["huge"])],
+        constant("size", [10**9]),
+        constant("size", [1]),
+    )
+
+
+def summing():
+    """A thousand million additions that make a hundred numbers."""
+    return model(
+        [helper.make_node("ReduceSum", ["big"], [f"sum{n}"], keepdims=1) for n in range(100)],
+        constant("big", np.zeros(12_000_000), np.float32),
+    )
+
+
+def dividing():
+    """The least whole number over minus one ends a process."""
+    return model(
+        [
+            helper.make_node("Cast", ["observation"], ["whole"], to=TensorProto.INT64),
+            helper.make_node("Sub", ["whole", "one"], ["below"]),
+            helper.make_node("Div", ["least", "below"], ["end"]),
+        ],
+        constant("one", [1]),
+        constant("least", [-(2**63)]),
+    )
+
+
 STRANGE = [loop, doubling, outer, filled, busy, outside, claimed, data_dependent, function]
+STRANGE += [half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
 
 
 @pytest.mark.parametrize("make", STRANGE, ids=lambda make: make.__name__)
@@ -121,6 +209,22 @@ def test_program_is_refused_in_time(tmp_path, make):
         load_policy(path)
     assert time.monotonic() - started < 10.0
     assert "\n" not in str(refusal.value)
+
+
+def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):
+    """An index far outside, which nobody knows before the robot has measured."""
+    path = tmp_path / "policy.onnx"
+    nodes = [
+        helper.make_node("Cast", ["observation"], ["whole"], to=TensorProto.INT64),
+        helper.make_node("Add", ["whole", "far"], ["index"]),
+        helper.make_node("Gather", ["few", "index"], ["taken"]),
+    ]
+    path.write_bytes(model(nodes, constant("far", [10**9]), constant("few", [1, 2])).SerializeToString())
+    policy = load_policy(path)
+    for batch in (1, 2):
+        with pytest.raises(PolicyFileError, match="network fails") as refusal:
+            policy.infer(np.zeros((batch, INPUT), np.float32))
+        assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("name", shipped_policies())

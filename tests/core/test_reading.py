@@ -44,11 +44,12 @@ def test_larger_than_the_limit(tmp_path):
     assert len(read_bytes(tmp_path / "a", 101)) == 101
 
 
-def test_endless_sparse_file_is_not_read(tmp_path):
+@pytest.mark.parametrize("limit", [100, 1 << 39])
+def test_endless_sparse_file_is_not_read(tmp_path, limit):
     with open(tmp_path / "a", "wb") as file:
         file.truncate(1 << 40)
     with pytest.raises(SprintlabError, match="larger than"):
-        read_text(tmp_path / "a")
+        read_text(tmp_path / "a", limit)
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ from sprintlab.evaluation.robustness import (
     NOMINAL,
     StudySettings,
     draw_request,
-    robustness_figure,
     run_study,
     summarize,
     wilson_interval,
 )
+from sprintlab.evaluation.robustness.figure import robustness_figure
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
@@ -102,7 +102,7 @@ def test_an_unknown_group_is_refused():
 
 @pytest.fixture
 def reading():
-    return Measurement(*(np.zeros(np.shape(width)) for width in SENSOR_NOISE))
+    return Measurement(np.zeros(3), np.zeros(3), np.zeros(12), np.zeros(12))
 
 
 def test_without_disturbances_everything_passes_unchanged(robot, reading):
@@ -122,8 +122,8 @@ def test_noise_fills_its_band_and_follows_the_seed(robot, reading):
 
     for name, width in SENSOR_NOISE._asdict().items():
         values = np.array([getattr(one, name) for one in readings(1)])
-        assert np.abs(values).max() <= 2.0 * width[0] and values.std() == pytest.approx(
-            2.0 * width[0] / math.sqrt(3.0), rel=0.05
+        assert np.abs(values).max() <= 2.0 * width and values.std() == pytest.approx(
+            2.0 * width / math.sqrt(3.0), rel=0.05
         )
     np.testing.assert_array_equal(readings(1)[7].joint_velocity, readings(1)[7].joint_velocity)
     assert (readings(1)[7].joint_velocity != readings(2)[7].joint_velocity).any()

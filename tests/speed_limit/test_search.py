@@ -12,13 +12,13 @@ from sprintlab.speed_limit import (
     TrainedSpeed,
     evaluate,
     fastest_stride,
-    limit_figure,
     scalings,
     speed_limit,
     stride_facts,
     trained_speeds,
     violations,
 )
+from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.stride import GROUPS
 
 QUICK = SearchSettings(starts=4)

@@ -106,7 +106,7 @@ def kernel_torque(
         dim=(ENVIRONMENTS, 12),
         inputs=[
             wp.array(_joint_drives(ROBOT, MODEL), dtype=JointDrive, device="cpu"),
-            wp.array(joint_heats(settings), dtype=JointHeat, device="cpu"),
+            wp.array(joint_heats(settings, 12), dtype=JointHeat, device="cpu"),
             *(wp.array(value, dtype=float, device="cpu") for value in targets),
             wp.array(delay, dtype=int, device="cpu"),
             *(wp.array(value, dtype=float, device="cpu") for value in values),

@@ -172,6 +172,9 @@ def test_modules_are_not_imported_for_a_stranger(path: Path, tmp_path: Path, mon
         lambda v, h: h["state.learner.actor.0.weight"].update(dtype="object"),
         lambda v, h: h.pop("state.learner.actor.0.weight"),
         lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="O"),
+        lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="f8,("),
+        lambda v, h: v.update(more=[{"$tensor": "state.learner.actor.count"}] * 2),
+        lambda v, h: v.update(more=[0] * 4_000_000),
     ],
 )
 def test_values_that_no_run_writes(path: Path, change) -> None:

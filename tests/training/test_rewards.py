@@ -26,6 +26,7 @@ SETTINGS = RewardSettings()
 WIDTHS = {
     "gravity": 3, "angular_velocity": 3, "velocity": 3, "joint_position": 12, "joint_velocity": 12,
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
+    "abduction": 4,
 }  # fmt: skip
 
 
@@ -73,12 +74,23 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(-4, 0, 0)), 0.0),
         ("touchdown", still(foot_height=row(0.04, 0.06, 0.1, 0.1), foot_descent=row(2, 3, 0, 0)), 4.0),
         ("foot_clearance", still(foot_height=row(0.21, 0.11, 0.11, 0.11), foot_speed=row(2, 5, 5, 5)), 0.02),
-        ("abduction", still(joint_position=torch.arange(12.0)[None]), 0 + 9 + 36 + 81),
-        ("abduction_mirror", still(joint_position=torch.arange(12.0)[None]), 9 + 225),
+        ("abduction", still(abduction=row(0.0, 3.0, 6.0, 9.0)), 0 + 9 + 36 + 81),
+        ("abduction_mirror", still(abduction=row(0.0, 3.0, 6.0, 9.0)), 9 + 225),
         (
             "joint_power",
             still(joint_velocity=torch.full((1, 12), -2.0))._replace(torque=torch.ones(1, 12)),
             24,
+        ),
+        ("diagonal_contact", still(contact=row(1, 0, 0, 1)), 1.0),
+        ("diagonal_contact", still(contact=row(0, 1, 1, 0)), 1.0),
+        ("diagonal_contact", still(contact=row(1, 1, 0, 1)), 0.0),
+        ("diagonal_contact", still(contact=row(1, 1, 0, 0)), 0.0),
+        ("tilt_rate", still(angular_velocity=row(-1, 2, 9)), 3.0),
+        ("torque", still()._replace(torque=torch.full((1, 12), 2.0)), 48.0),
+        (
+            "load_balance",
+            still()._replace(torque=row(*[20.0] * 6 + [-60.0] * 6), peak_torque=torch.full((12,), 100.0)),
+            0.04,
         ),
         ("action_rate", still()._replace(action=torch.full((1, 12), 0.5)), 3.0),
         ("smoothness", still()._replace(previous_action=torch.full((1, 12), 0.5)), 12.0),
@@ -104,6 +116,7 @@ def test_tracking_is_one_on_command_and_falls_with_the_squared_error() -> None:
     assert [term.item() for term in tracking(on_command)] == pytest.approx([1.0, 1.0, 0.3])
     off = tracking(inputs._replace(command=row(2, 0, 1)))
     assert [term.item() for term in off] == pytest.approx([math.exp(-2), math.exp(-1), 0.2])
+    assert tracking(inputs._replace(command=row(2, 0, 1)), 1.5)[1].item() == pytest.approx(math.exp(-1.5))
 
 
 @pytest.mark.parametrize(

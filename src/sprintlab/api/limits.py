@@ -87,7 +87,8 @@ class Limit(Printed):
 
     def plot(self) -> Figure:
         """The fastest stride, the drives' work in it, and what the limit depends on."""
-        from sprintlab.speed_limit import limit_figure, runner_from_robot
+        from sprintlab.speed_limit import runner_from_robot
+        from sprintlab.speed_limit.figure import limit_figure
 
         return in_notebook(limit_figure(self.estimate, runner_from_robot(self.robot)))
 

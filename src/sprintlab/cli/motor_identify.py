@@ -35,7 +35,9 @@ class MotorIdentify:
         hold: parameters not fitted but taken from the base motor (friction and flux_drift: 0,
             voltage_utilization: 0.95).
         also: parameters fitted only on request: torque_offset and current_offset (what the sensors read at
-            zero), gear_efficiency (a gear that loses a share of the load).
+            zero), gear_efficiency (a gear that loses a share of the load), rotor_inertia (of a log).
+        window: of a log with a time column, e.g. 100 rows a second: means over windows of this length [s] in
+            which current and speed rest.
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
         column: name=heading or name=heading:unit, for a column that the file calls otherwise.
         gear_ratio: of a gear between the motor and the torque sensor; results are the motor's.
@@ -52,6 +54,7 @@ class MotorIdentify:
     base: Path | None = None
     hold: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
+    window: float = 0.1
     rotor_inertia: float | None = None
     column: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     gear_ratio: float = 1.0
@@ -91,7 +94,7 @@ class MotorIdentify:
         from dataclasses import replace
 
         from sprintlab.core.errors import InvalidValueError
-        from sprintlab.workbench.identification import behind_gear, identify, load_bench
+        from sprintlab.workbench.identification import behind_gear, identify, is_log, load_bench, rested
 
         pole_pairs = self.pole_pairs
         if pole_pairs is None and base is not None:
@@ -104,6 +107,8 @@ class MotorIdentify:
         if peak_current is None and base is not None:
             peak_current = float(base.peak_torque / base.torque_constant)
         bench = load_bench(self.bench, needs_speed=not self.saturation_only, columns=self.column)
+        if is_log(bench, self.window):
+            bench = rested(bench, self.window, "rotor_inertia" in self.also)
         bench = behind_gear(bench, self.gear_ratio, self.motor_speed)
         if self.saturation_only:
             bench = replace(bench, speed=None, q_voltage=None, d_voltage=None, power=None)

@@ -78,15 +78,15 @@ def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
 
 def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
     from sprintlab.motors import library_motors
-    from sprintlab.robots import load_robot, robot_names
+    from sprintlab.robots import joint_kind, load_robot, robot_names
 
     if source not in robot_names() and not {"/", "\\"} & set(source):
         known = f"a robot ({', '.join(robot_names())}) or an actuator ({', '.join(library_motors())})"
         raise InvalidValueError("source", source, f"choose a motor file (.toml), {known}")
     robot = load_robot(source)
-    chosen = [index for index, name in enumerate(robot.joint_names) if joint in (name, name.split("_", 1)[1])]
+    chosen = [index for index, name in enumerate(robot.joint_names) if joint in (name, joint_kind(name))]
     if not chosen:
-        kinds = dict.fromkeys(name.split("_", 1)[1] for name in robot.joint_names)
+        kinds = dict.fromkeys(map(joint_kind, robot.joint_names))
         raise InvalidValueError("joint", joint, "choose one of " + ", ".join([*kinds, *robot.joint_names]))
     first = chosen[0]
     motor, gear = _single(robot.motors, first), _single(robot.gear, first)

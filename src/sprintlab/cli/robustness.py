@@ -98,11 +98,13 @@ class Robustness:
     def _numbers(
         self, policy: Path, folder: Path, top_speed: float, pieces: Sequence[dict[str, Any]]
     ) -> dict[str, Any]:
-        from sprintlab.core.theme import save_figure
-        from sprintlab.evaluation.robustness import robustness_figure, summarize
+        from sprintlab.evaluation.robustness import summarize
 
         summary = summarize(pieces)
         if self.figure is not None:
+            from sprintlab.core.theme import save_figure
+            from sprintlab.evaluation.robustness.figure import robustness_figure
+
             title = f"{policy.stem}, {self.distance:g} m at a command of {top_speed:g} m/s"
             save_figure(self.figure, robustness_figure(summary, pieces, title))
         return {

@@ -1,7 +1,9 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
 from sprintlab.commands.clock import command_start, race_clock
-from sprintlab.commands.grid import CommandGrid, GridBins
+from sprintlab.commands.comparators import CurriculumSchedule, RampedSchedule
+from sprintlab.commands.curricula import BoxGrid, Curriculum, PredictionGrid, ProgressGrid
+from sprintlab.commands.grid import CommandGrid, GridBins, TargetOutcome
 from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed, ranked_speeds
 from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
 from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self_paced
@@ -20,17 +22,24 @@ __all__ = [
     "KERB_DISTANCE",
     "LANE_WIDTH",
     "AdaptiveSchedule",
+    "BoxGrid",
     "CommandGrid",
     "CommandState",
+    "Curriculum",
+    "CurriculumSchedule",
     "FixedAccelerationSchedule",
     "GridBins",
     "PathPoint",
     "Phase",
+    "PredictionGrid",
+    "ProgressGrid",
+    "RampedSchedule",
     "RangeGrowth",
     "Schedule",
     "SpeedProfile",
     "SprintProfile",
     "StageBlend",
+    "TargetOutcome",
     "TargetSampling",
     "Track",
     "UniformSchedule",

@@ -1,8 +1,9 @@
-"""The grid curriculum over forward speed and yaw rate (Margolis et al. 2022), vectorized.
+"""Grids over forward speed and yaw rate, from whose bins targets are drawn, vectorized.
 
-Every bin has a weight; targets are drawn from bins in proportion. A robot that holds its target when the
-target's time is up makes its bin and the neighbours likelier. Weights never fall. The grid decides where
-targets lie; a schedule (``AdaptiveSchedule``) decides how the command moves to them.
+``SpeedGrid`` is the geometry. ``CommandGrid`` is the grid curriculum of Margolis et al. 2022: every bin has a
+weight; targets are drawn from bins in proportion. A robot that holds its target when the target's time is up
+makes its bin and the neighbours likelier. Weights never fall. The grid decides where targets lie; a schedule
+(``AdaptiveSchedule``) decides how the command moves to them. ``commands.curricula`` has other rules.
 """
 
 from __future__ import annotations
@@ -22,32 +23,47 @@ class GridBins(NamedTuple):
     column: Array
 
 
+class TargetOutcome(NamedTuple):
+    """How ``n`` robots do on their targets; a grid learns from those that are due or failed.
+
+    Attributes:
+        speed: target [m/s] ``(n,)``.
+        yaw_rate: commanded [rad/s] ``(n,)``.
+        speed_error: of the target now [m/s] ``(n,)``.
+        yaw_error: of the command now [rad/s] ``(n,)``.
+        tracking: ``exp(-error^2)`` of speed and yaw rate, mean over the target's whole time; what is left of
+            that time after a fall counts as zero ``(n, 2)``.
+        due: the target's time is up and the robot stands ``(n,)``.
+        failed: the robot fell ``(n,)``.
+    """
+
+    speed: Array
+    yaw_rate: Array
+    speed_error: Array
+    yaw_error: Array
+    tracking: Array
+    due: Array
+    failed: Array
+
+
 @dataclass(frozen=True, kw_only=True)
-class CommandGrid:
-    """Geometry of the grid and its rule.
+class SpeedGrid:
+    """Geometry of a grid.
 
     Attributes:
         speed: lowest and highest speed [m/s].
         speed_bin: height of a bin [m/s].
         yaw_limit: greatest yaw rate either way [rad/s].
         yaw_bins: columns.
-        start: bins whose middle is no faster than this, either way, are open at the start [m/s].
-        gain: weight that a success adds to the bin and to each of its eight neighbours.
-        linear_success: a target counts as held when ``exp(-(v - v*)^2)`` exceeds this.
-        angular_success: the same of the yaw rate.
 
     Raises:
-        InvalidValueError: bounds out of order, no bins, or a share outside [0, 1].
+        InvalidValueError: bounds out of order, or no bins.
     """
 
     speed: tuple[float, float] = (-2.0, 14.0)
     speed_bin: float = 0.5
     yaw_limit: float = 1.0
     yaw_bins: int = 5
-    start: float = 1.0
-    gain: float = 0.2
-    linear_success: float = 0.8
-    angular_success: float = 0.5
 
     def __post_init__(self) -> None:
         check_positive("speed_bin", self.speed_bin, "m/s")
@@ -55,8 +71,6 @@ class CommandGrid:
         if not self.speed[0] + self.speed_bin <= self.speed[1]:
             raise InvalidValueError("speed", self.speed, "a pair (lowest, highest) at least one bin apart")
         check_range("yaw_bins", self.yaw_bins, 1, 1000)
-        for name in ("gain", "linear_success", "angular_success"):
-            check_range(name, getattr(self, name), 0.0, 1.0)
 
     @property
     def rows(self) -> int:
@@ -74,11 +88,9 @@ class CommandGrid:
         steps = xp.arange(self.rows, dtype=like.dtype, device=like.device)
         return self.speed[0] + (steps + 0.5) * self.speed_bin
 
-    def initial_weights(self, like: Array) -> Array:
-        """One for the slow bins, nothing for the others ``(rows, columns)``."""
-        xp = namespace(like)
-        slow = xp.astype(xp.abs(self.middle_speeds(like)) < self.start, like.dtype)
-        return xp.broadcast_to(slow[:, None], (self.rows, self.yaw_bins)) + 0.0
+    def probabilities(self, weights: Array) -> Array:
+        """How likely each bin is, up to a factor ``(rows, columns)``."""
+        return weights
 
     def bins(self, speed: Array, yaw_rate: Array) -> GridBins:
         """The bins in which targets ``(n,)`` lie; those outside count to the nearest."""
@@ -97,7 +109,7 @@ class CommandGrid:
         """Targets from the bins whose middle lies in ``[lower, upper]``, in proportion to their weights.
 
         Args:
-            weights: ``(rows, columns)``.
+            weights: what ``initial_weights`` and ``update`` return.
             random: uniform in [0, 1) ``(n, 3)``: bin, place along the speed, place along the yaw rate.
             lower: bottom of the allowed speeds [m/s].
             upper: top of the allowed speeds [m/s].
@@ -105,6 +117,7 @@ class CommandGrid:
         Returns:
             Speeds [m/s] and yaw rates [rad/s], each ``(n,)``.
         """
+        weights = self.probabilities(weights)
         xp = namespace(weights)
         middle = self.middle_speeds(weights)
         inside = xp.astype((middle >= lower) & (middle <= upper), weights.dtype)
@@ -118,11 +131,55 @@ class CommandGrid:
             -self.yaw_limit + (column + random[:, 2]) * self.yaw_bin,
         )
 
+    def totals(self, bins: GridBins, values: Array) -> Array:
+        """Sum of the values ``(n,)`` that fall into each bin ``(rows, columns)``."""
+        xp = namespace(values)
+        rows = bins.row[:, None] == xp.arange(self.rows, device=values.device)
+        columns = bins.column[:, None] == xp.arange(self.yaw_bins, device=values.device)
+        weighted = xp.astype(rows, values.dtype) * values[:, None]
+        return xp.matmul(xp.matrix_transpose(weighted), xp.astype(columns, values.dtype))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandGrid(SpeedGrid):
+    """The grid curriculum's rule.
+
+    Attributes:
+        start: bins whose middle is no faster than this, either way, are open at the start [m/s].
+        gain: weight that a success adds to the bin and to each of its eight neighbours.
+        linear_success: a target counts as held when ``exp(-(v - v*)^2)`` exceeds this.
+        angular_success: the same of the yaw rate.
+
+    Raises:
+        InvalidValueError: as ``SpeedGrid``, or a share outside [0, 1].
+    """
+
+    start: float = 1.0
+    gain: float = 0.2
+    linear_success: float = 0.8
+    angular_success: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("gain", "linear_success", "angular_success"):
+            check_range(name, getattr(self, name), 0.0, 1.0)
+
+    def initial_weights(self, like: Array) -> Array:
+        """One for the slow bins, nothing for the others ``(rows, columns)``."""
+        xp = namespace(like)
+        slow = xp.astype(xp.abs(self.middle_speeds(like)) < self.start, like.dtype)
+        return xp.broadcast_to(slow[:, None], (self.rows, self.yaw_bins)) + 0.0
+
     def held(self, speed_error: Array, yaw_error: Array) -> Array:
         """Whether errors [m/s], [rad/s] ``(n,)`` count as success: both kernels above their thresholds."""
         xp = namespace(speed_error)
         linear = xp.exp(-(speed_error**2)) > self.linear_success
         return linear & (xp.exp(-(yaw_error**2)) > self.angular_success)
+
+    def update(self, weights: Array, outcome: TargetOutcome) -> Array:
+        """The weights one policy step later: targets that are held when their time is up open their bins."""
+        held = self.held(outcome.speed_error, outcome.yaw_error)
+        return self.learn(weights, self.bins(outcome.speed, outcome.yaw_rate), outcome.due & held)
 
     def learn(self, weights: Array, bins: GridBins, success: Array) -> Array:
         """Weights after the successes ``(n,)`` of targets in ``bins``: bins and neighbours gain, up to 1.

@@ -21,6 +21,7 @@ import inspect
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
@@ -67,7 +68,7 @@ class TargetSampling:
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     turn_share: float = 0.6
-    grid: CommandGrid | None = CommandGrid()
+    grid: Curriculum | None = CommandGrid()
 
     def __post_init__(self) -> None:
         check_interval("persistence", self.persistence, 0.0, "s")
@@ -206,8 +207,8 @@ class AdaptiveSchedule:
         targets: how ``v*`` is drawn.
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
-            steady stage of training; drawn between ``window`` and this at every update. The paper's
-            neighbourhood is symmetric, and 1 m/s is its width; then
+            fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
+            is symmetric, and 1 m/s is its width; then
             nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.

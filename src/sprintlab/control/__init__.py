@@ -17,7 +17,6 @@ from sprintlab.control.contract import (
 )
 from sprintlab.control.filters import LowPass, low_pass, low_pass_coefficient
 from sprintlab.control.observation import (
-    JOINT_COUNT,
     MEASURED_TERMS,
     OBSERVATION_TERMS,
     Observation,
@@ -48,7 +47,6 @@ __all__ = [
     "CONTRACT_KEY",
     "ESTIMATE_SIZE",
     "ESTIMATE_TERMS",
-    "JOINT_COUNT",
     "MEASURED_TERMS",
     "MOTOR_RATE_HZ",
     "OBSERVATION_TERMS",

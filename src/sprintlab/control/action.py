@@ -11,9 +11,9 @@ def joint_targets(action: Array, default_pose: Array, action_scale: Array, actio
     ``default_pose + action_scale * clip(action, -action_limit, action_limit)``.
 
     Args:
-        action: policy output ``(..., 12)``.
-        default_pose: pose of a zero action [rad] ``(12,)``.
-        action_scale: radians for an action of one ``(12,)``.
+        action: policy output ``(..., joints)``.
+        default_pose: pose of a zero action [rad] ``(joints,)``.
+        action_scale: radians for an action of one ``(joints,)``.
         action_limit: greatest magnitude of an action that is used.
     """
     return default_pose + action_scale * clip(action, -action_limit, action_limit)

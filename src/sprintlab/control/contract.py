@@ -148,12 +148,12 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     Attributes:
         format_version: of this structure.
         robot_name: the robot's name.
-        joint_names: 12 names in policy order.
-        default_pose: joint positions of a zero action [rad] (12).
-        action_scale: radians for an action of one (12).
+        joint_names: of the actuated joints in policy order.
+        default_pose: joint positions of a zero action [rad].
+        action_scale: radians for an action of one.
         action_limit: greatest magnitude of an action that is used.
-        stiffness: proportional gains [N m/rad] (12).
-        damping: derivative gains [N m s/rad] (12).
+        stiffness: proportional gains [N m/rad].
+        damping: derivative gains [N m s/rad].
         observation: what the network sees.
         filters: what lies between the sensors and the network.
         policy_rate_hz: rate of the policy [Hz].
@@ -162,7 +162,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         robot_fingerprint: of the whole robot description, masses and lengths included.
         software: versions of the packages that made the policy.
         training: how it was trained.
-        position_limits: lowest and highest position of each joint [rad] (12 pairs); None in files that do
+        position_limits: lowest and highest position of each joint [rad]; None in files that do
             not tell, whose fingerprint covers them all the same.
         estimate: terms of the network's estimate in order; None without an estimator, and in files that do
             not tell.

@@ -12,9 +12,6 @@ from sprintlab.control.arrays import Array, namespace, where_rows
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError
 
-JOINT_COUNT = 12
-"""Joints in the messages and recordings of a quadruped; a policy has as many as its robot."""
-
 _VECTOR, _ROTATION = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ from sprintlab.control.observation import (
 )
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.core.errors import InvalidValueError, PolicyFileError
-from sprintlab.core.reading import read_bytes
+from sprintlab.core.reading import printable, read_bytes
 from sprintlab.robots import RobotDescription
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -54,7 +55,7 @@ class Decision(NamedTuple):
     """What a network gives.
 
     Attributes:
-        action: ``(batch, 12)`` float32.
+        action: ``(batch, joints)`` float32.
         estimate: filtered, to be handed back at the next step ``(batch, 8)`` float32; ``None`` for a
             network without an estimator.
     """
@@ -84,10 +85,11 @@ class Policy:
         return self.contract.filters.estimate_cutoff_hz is not None
 
     def infer(self, observation: FloatArray) -> FloatArray:
-        """Actions ``(batch, 12)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
+        """Actions ``(batch, joints)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
 
         Raises:
             InvalidValueError: the input has another shape.
+            PolicyFileError: the network fails on it.
         """
         return self.decide(observation).action
 
@@ -101,6 +103,7 @@ class Policy:
 
         Raises:
             InvalidValueError: an input has another shape.
+            PolicyFileError: the network fails on it.
         """
         _check_batch("observation", observation, self.layout.input_size)
         if previous_estimate is not None and self.estimates:
@@ -109,11 +112,11 @@ class Policy:
             return self._decide_one(observation, previous_estimate)
         inputs = {_INPUT: np.ascontiguousarray(observation, dtype=np.float32)}
         if not self.estimates:
-            return Decision(self._session.run(self._outputs, inputs)[0], None)
+            return Decision(_run(self._session.run, self._outputs, inputs)[0], None)
         if previous_estimate is None:
             previous_estimate = np.zeros((len(observation), ESTIMATE_SIZE), dtype=np.float32)
         inputs[_PREVIOUS] = np.ascontiguousarray(previous_estimate, dtype=np.float32)
-        return Decision(*self._session.run(self._outputs, inputs))
+        return Decision(*_run(self._session.run, self._outputs, inputs))
 
     def _decide_one(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
         if self._single is None:
@@ -141,8 +144,16 @@ class _SingleRun:
     def __call__(self, observation: FloatArray, previous_estimate: FloatArray | None) -> Decision:
         self._observation[:] = observation
         self._previous[:] = 0.0 if previous_estimate is None else previous_estimate
-        self._session.run_with_iobinding(self._binding)
+        _run(self._session.run_with_iobinding, self._binding)
         return Decision(self._action.copy(), self._estimate.copy() if self._estimates else None)
+
+
+def _run(step: Callable[..., Any], *arguments: Any) -> Any:
+    """One step of a network; what stops it becomes a ``PolicyFileError``."""
+    try:
+        return step(*arguments)
+    except Exception as error:  # onnxruntime's exceptions share no other base
+        raise PolicyFileError(f"the policy's network fails: {printable(error)}") from error
 
 
 class Measurement(NamedTuple):
@@ -151,8 +162,8 @@ class Measurement(NamedTuple):
     Attributes:
         angular_velocity: body frame [rad/s] ``(3,)``.
         projected_gravity: unit gravity vector, body frame ``(3,)``.
-        joint_position: of the motor encoders [rad] ``(12,)``.
-        joint_velocity: [rad/s] ``(12,)``.
+        joint_position: of the motor encoders [rad] ``(joints,)``.
+        joint_velocity: [rad/s] ``(joints,)``.
     """
 
     angular_velocity: FloatArray
@@ -194,7 +205,7 @@ class PolicyRuntime:
 
     @property
     def previous_action(self) -> FloatArray:
-        """The last action, limited ``(12,)``; zeros after a reset."""
+        """The last action, limited ``(joints,)``; zeros after a reset."""
         return self._previous_action
 
     @property
@@ -207,7 +218,7 @@ class PolicyRuntime:
         return None if self._estimate is None else self._estimate[0]
 
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
-        """Joint position targets [rad] ``(12,)`` for the next policy period.
+        """Joint position targets [rad] ``(joints,)`` for the next policy period.
 
         Args:
             measurement: of this step.

@@ -29,7 +29,12 @@ Value = npt.NDArray[Any] | None
 
 # Types of tensors that a policy may hold: ONNX's number, and NumPy's type.
 _TYPES: dict[int, str] = {1: "<f4", 2: "u1", 3: "i1", 6: "<i4", 7: "<i8", 9: "?", 11: "<f8"}
-_FLOAT = 1
+_FOLLOWED = {
+    7,
+    9,
+}  # types whose values are followed: here and in the runtime they are the same to the last bit
+_WHOLE = set(range(2, 8)) | {12, 13}
+_INT64 = 7
 
 
 class GraphError(ValueError):
@@ -37,10 +42,17 @@ class GraphError(ValueError):
 
 
 class _Tensor(NamedTuple):
-    """A tensor: its shape with one robot, and its values where they are few and known."""
+    """A tensor: its shape with one robot, and its values where they are few and known.
+
+    Attributes:
+        shape: with one robot.
+        value: whole numbers of 64 bits, or truth values; None where nobody knows them.
+        whole: whether it holds whole numbers.
+    """
 
     shape: Shape
     value: Value = None
+    whole: bool = False
 
 
 class _Attribute(NamedTuple):
@@ -181,6 +193,8 @@ def _read_model(content: bytes) -> _Graph:
     graph = _Graph()
     for item in fields.get(5, []):
         name, tensor = _read_tensor(wire, item)
+        if name in graph.tensors:
+            raise GraphError("is damaged: two of its tensors have one name")
         graph.tensors[name] = tensor
     for item in fields.get(11, []):
         name, shape = _read_input(wire, item)
@@ -211,7 +225,8 @@ def _read_tensor(wire: _Wire, data: memoryview) -> tuple[str, _Tensor]:
     else:
         values = _listed(fields, kind, count)
         values = None if values is None else values.reshape(shape)
-    return _text(_single(fields, 8, b"")), _Tensor(shape, values)
+    followed = values if kind in _FOLLOWED else None
+    return _text(_single(fields, 8, b"")), _Tensor(shape, followed, kind in _WHOLE)
 
 
 def _listed(fields: Mapping[int, list[Any]], kind: int, count: int) -> Value:
@@ -223,11 +238,11 @@ def _listed(fields: Mapping[int, list[Any]], kind: int, count: int) -> Value:
         size = 4 if kind == 1 else 8
         if len(text) != count * size:
             raise GraphError("holds a tensor whose size is not that of its shape")
-        return np.frombuffer(text, dtype=_TYPES[kind]) if count <= _MOST_KNOWN else None
+        return None
     numbers = _whole_numbers(found)
     if len(numbers) != count:
         raise GraphError("holds a tensor whose size is not that of its shape")
-    return np.array(numbers, dtype=np.int64)
+    return np.array(numbers, dtype=_TYPES[kind]) if kind in _FOLLOWED else None
 
 
 def _read_input(wire: _Wire, data: memoryview) -> tuple[str, Shape]:
@@ -288,24 +303,52 @@ def _follow(graph: _Graph) -> None:
     tensors |= {name: _Tensor(shape) for name, shape in graph.inputs.items()}
     costs = _Costs()
     for node in graph.nodes:
-        inputs: list[_Tensor | None] = []
-        for name in node.inputs:
-            if name and name not in tensors:
-                raise GraphError(f"uses the tensor {name[:60]!r} before it is made")
-            inputs.append(tensors[name] if name else None)
-        try:
-            made = _OPERATORS[node.operator](node, inputs, costs)
-        except GraphError:
-            raise
-        except (ValueError, KeyError, IndexError, AttributeError, ZeroDivisionError) as error:
-            raise GraphError(f"holds an operator {node.operator} whose sizes do not fit") from error
-        for name, tensor in zip(node.outputs, made, strict=False):
-            tensors[name] = _Tensor(_checked(tensor.shape), tensor.value)
+        inputs = [_made(tensors, name) for name in node.inputs]
+        costs.products += sum(math.prod(tensor.shape) for tensor in inputs if tensor is not None)
+        for name, tensor in zip(node.outputs, _results(node, inputs, costs), strict=False):
+            if name in tensors:
+                raise GraphError("is damaged: two of its tensors have one name")
+            tensors[name] = tensor
             costs.numbers += math.prod(tensor.shape)
-        if len(node.outputs) > len(made):
-            raise GraphError(f"uses an output of {node.operator} that no policy uses")
         if costs.products > MOST_PRODUCTS or costs.numbers > MOST_NUMBERS:
             raise GraphError("takes more than a policy's step may: it would not fit into its 20 ms")
+
+
+def _made(tensors: Mapping[str, _Tensor], name: str) -> _Tensor | None:
+    if name and name not in tensors:
+        raise GraphError(f"uses the tensor {name[:60]!r} before it is made")
+    return tensors[name] if name else None
+
+
+def _results(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
+    """What an operator makes."""
+    whole = _makes_whole(node, inputs)
+    if whole and node.operator in _NO_WHOLE:
+        raise GraphError(f"uses the operator {node.operator} on whole numbers, as no policy does")
+    try:
+        made = _OPERATORS[node.operator](node, inputs, costs)
+    except GraphError:
+        raise
+    except (ValueError, KeyError, IndexError, AttributeError, ZeroDivisionError) as error:
+        raise GraphError(f"holds an operator {node.operator} whose sizes do not fit") from error
+    if len(node.outputs) > len(made):
+        raise GraphError(f"uses an output of {node.operator} that no policy uses")
+    return [_Tensor(_checked(tensor.shape), tensor.value, whole) for tensor in made]
+
+
+def _makes_whole(node: _Node, inputs: Inputs) -> bool:
+    """Whether what an operator makes are whole numbers."""
+    if node.operator == "Cast":
+        return node.number("to", 1) in _WHOLE
+    if node.operator in ("Constant", "ConstantOfShape"):
+        tensor = node.attributes["value"].tensor if "value" in node.attributes else None
+        named = "value_int" in node.attributes or "value_ints" in node.attributes
+        return named if tensor is None else tensor.whole
+    if node.operator in _TRUTHS:
+        return False
+    several = node.operator in _TOGETHER or node.operator == "Concat"
+    given = inputs if several else inputs[:1]
+    return node.operator == "Shape" or any(tensor is not None and tensor.whole for tensor in given)
 
 
 Inputs = list[_Tensor | None]
@@ -346,27 +389,28 @@ def _same(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _alike(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    first = _given(inputs, 0)
-    whole = node.operator == "Cast" and node.number("to", 1) in (6, 7)
-    return [_kept(first.shape, [first.value], lambda v: v[0].astype(np.int64) if whole else v[0])]
+    first, cast = _given(inputs, 0), node.operator == "Cast"
+    if cast and node.number("to", 1) != _INT64:
+        return [_Tensor(first.shape)]
+    return [_kept(first.shape, [first.value], lambda v: v[0].astype(np.int64) if cast else v[0])]
 
 
 def _broadcast(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     given = [tensor for tensor in inputs if tensor is not None]
     shape = _checked(np.broadcast_shapes(*(tensor.shape for tensor in given)))
     function = _ARITHMETIC.get(node.operator)
+    if node.operator == "Div" and any(tensor.whole and tensor.value is None for tensor in given):
+        raise GraphError("divides whole numbers that it computes from what the robot measures")
     if function is None:
         return [_Tensor(shape)]
     return [_kept(shape, [tensor.value for tensor in given], lambda v: function(*v))]
 
 
 def _division(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """As ONNX divides: whole numbers toward zero."""
-    if a.dtype.kind in "iu" and b.dtype.kind in "iu":
-        if (b == 0).any():
-            raise ValueError("division by zero")
-        return np.asarray(np.trunc(a / b)).astype(np.int64)
-    return np.asarray(a / b)
+    """As ONNX divides whole numbers: toward zero. Negative ones end a program in some cases: not allowed."""
+    if (a < 0).any() or (b <= 0).any():
+        raise ValueError("no division of sizes")
+    return np.asarray(a // b)
 
 
 _ARITHMETIC: dict[str, Callable[..., Any]] = {
@@ -483,7 +527,7 @@ def _concat(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = _checked([int(size) for size in _known(inputs, 0).reshape(-1)])
     given = node.attributes["value"].tensor if "value" in node.attributes else None
-    value = np.zeros(1) if given is None else given.value
+    value = None if given is None else given.value
     return [_kept(shape, [value], lambda v: np.full(shape, v[0].reshape(-1)[0]))]
 
 
@@ -571,13 +615,13 @@ _ONE_FOR_ONE = (
     "Mish Neg Not Reciprocal Relu Selu Sigmoid Sign Sin Softmax Softplus Softsign Sqrt Tanh Floor Ceil Round "
     "BatchNormalization"
 )
-_TOGETHER = (
-    "Add Sub Mul Div Pow Min Max Sum Mean Where Equal Less Greater LessOrEqual GreaterOrEqual And Or PRelu"
-)
+_TRUTHS = ("Equal", "Less", "Greater", "LessOrEqual", "GreaterOrEqual", "And", "Or")
+_TOGETHER = ("Add", "Sub", "Mul", "Div", "Pow", "Min", "Max", "Sum", "Mean", "Where", "PRelu", *_TRUTHS)
+_NO_WHOLE = ("Mean", "Pow", "ReduceMean")
 _OPERATORS: dict[str, _Rule] = {
     **dict.fromkeys(_ONE_FOR_ONE.split(), _same),
     **dict.fromkeys(("Identity", "Cast"), _alike),
-    **dict.fromkeys(_TOGETHER.split(), _broadcast),
+    **dict.fromkeys(_TOGETHER, _broadcast),
     **dict.fromkeys(("ReduceMean", "ReduceSum", "ReduceMax", "ReduceMin"), _reduce),
     "MatMul": _matmul,
     "Gemm": _gemm,

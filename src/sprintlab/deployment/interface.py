@@ -1,7 +1,8 @@
 """What a controller and a robot say to each other: message types, their bytes, and both ends of a bus.
 
 Every message has one fixed little-endian layout: a header (magic ``SPRT``, format version, kind, sequence,
-timestamp), whole numbers, doubles, and the CRC-32 of all before it. Joints are in policy order, SI units.
+timestamp), whole numbers, doubles, and the CRC-32 of all before it. Joints are in policy order, SI units;
+the length of a message tells how many a robot has.
 
 Clocks: a ``timestamp`` is nanoseconds of the *sender's* monotonic clock. It orders messages of one sender
 and is never compared with the receiver's clock; age is counted by the receiver from arrival. (On one machine
@@ -18,7 +19,8 @@ Duties of the robot's end, whatever robot it is:
    ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
    ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
 4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in ``session``
-   and ``command_sequence`` whose command it accepted last, and which.
+   and ``command_sequence`` whose command it accepted last, and which, and in ``command_digest`` what stood
+   in it (``command_digest``): numbers alone could be another's.
 5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires.
    It drops commands of every other session and counts them in ``foreign_commands``.
 """
@@ -35,13 +37,14 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from sprintlab.control import JOINT_COUNT
 from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MAGIC = b"SPRT"
+MOST_JOINTS = 32
+"""Joints that a message has room for."""
 WATCHDOG_TIMEOUT = 0.05
 """Seconds without an accepted command after which the robot damps its joints by itself."""
 
@@ -83,9 +86,9 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     Attributes:
         sequence: rises by one with every message.
         timestamp: robot's monotonic clock when measured [ns].
-        joint_position: motor encoders, joint side [rad] ``(12,)``.
-        joint_velocity: [rad/s] ``(12,)``.
-        joint_torque: estimated from the currents, joint side [N m] ``(12,)``.
+        joint_position: motor encoders, joint side [rad] ``(joints,)``.
+        joint_velocity: [rad/s] ``(joints,)``.
+        joint_torque: estimated from the currents, joint side [N m] ``(joints,)``.
         quaternion: body to world, w, x, y, z ``(4,)``.
         angular_velocity: body frame [rad/s] ``(3,)``.
         bus_voltage: [V].
@@ -93,6 +96,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         status: ``RobotStatus`` flags.
         session: of the controller that sent the last accepted command; 0 before the first.
         foreign_commands: dropped so far because they belonged to another session.
+        command_digest: of the last accepted command's content, as ``command_digest`` makes it; 0 before the
+            first, and of a robot that does not say.
     """
 
     sequence: int
@@ -107,6 +112,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     status: int = 0
     session: int = 0
     foreign_commands: int = 0
+    command_digest: int = 0
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -116,10 +122,10 @@ class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False
         sequence: rises by one with every message; the first is 1.
         timestamp: controller's monotonic clock when sent [ns].
         mode: ``JointMode``.
-        target_position: [rad] ``(12,)``.
-        stiffness: [N m/rad] ``(12,)``, not negative.
-        damping: [N m s/rad] ``(12,)``, not negative.
-        feedforward_torque: joint side [N m] ``(12,)``.
+        target_position: [rad] ``(joints,)``.
+        stiffness: [N m/rad] ``(joints,)``, not negative.
+        damping: [N m s/rad] ``(joints,)``, not negative.
+        feedforward_torque: joint side [N m] ``(joints,)``.
         state_sequence: of the state that the command answers.
         session: of the controller: a random number that it draws once, 64 bits. It tells controllers apart;
             it is no secret.
@@ -171,8 +177,18 @@ class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=Fa
 Message = RobotState | JointCommand | PositionFix | OperatorCommand
 MessageType = TypeVar("MessageType", RobotState, JointCommand, PositionFix, OperatorCommand)
 
+COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
+    "target_position": (-100.0, 100.0),
+    "stiffness": (0.0, 1e5),
+    "damping": (0.0, 1e4),
+    "feedforward_torque": (-1e4, 1e4),
+}
+"""Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
+and so small that no sum of their products overflows."""
+
 _HEADER = "<4sHHQQ"
 _HEADER_FIELDS = 5
+_SCALAR, _PER_JOINT = 0, -1  # sizes of fields that are no arrays, or arrays with a number per joint
 
 
 class _Layout:
@@ -181,56 +197,75 @@ class _Layout:
     def __init__(self, kind: int, type_: type, whole: dict[str, type], doubles: dict[str, int]) -> None:
         self.kind, self.type, self.whole, self.doubles = kind, type_, whole, doubles
         self.head = struct.Struct(_HEADER + "Q" * len(whole))
-        self.count = sum(max(size, 1) for size in doubles.values())
-        self.values = struct.Struct(f"<{self.count}d")
-        self.size = self.head.size + self.values.size + 4
+        sizes = list(doubles.values())
+        fixed = sum(max(size, 1) for size in sizes if size != _PER_JOINT)
+        self.fixed_size = self.head.size + 8 * fixed + 4
+        self.joint_size = 8 * sizes.count(_PER_JOINT)
+        self.start = struct.pack("<4sHH", MAGIC, FORMAT_VERSION, kind)
+
+    def size(self, joints: int) -> int:
+        """Bytes of a message of a robot with so many joints."""
+        return self.fixed_size + joints * self.joint_size
+
+    def joints(self, size: int) -> int | None:
+        """Joints of the robot whose messages have ``size`` bytes; None where no message has."""
+        if not self.joint_size:
+            return 0 if size == self.fixed_size else None
+        joints, rest = divmod(size - self.fixed_size, self.joint_size)
+        return joints if rest == 0 and 1 <= joints <= MOST_JOINTS else None
 
     def pack(self, message: Any) -> bytes:
         numbers: list[float] = []
         for field, size in self.doubles.items():
             value = getattr(message, field)
-            if size == 0:
+            if size == _SCALAR:
                 numbers.append(value)
             else:
                 numbers.extend(value.tolist())
         whole = [int(getattr(message, field)) for field in self.whole]
         head = self.head.pack(MAGIC, FORMAT_VERSION, self.kind, message.sequence, message.timestamp, *whole)
-        body = head + self.values.pack(*numbers)
+        body = head + struct.pack(f"<{len(numbers)}d", *numbers)
         return body + zlib.crc32(body).to_bytes(4, "little")
 
-    def unpack(self, data: bytes) -> Any:
+    def unpack(self, data: bytes, joints: int) -> Any:
         head = self.head.unpack_from(data)
         fields: dict[str, Any] = {"sequence": head[3], "timestamp": head[4]}
         for (field, type_), value in zip(self.whole.items(), head[_HEADER_FIELDS:], strict=True):
             fields[field] = type_(value)
-        numbers = np.frombuffer(data, "<f8", self.count, self.head.size).astype(np.float64)
+        numbers = np.frombuffer(data[:-4], "<f8", offset=self.head.size).astype(np.float64)
         start = 0
         for field, size in self.doubles.items():
-            fields[field] = numbers[start : start + size] if size else float(numbers[start])
-            start += max(size, 1)
+            length = joints if size == _PER_JOINT else size
+            fields[field] = float(numbers[start]) if size == _SCALAR else numbers[start : start + length]
+            start += max(length, 1)
         return self.type(**fields)
 
 
-_J = JOINT_COUNT
 _LAYOUTS = (
     _Layout(
         1,
         RobotState,
-        {"command_sequence": int, "status": int, "session": int, "foreign_commands": int},
         {
-            "joint_position": _J,
-            "joint_velocity": _J,
-            "joint_torque": _J,
+            "command_sequence": int,
+            "status": int,
+            "session": int,
+            "foreign_commands": int,
+            "command_digest": int,
+        },
+        {
+            "joint_position": _PER_JOINT,
+            "joint_velocity": _PER_JOINT,
+            "joint_torque": _PER_JOINT,
             "quaternion": 4,
             "angular_velocity": 3,
-            "bus_voltage": 0,
+            "bus_voltage": _SCALAR,
         },
     ),
     _Layout(
         2,
         JointCommand,
         {"mode": JointMode, "state_sequence": int, "session": int},
-        {"target_position": _J, "stiffness": _J, "damping": _J, "feedforward_torque": _J},
+        dict.fromkeys(COMMAND_BOUNDS, _PER_JOINT),
     ),
     _Layout(3, PositionFix, {}, {"position": 3, "velocity": 3}),
     _Layout(4, OperatorCommand, {"request": Request}, {"velocity": 3}),
@@ -238,13 +273,32 @@ _LAYOUTS = (
 _BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
 
 
-def message_size(kind: type[Message]) -> int:
-    """Bytes of every message of this type."""
-    return _BY_TYPE[kind].size
+def message_size(kind: type[Message], joints: int = MOST_JOINTS) -> int:
+    """Bytes of a message of this type, of a robot with so many joints."""
+    return _BY_TYPE[kind].size(joints)
+
+
+def message_start(kind: type[Message]) -> bytes:
+    """The first bytes of every message of this type."""
+    return _BY_TYPE[kind].start
+
+
+def message_layout(kind: type[Message], joints: int) -> np.dtype[np.void]:
+    """The bytes of a message as a structure of NumPy, by the names of its fields."""
+    layout = _BY_TYPE[kind]
+    sizes = {name: joints if size == _PER_JOINT else size for name, size in layout.doubles.items()}
+    return np.dtype(
+        [
+            ("start", "S8"),
+            *((name, "<u8") for name in ("sequence", "timestamp", *layout.whole)),
+            *((name, "<f8", (size,)) if size else (name, "<f8") for name, size in sizes.items()),
+            ("checksum", "<u4"),
+        ]
+    )
 
 
 def encode(message: Message) -> bytes:
-    """The message's bytes; always ``message_size(type(message))`` of them. NaN passes unchanged."""
+    """The message's bytes, as many as ``message_size`` says. NaN passes unchanged."""
     return _BY_TYPE[type(message)].pack(message)
 
 
@@ -257,8 +311,9 @@ def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> Mes
         MessageError: wrong length, magic, version or kind, a checksum that does not fit, an unknown mode.
     """
     layout, content = _BY_TYPE[kind], bytes(data)
-    if len(content) != layout.size:
-        raise MessageError(f"a {kind.__name__} has {layout.size} bytes, but {len(content)} came")
+    joints = layout.joints(len(content))
+    if joints is None:
+        raise MessageError(f"{len(content)} bytes came, which no {kind.__name__} has")
     magic, version, number = struct.unpack_from("<4sHH", content)
     if (magic, version, number) != (MAGIC, FORMAT_VERSION, layout.kind):
         raise MessageError(
@@ -267,7 +322,7 @@ def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> Mes
     if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
         raise MessageError(f"a {kind.__name__} came damaged: its checksum does not fit")
     try:
-        return layout.unpack(content)
+        return layout.unpack(content, joints)
     except ValueError as error:
         raise MessageError(f"a {kind.__name__} holds a value that is not defined: {error}") from error
 
@@ -277,34 +332,30 @@ def new_session() -> int:
     return secrets.randbelow(2**64 - 1) + 1
 
 
-COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
-    "target_position": (-100.0, 100.0),
-    "stiffness": (0.0, 1e5),
-    "damping": (0.0, 1e4),
-    "feedforward_torque": (-1e4, 1e4),
-}
-"""Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
-and so small that no sum of their products overflows."""
-
-
 def within_bounds(field: str, value: FloatArray) -> bool:
     """Whether all numbers of a command's field are within ``COMMAND_BOUNDS``; NaN is not."""
     least, greatest = COMMAND_BOUNDS[field]
     return bool(((value >= least) & (value <= greatest)).all())
 
 
-def check_command(command: JointCommand) -> None:
-    """Refuse a command that no robot may act on.
+def check_command(command: JointCommand, joints: int) -> None:
+    """Refuse a command that no robot with so many joints may act on.
 
     Raises:
-        MessageError: a number is not finite, or outside ``COMMAND_BOUNDS``.
+        MessageError: not one number per joint, or one that is not finite or outside ``COMMAND_BOUNDS``.
     """
     for field, (least, greatest) in COMMAND_BOUNDS.items():
         value = getattr(command, field)
-        if value.shape != (JOINT_COUNT,) or not within_bounds(field, value):
+        if value.shape != (joints,) or not within_bounds(field, value):
             raise MessageError(
-                f"{field} must be {JOINT_COUNT} numbers from {least:g} to {greatest:g}, got {value}"
+                f"{field} must be {joints} numbers from {least:g} to {greatest:g}, got {value}"
             )
+
+
+def command_digest(command: JointCommand) -> int:
+    """A number that tells what a command asks of the joints: its CRC-32, and a bit so that it is not 0."""
+    content = b"".join(getattr(command, field).tobytes() for field in COMMAND_BOUNDS)
+    return 1 << 32 | zlib.crc32(content, int(command.mode))
 
 
 MOST_DAMAGED = 16
@@ -349,8 +400,8 @@ class RobotEndpoint(Protocol):
         """The next command in order of arrival; None if there is none left."""
         ...
 
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
+    def publish(self, state: RobotState) -> bool:
+        """Send a state; whether it was sent, since a bus may carry fewer states than a robot has."""
         ...
 
     def publish_fix(self, fix: PositionFix) -> None:
@@ -409,7 +460,7 @@ class ControlTick(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False)
         command: what was sent.
         velocity: commanded velocity that the policy was given: forward, sideways [m/s], yaw rate [rad/s]
             ``(3,)``.
-        targets: joint targets before the safety layer [rad] ``(12,)``.
+        targets: joint targets before the safety layer [rad] ``(joints,)``.
         policy_step: whether the policy ran in this step.
         fix: a position fix that came in this step.
         faults: names of faults noticed in this step.

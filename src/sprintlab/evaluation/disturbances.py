@@ -14,10 +14,10 @@ from sprintlab.robots import RobotDescription
 FloatArray = NDArray[np.float64]
 
 SENSOR_NOISE = Measurement(
-    angular_velocity=np.full(3, 0.15),
-    projected_gravity=np.full(3, 0.02),
-    joint_position=np.full(12, 0.01),
-    joint_velocity=np.full(12, 0.8),
+    angular_velocity=np.array(0.15),
+    projected_gravity=np.array(0.02),
+    joint_position=np.array(0.01),
+    joint_velocity=np.array(0.8),
 )
 """Half-widths of the uniform noise of a ``sensor_noise`` of 1 [rad/s, -, rad, rad/s]: those of training."""
 
@@ -62,7 +62,7 @@ class Disturbances:
         The drives close their loops on the same encoders, so that an offset shifts every target.
 
         Args:
-            targets: the policy's, ``(12,)`` [rad].
+            targets: the policy's, ``(joints,)`` [rad].
             steps: motor steps of the period.
         """
         fresh = targets - self._offset

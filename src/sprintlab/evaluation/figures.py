@@ -28,12 +28,11 @@ from sprintlab.core.theme import (
 from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, joint_kind
 
 Array = NDArray[Any]
 
-JOINT_TYPES = ("abad", "hip", "knee")
-JOINT_TITLES = {"abad": "abduction", "hip": "hip", "knee": "knee"}
+JOINT_TITLES = {"abad": "abduction", "hip": "hip", "knee": "knee", "waist": "waist"}
 GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
 POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
@@ -119,21 +118,26 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
     as "on the envelope" when its torque equals a limit while the robot is commanded to move.
     """
     trajectory = recorded(trial)
-    figure, axes = themed_figure(theme, (11.0, 8.0), 3, 4, sharex="row", sharey="row")
+    kinds = list(dict.fromkeys(map(joint_kind, robot.joint_names)))
+    rows, columns = len(kinds), len(robot.leg_names)
+    figure, axes = themed_figure(theme, (11.0, 0.8 + 2.4 * rows), rows, columns, sharex="row", sharey="row")
     speed = trajectory.joint_velocity * np.asarray(robot.gear.ratio)
     curves = _envelope_curves(robot, speed)
     limited = on_envelope(trajectory, robot)
-    for joint in range(12):
-        axis = axes[joint % 3 * 4 + joint // 3]
+    for axis in axes[len(robot.joint_names) :]:
+        axis.set_visible(False)
+    for joint, name in enumerate(robot.joint_names):
+        kind = joint_kind(name)
+        leg, _, _ = name.rpartition("_")
+        axis = axes[kinds.index(kind) * columns + (robot.leg_names.index(leg) if leg else 0)]
         _draw_envelope(axis, curves, joint, theme)
         _draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
         share = trial.metrics.envelope_share[joint]
-        kind = JOINT_TITLES[JOINT_TYPES[joint % 3]]
-        set_title(axis, f"{robot.leg_names[joint // 3]} {kind}", theme)
+        set_title(axis, f"{leg} {JOINT_TITLES[kind]}".strip(), theme)
         axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
-    for axis in axes[::4]:
+    for axis in axes[::columns]:
         axis.set_ylabel("motor torque before\nsaturation [N m]")
-    for axis in axes[8:]:
+    for axis in axes[-columns:]:
         axis.set_xlabel("motor speed [rad/s]")
     _envelope_legend(figure, theme)
     return figure
@@ -150,12 +154,13 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
     flight: Array = np.logical_not(np.any(contact, axis=1))
     for start, width in _spans(time, flight):
         axis.axvspan(start, start + width, color=theme.shade, zorder=0, linewidth=0)
-    for foot in range(4):
-        axis.broken_barh(_spans(time, contact[:, foot]), (3 - foot - 0.32, 0.64), color=theme.legs[foot])
+    rows = np.arange(len(robot.leg_names))[::-1]
+    for row, color, touching in zip(rows, theme.legs, contact.T, strict=False):
+        axis.broken_barh(_spans(time, touching), (row - 0.32, 0.64), color=color)
     duty = contact.mean(axis=0)
     labels = [f"{name}  {100 * share:.0f} %" for name, share in zip(robot.leg_names, duty, strict=True)]
-    axis.set_yticks([3, 2, 1, 0], labels)
-    axis.set_ylim(-0.6, 3.6)
+    axis.set_yticks(rows, labels)
+    axis.set_ylim(-0.6, rows[0] + 0.6)
     axis.set_xlim(end - GAIT_WINDOW, end)
     axis.grid(False, axis="y")
     axis.set_xlabel("time [s]")
@@ -203,7 +208,7 @@ def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIG
 
 
 def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
-    """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, 12)`` bool."""
+    """Where a motor's torque sits on a limit while the robot is commanded to move: ``(T, joints)`` bool."""
     margin = ON_LIMIT_MARGIN * np.asarray(robot.motors.peak_torque)
     touched = (trajectory.motor_torque >= trajectory.torque_upper - margin) | (
         trajectory.motor_torque <= trajectory.torque_lower + margin
@@ -213,7 +218,7 @@ def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
 
 
 def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array, Array]:
-    """Power delivered to each joint and copper loss of each motor, ``(T, 12)`` each [W]."""
+    """Power delivered to each joint and copper loss of each motor, ``(T, joints)`` each [W]."""
     mechanical = trajectory.joint_torque * trajectory.joint_velocity
     return mechanical, copper_losses(trajectory, robot)
 
@@ -283,7 +288,7 @@ def _sprint_label(sprint: SprintResult) -> str:
 
 
 def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
-    """Speeds ``(n, 12)`` that cover the cloud and the limits of the three models on them."""
+    """Speeds ``(n, joints)`` that cover the cloud and the limits of the three models on them."""
     top = 1.08 * np.maximum(
         np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
     )
@@ -414,14 +419,13 @@ def _draw_power_by_joint(
     held = (trajectory.time >= trial.hold_interval[0]) & (trajectory.time <= trial.hold_interval[1])
     if not held.any():
         held = np.ones(len(trajectory.time), dtype=bool)
-    place = np.arange(12)
+    place = np.arange(len(robot.joint_names))
     bars = ((np.clip(mechanical, 0, None), -0.27, theme.speed, "mechanical, driving"),)
     bars += ((np.clip(mechanical, None, 0), -0.27, theme.muted, "mechanical, braking"),)
     bars += ((copper, 0.13, theme.second, "copper loss"),)
     for values, offset, colour, label in bars:
         width = 0.38 if offset < 0 else 0.3
         axis.bar(place + offset + 0.07, values[held].mean(axis=0), width, color=colour, label=label)
-    names = [f"{robot.leg_names[joint // 3]}\n{JOINT_TYPES[joint % 3]}" for joint in range(12)]
-    axis.set_xticks(place, names)
+    axis.set_xticks(place, [name.replace("_", "\n") for name in robot.joint_names])
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_ylabel("mean during the hold [W]")

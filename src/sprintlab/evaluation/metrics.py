@@ -132,7 +132,7 @@ def peak_foot_force(trajectory: Trajectory) -> float:
 
 
 def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
-    """Greatest torque through each gear over the peak joint torque ``(12,)``; ``nan`` where not measured."""
+    """Greatest torque through each gear over the joint's peak ``(joints,)``; ``nan`` where not measured."""
     if trajectory.gear_torque is None:
         return np.full(len(robot.joint_names), math.nan)
     motors, gear = robot.motors, robot.gear
@@ -229,7 +229,7 @@ def moving(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 
 def envelope_share(trajectory: Trajectory) -> FloatArray:
-    """Share of the time asked to move ``(12,)`` at which the clipped torque sits on a limit.
+    """Share of the time asked to move ``(joints,)`` at which the clipped torque sits on a limit.
 
     The clip returns the limit itself, so the comparison is exact.
     """
@@ -286,7 +286,7 @@ def stride_frequency(joint_position: FloatArray, step: float) -> float:
     touchdowns it is not misled by a foot that bounces or misses a step.
 
     Args:
-        joint_position: ``(T, 12)`` [rad].
+        joint_position: ``(T, joints)`` [rad].
         step: time between samples [s].
 
     Returns:
@@ -389,7 +389,7 @@ def bus_power(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
 
 
 def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
-    """Heat in each motor's windings ``(T, 12)`` [W]: as recorded, or that of i_d = 0 in cold windings."""
+    """Heat in each motor's windings ``(T, joints)`` [W]: as recorded, or that of i_d = 0 in cold windings."""
     if trajectory.copper_loss is not None:
         return trajectory.copper_loss
     return np.asarray(copper_loss(robot.motors, trajectory.motor_torque))
@@ -398,7 +398,7 @@ def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray
 def _joint_speed_ratio(
     trajectory: Trajectory, robot: RobotDescription, plant: PlantOptions | None
 ) -> FloatArray:
-    """Highest motor speed over the no-load speed ``(12,)``."""
+    """Highest motor speed over the no-load speed ``(joints,)``."""
     voltage = (plant.bus_voltage if plant is not None else None) or robot.bus_voltage
     fastest = np.abs(trajectory.joint_velocity).max(axis=0) * robot.gear.ratio
     return fastest / no_load_speed(robot.motors, voltage)

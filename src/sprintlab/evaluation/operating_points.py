@@ -118,14 +118,14 @@ class TrainingCloud:
         robot: its name.
         motor_model: the motor of the training.
         time: of each moment ``(T,)`` [s].
-        joint_velocity: ``(T, n, 12)`` [rad/s].
+        joint_velocity: ``(T, n, joints)`` [rad/s].
         joint_torque: delivered to the joint, saturation, gear and the robot's own strength in
-            ``(T, n, 12)`` [N m].
-        on_limit: whether the motor of the training gave less than was asked of it ``(T, n, 12)`` bool.
+            ``(T, n, joints)`` [N m].
+        on_limit: whether the motor of the training gave less than was asked of it ``(T, n, joints)`` bool.
         forward_speed: ``(T, n)`` [m/s].
         bus_voltage_factor: bus voltage over the robot's nominal one ``(T, n)``.
         resistance_factor: stator resistance over the motor's nominal one ``(n,)``.
-        motor_strength: torque over that of the nominal motor ``(n, 12)``.
+        motor_strength: torque over that of the nominal motor ``(n, joints)``.
     """
 
     robot: str
@@ -140,12 +140,12 @@ class TrainingCloud:
     motor_strength: FloatArray
 
     def motor_torque(self, robot: RobotDescription) -> FloatArray:
-        """Motor torque before saturation ``(T, n, 12)`` [N m], as recorded runs have it."""
+        """Motor torque before saturation ``(T, n, joints)`` [N m], as recorded runs have it."""
         shaft = shaft_torque(robot.gear, self.joint_torque / self.motor_strength, self.joint_velocity)
         return np.asarray(desaturate(robot.motors, shaft))
 
     def impossible(self, robot: RobotDescription) -> NDArray[np.bool_]:
-        """Where the refined model, at the robot's own bus and resistance, forbids it ``(T, n, 12)``."""
+        """Where the refined model, at the robot's own bus and resistance, forbids it ``(T, n, joints)``."""
         resistance = np.asarray(robot.motors.stator_resistance) * self.resistance_factor[:, None]
         motors = replace(robot.motors, stator_resistance=resistance)
         bus = robot.bus_voltage * self.bus_voltage_factor[..., None]
@@ -180,7 +180,7 @@ def load_training_cloud(path: Path) -> TrainingCloud:
 def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
     """Shapes that fit each other, and numbers."""
     shape = arrays["joint_velocity"].shape
-    if len(shape) != 3 or 0 in shape or shape[2] != 12:
+    if len(shape) != 3 or 0 in shape:
         raise SprintlabError(f"{path} is no cloud of a training: joint_velocity has shape {shape}")
     sizes = dict(zip("Tnj", shape, strict=True))
     for name, axes in _CLOUD_SHAPES.items():

@@ -229,7 +229,7 @@ class _Loads:
         self._velocity = velocity
 
     def take(self) -> tuple[FloatArray, FloatArray]:
-        """Mean vertical force ``(4,)`` [N] and greatest gear torque ``(12,)`` [N m] since the last call."""
+        """Mean vertical force ``(legs,)`` [N], top gear torque ``(joints,)`` [N m] since the last call."""
         taken = self._force / max(1, self._since_sample), self._torque
         self._force, self._torque = np.zeros_like(self._force), np.zeros_like(self._torque)
         self._since_sample = 0

@@ -1,6 +1,6 @@
 """What an evaluation hands back: trajectories, trials, protocol, race. Plain data, no simulator.
 
-Shapes: ``T`` samples (500 Hz unless ``PlantOptions.record_rate`` says otherwise), 12 joints in policy
+Shapes: ``T`` samples (500 Hz unless ``PlantOptions.record_rate`` says otherwise), joints in policy
 order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL, RR``. SI units.
 """
 
@@ -46,28 +46,28 @@ class Trajectory:
         angular_velocity: (T, 3) base, body frame: roll, pitch, yaw rate [rad/s].
         tilt: (T,) angle between the trunk's vertical and the world's [rad].
         heading: (T,) yaw angle, unwrapped [rad].
-        joint_position: (T, 12) [rad].
-        joint_velocity: (T, 12) joint side [rad/s]; times the gear ratio = motor speed.
-        joint_target: (T, 12) filtered joint targets of the PD loop [rad].
-        motor_torque: (T, 12) motor side, after the envelope's clip, before saturation [N m].
-        torque_lower: (T, 12) lower end of the envelope, motor side [N m].
-        torque_upper: (T, 12) upper end of the envelope, motor side [N m].
-        joint_torque: (T, 12) delivered to the joint [N m] (saturation, gear and efficiency in).
-        foot_contact: (T, 4) bool, foot touches the ground.
-        foot_penetration: (T, 4) depth below the ground [m], >= 0.
-        foot_position: (T, 4, 3) centre of the foot sphere, world [m].
-        foot_slip_speed: (T, 4) tangential speed of the lowest point of the foot [m/s].
+        joint_position: (T, joints) [rad].
+        joint_velocity: (T, joints) joint side [rad/s]; times the gear ratio = motor speed.
+        joint_target: (T, joints) filtered joint targets of the PD loop [rad].
+        motor_torque: (T, joints) motor side, after the envelope's clip, before saturation [N m].
+        torque_lower: (T, joints) lower end of the envelope, motor side [N m].
+        torque_upper: (T, joints) upper end of the envelope, motor side [N m].
+        joint_torque: (T, joints) delivered to the joint [N m] (saturation, gear and efficiency in).
+        foot_contact: (T, legs) bool, foot touches the ground.
+        foot_penetration: (T, legs) depth below the ground [m], >= 0.
+        foot_position: (T, legs, 3) centre of the foot sphere, world [m].
+        foot_slip_speed: (T, legs) tangential speed of the lowest point of the foot [m/s].
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
-        foot_force: (T, 4) vertical force of the ground on each foot, mean since the last sample [N];
+        foot_force: (T, legs) vertical force of the ground on each foot, mean since the last sample [N];
             ``None``, as is the next, where nobody measured it.
-        gear_torque: (T, 12) torque that the gear passes on to the joint, the motor's torque minus reflected
-            rotor inertia times acceleration; of the means over one motor step since the last sample, the one
-            with the greatest magnitude [N m].
+        gear_torque: (T, joints) torque that the gear passes on to the joint, the motor's torque minus the
+            reflected rotor inertia times acceleration; of the means over one motor step since the last
+            sample, the one with the greatest magnitude [N m].
         estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
             height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
         bus_voltage: (T,) [V]; ``None``, as is the next, without battery, heat and flux weakening.
-        copper_loss: (T, 12) heat in the windings, i_d of flux weakening included [W].
-        winding_temperature: (T, 12) [degC]; ``None`` without heat.
+        copper_loss: (T, joints) heat in the windings, i_d of flux weakening included [W].
+        winding_temperature: (T, joints) [degC]; ``None`` without heat.
     """
 
     time: Array
@@ -142,7 +142,7 @@ class TrialMetrics:
         angular_cost_rate: J per second of the hold [rad^2/s^2].
         over_speed_share: share of all joints' time beyond the motor's no-load speed.
         lateral_deviation: largest distance from the line through the start along x [m].
-        envelope_share: (12,) share of time, while commanded to move, that the torque sits on a limit.
+        envelope_share: (joints,) share of time, while commanded to move, that the torque sits on a limit.
         mechanical_power: mean power delivered to the joints [W], signed. This and the following powers,
             the gait and the cost of transport are means over the last 2 s of the hold.
         positive_power: mean of the positive part, summed over joints [W].
@@ -155,8 +155,8 @@ class TrialMetrics:
         stance_time: median time from a touchdown to the next lift-off of that foot, same interval [s].
         touchdowns_per_stride: touchdowns per stride and foot, every bounce counted, same interval.
         foot_force: greatest force of the ground on one foot, mean over 5 ms [body weights, payload included].
-        gear_torque_ratio: (12,) greatest torque through the gear, mean over 1 ms, over the peak joint torque.
-        joint_speed_ratio: (12,) highest motor speed over no-load speed.
+        gear_torque_ratio: (joints,) greatest torque through the gear, mean over 1 ms, over the joint's peak.
+        joint_speed_ratio: (joints,) highest motor speed over no-load speed.
         pad_deflection: deepest that a foot's pad is pressed in: overlap of foot and ground [m].
         smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
         slip_per_step: mean way that a foot slides in one stance [m].
@@ -332,7 +332,7 @@ class SpeedResult:
         """Mean of one field of ``TrialMetrics`` over the completed trials; ``nan`` when none completed.
 
         Returns:
-            A float, or an array ``(12,)`` or ``(4,)`` for the per-joint and per-foot fields.
+            A float, or an array ``(joints,)`` or ``(legs,)`` for the per-joint and per-foot fields.
         """
         values = np.array([getattr(trial.metrics, name) for trial in self.completed], dtype=float)
         return float("nan") if values.size == 0 else _scalar(values.mean(axis=0))
@@ -507,7 +507,7 @@ class RaceResult:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
 
         ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
-        (12 numbers in policy order) are means over the raw trials that completed; ``sprint_time_s`` is raw,
+        (one number per joint) are means over the raw trials that completed; ``sprint_time_s`` is raw,
         over ``distance_m``; ``time_100m_s`` is the same where that is 100 m, else null.
         """
         hundred = self.sprint.distance == 100.0

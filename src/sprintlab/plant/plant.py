@@ -181,7 +181,7 @@ class JointDrive(Protocol):
     """Twelve motors: what they give of what is asked for."""
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray, /) -> DriveOutput:
-        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(12,)``."""
+        """Motor and joint torques for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
         ...
 
 
@@ -244,7 +244,7 @@ class Plant:
         )
 
     def joint_state(self) -> tuple[FloatArray, FloatArray]:
-        """Joint positions [rad] and velocities [rad/s] that the encoders on the motor side see, ``(12,)``."""
+        """Positions [rad] and velocities [rad/s] that the encoders on the motor side see ``(joints,)``."""
         return self._position[self._joint_position], self._velocity[self._joint_velocity]
 
     def base_state(self) -> BaseState:
@@ -263,7 +263,7 @@ class Plant:
         """Hold joint targets for some motor steps.
 
         Args:
-            targets: ``(12,)`` [rad].
+            targets: ``(joints,)`` [rad].
             motor_steps: how many.
             recorder: takes a sample every ``options.record_every`` motor steps.
 
@@ -293,8 +293,8 @@ class Plant:
         """One motor step: ask the motors for torques, and go on whether the robot has fallen or not.
 
         Args:
-            desired_torque: ``(12,)`` joint side [N m], before the motors' limits.
-            targets: ``(12,)`` [rad], only recorded.
+            desired_torque: ``(joints,)`` joint side [N m], before the motors' limits.
+            targets: ``(joints,)`` [rad], only recorded.
             recorder: takes a sample every ``options.record_every`` motor steps.
 
         Returns:
@@ -331,12 +331,15 @@ class Plant:
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
         position = self._position[self._joint_position]
-        if ((position > self._free_lower) & (position < self._free_upper)).all():
-            torque = 0.0
-        else:
+        free = ((position > self._free_lower) & (position < self._free_upper)).all()
+        if not free:
             velocity = self._velocity[self._joint_velocity]
-            torque = soft_stop_torque(position, velocity, self.robot.position_limits, self.robot.soft_stop)
-        self.data.qfrc_applied[self._joint_velocity] = torque
+            self.data.qfrc_applied[self._joint_velocity] = soft_stop_torque(
+                position, velocity, self.robot.position_limits, self.robot.soft_stop
+            )
+        elif self._stopping:
+            self.data.qfrc_applied[self._joint_velocity] = 0.0
+        self._stopping = not free
 
     def _find_fall(self) -> str:
         x, y = self._position[4:6].tolist()
@@ -369,6 +372,7 @@ class Plant:
         self._fall_table = _fall_table(model, robot)
         self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0
+        self._stopping = False  # whether an end stop acted in the last step
 
     def _place(self, settings: TrialSettings) -> None:
         """Stand in the default pose, joints displaced by the trial's noise, feet on the ground."""
@@ -405,7 +409,7 @@ def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.in
     """
     table = np.zeros((model.ngeom, model.ngeom), dtype=np.int8)
     floor = model.geom("floor").id
-    fatal = {"trunk": 1, **{f"{leg}_thigh": 2 for leg in robot.leg_names}}
+    fatal = dict.fromkeys(robot.trunk_bodies, 1) | {f"{leg}_thigh": 2 for leg in robot.leg_names}
     for name, code in fatal.items():
         geom = model.geom(name).id
         table[floor, geom] = table[geom, floor] = code

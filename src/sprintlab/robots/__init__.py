@@ -7,8 +7,10 @@ from sprintlab.robots.description import (
     Mechanics,
     RobotDescription,
     SoftStop,
+    joint_kind,
     mirror_joints,
     mirror_legs,
+    neighbouring_legs,
     robot_fingerprint,
 )
 from sprintlab.robots.foot import (
@@ -30,7 +32,7 @@ from sprintlab.robots.foot import (
     set_friction,
 )
 from sprintlab.robots.loader import load_robot, load_robot_file, parameter_table, robot_names
-from sprintlab.robots.model import ModelOptions, build_model, robot_spec
+from sprintlab.robots.model import ModelOptions, build_model, leg_signs, robot_spec, shank_with_foot
 from sprintlab.robots.stops import soft_stop_torque
 from sprintlab.robots.table import ParameterRow
 
@@ -60,10 +62,13 @@ __all__ = [
     "effective_leg_mass",
     "expected_drop",
     "friction_ratio",
+    "joint_kind",
+    "leg_signs",
     "load_robot",
     "load_robot_file",
     "mirror_joints",
     "mirror_legs",
+    "neighbouring_legs",
     "pair_parameters",
     "parameter_table",
     "robot_fingerprint",
@@ -71,5 +76,6 @@ __all__ = [
     "robot_spec",
     "set_foot_contact",
     "set_friction",
+    "shank_with_foot",
     "soft_stop_torque",
 ]

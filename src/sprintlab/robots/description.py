@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 Vector = tuple[float, ...]
 
 JOINTS_PER_LEG = ("abad", "hip", "knee")
+WAIST = "waist"
+"""An actuated joint between the front and the rear half of the trunk, about the trunk's y axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,8 @@ class Mechanics:
         shank_radius: radius of the shank's collision capsule.
         foot_mass: mass of the foot sphere [kg].
         knee_spring: series spring between knee carrier and shank; None where the knee drives the shank.
+        rear_trunk: rear half of a trunk with a waist, which ``trunk`` then is the front half of: both in the
+            trunk's axes, the waist's axis through the origin; None where the trunk is one body.
 
     Raises:
         InvalidValueError: a length or mass is not positive, or only one of carrier and spring is there.
@@ -144,6 +148,7 @@ class Mechanics:
     shank_radius: float
     foot_mass: float
     knee_spring: KneeSpring | None
+    rear_trunk: Link | None = None
 
     def __post_init__(self) -> None:
         check_positive("trunk.half_size", np.asarray(self.trunk_half_size), "m")
@@ -166,22 +171,22 @@ class Mechanics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotDescription:
-    """A quadruped: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, SI units.
+    """A quadruped: joints in policy order ``FL, FR, RL, RR`` x ``abad, hip, knee``, then the waist; SI units.
 
     Attributes:
         name: the robot's name.
         leg_names: 4 legs.
-        joint_names: 12 actuated joints.
+        joint_names: the ``J`` actuated joints, 12, or 13 with a waist.
         spring_joint_names: 4 passive joints, or none.
-        default_pose: joint positions at zero action ``(12,)`` [rad].
-        action_scale: joint target per unit of action ``(12,)`` [rad].
-        stiffness: proportional gain of the joint controller ``(12,)`` [N m/rad].
-        damping: derivative gain of the joint controller ``(12,)`` [N m s/rad].
-        position_limits: lower and upper limit of each joint ``(12, 2)`` [rad].
-        viscous_friction: ``(12,)`` [N m s/rad].
-        dry_friction: ``(12,)`` [N m].
-        motors: motor parameters, motor side, each field ``(12,)``.
-        gear: gear ratio and efficiency, each ``(12,)``.
+        default_pose: joint positions at zero action ``(J,)`` [rad].
+        action_scale: joint target per unit of action ``(J,)`` [rad].
+        stiffness: proportional gain of the joint controller ``(J,)`` [N m/rad].
+        damping: derivative gain of the joint controller ``(J,)`` [N m s/rad].
+        position_limits: lower and upper limit of each joint ``(J, 2)`` [rad].
+        viscous_friction: ``(J,)`` [N m s/rad].
+        dry_friction: ``(J,)`` [N m].
+        motors: motor parameters, motor side, each field ``(J,)``.
+        gear: gear ratio and efficiency, each ``(J,)``.
         bus_voltage: [V].
         soft_stop: end stops of the actuated joints.
         base_height_target: trunk height to run at [m].
@@ -259,8 +264,40 @@ class RobotDescription:
 
     @property
     def armature(self) -> FloatArray:
-        """Rotor inertia seen at the joints, ``ratio^2 J``, shape ``(12,)`` [kg m^2]."""
+        """Rotor inertia seen at the joints, ``ratio^2 J_rotor`` ``(J,)`` [kg m^2]."""
         return np.asarray(self.motors.rotor_inertia) * np.asarray(self.gear.ratio) ** 2
+
+    @property
+    def leg_joints(self) -> NDArray[np.int_]:
+        """Which joints are abduction, hip and knee of each leg ``(legs, 3)``."""
+        names = [[f"{leg}_{joint}" for joint in JOINTS_PER_LEG] for leg in self.leg_names]
+        return np.array([[self.joint_names.index(name) for name in leg] for leg in names])
+
+    @property
+    def waist(self) -> int | None:
+        """Which joint is the waist; None without one."""
+        return self.joint_names.index(WAIST) if WAIST in self.joint_names else None
+
+    @property
+    def trunk_bodies(self) -> tuple[str, ...]:
+        """Names of the bodies, and of the collision boxes, that the trunk consists of, front first."""
+        return ("trunk",) if self.waist is None else ("trunk", "rear_trunk")
+
+
+def joint_kind(name: str) -> str:
+    """``abad``, ``hip``, ``knee`` or ``waist``, of a joint's name."""
+    return name.rpartition("_")[2]
+
+
+def neighbouring_legs(robot: RobotDescription) -> tuple[tuple[int, int], ...]:
+    """Pairs of legs side by side or one behind the other."""
+    legs = tuple(enumerate(robot.leg_names))
+    return tuple(
+        (first, second)
+        for first, one in legs
+        for second, other in legs[first + 1 :]
+        if sum(a != b for a, b in zip(one, other, strict=True)) == 1
+    )
 
 
 def mirror_legs(robot: RobotDescription) -> tuple[int, ...]:
@@ -272,12 +309,12 @@ def mirror_legs(robot: RobotDescription) -> tuple[int, ...]:
 def mirror_joints(robot: RobotDescription) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Joints when left and right are exchanged: whose value each takes ``(joints,)``, and with which sign.
 
-    Abduction turns about x and changes its sign; hip and knee turn about y and keep it.
+    Abduction turns about x and changes its sign; hip, knee and waist turn about y and keep it.
     """
-    other = {"L": "R", "R": "L"}
-    parts = [name.split("_", 1) for name in robot.joint_names]
-    order = tuple(robot.joint_names.index(f"{leg[:-1]}{other[leg[-1]]}_{joint}") for leg, joint in parts)
-    return order, tuple(-1.0 if joint == "abad" else 1.0 for _, joint in parts)
+    order = np.arange(len(robot.joint_names))
+    order[robot.leg_joints] = robot.leg_joints[list(mirror_legs(robot))]
+    signs = tuple(-1.0 if joint_kind(name) == "abad" else 1.0 for name in robot.joint_names)
+    return tuple(order.tolist()), signs
 
 
 def robot_fingerprint(robot: RobotDescription) -> str:

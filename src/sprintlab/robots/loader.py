@@ -13,12 +13,14 @@ from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import Gear, PmsmParameters, stack_motors
 from sprintlab.robots.description import (
     JOINTS_PER_LEG,
+    WAIST,
     FloatArray,
     KneeSpring,
     Link,
     Mechanics,
     RobotDescription,
     SoftStop,
+    joint_kind,
 )
 from sprintlab.robots.table import DRIVE_FIELDS, ParameterRow, ParameterTable, read_table
 
@@ -110,7 +112,10 @@ def describe_table(table: ParameterTable) -> RobotDescription:
     return RobotDescription(
         name=table.name,
         leg_names=LEG_NAMES,
-        joint_names=tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINTS_PER_LEG),
+        joint_names=(
+            *(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINTS_PER_LEG),
+            *((WAIST,) if table.has_waist else ()),
+        ),
         spring_joint_names=tuple(f"{leg}_spring" for leg in LEG_NAMES if table.has_knee_spring),
         default_pose=pose,
         action_scale=_per_joint(table, "action_scale"),
@@ -136,15 +141,19 @@ def _scalars(table: ParameterTable, section: str, names: tuple[str, ...]) -> dic
     return {name: table.number(f"{section}.{name}") for name in names}
 
 
+def _kinds(table: ParameterTable) -> tuple[str, ...]:
+    """The kind of each joint in policy order: those of a leg for every leg, then the waist."""
+    return JOINTS_PER_LEG * len(LEG_NAMES) + table.joints[len(JOINTS_PER_LEG) :]
+
+
 def _per_joint(table: ParameterTable, field: str) -> FloatArray:
-    """One value a joint type, repeated for the four legs: shape ``(12,)``."""
-    values = [table.number(f"joint.{joint}.{field}") for joint in JOINTS_PER_LEG]
-    return np.tile(np.array(values), len(LEG_NAMES))
+    """One value per joint in policy order ``(J,)``."""
+    return np.array([table.number(f"joint.{joint}.{field}") for joint in _kinds(table)])
 
 
 def _position_limits(table: ParameterTable) -> FloatArray:
-    """Limits of all joints ``(12, 2)``; the abduction range must be its own mirror image."""
-    ranges = {joint: table.vector(f"joint.{joint}.range") for joint in JOINTS_PER_LEG}
+    """Limits of all joints ``(J, 2)``; the abduction range must be its own mirror image."""
+    ranges = {joint: table.vector(f"joint.{joint}.range") for joint in table.joints}
     if ranges["abad"][0] != -ranges["abad"][1]:
         raise InvalidValueError("joint.abad.range", ranges["abad"], "must be symmetric: left mirrors right")
     for joint, (low, high) in ranges.items():
@@ -152,11 +161,11 @@ def _position_limits(table: ParameterTable) -> FloatArray:
             raise InvalidValueError(
                 f"joint.{joint}.range", (low, high), "must be [lower, upper], lower first"
             )
-    return np.tile(np.array([ranges[joint] for joint in JOINTS_PER_LEG]), (len(LEG_NAMES), 1))
+    return np.array([ranges[joint] for joint in _kinds(table)])
 
 
 def _motors(table: ParameterTable) -> PmsmParameters:
-    return stack_motors([_motor(table, joint) for joint in JOINTS_PER_LEG] * len(LEG_NAMES))
+    return stack_motors([_motor(table, joint) for joint in _kinds(table)])
 
 
 def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
@@ -171,8 +180,7 @@ def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
 
 def _gear(table: ParameterTable) -> Gear:
     def column(field: str) -> FloatArray:
-        values = [table.number(table.drive(joint, field)) for joint in JOINTS_PER_LEG]
-        return np.tile(np.array(values), len(LEG_NAMES))
+        return np.array([table.number(table.drive(joint, field)) for joint in _kinds(table)])
 
     return Gear(ratio=column("gear_ratio"), efficiency=column("gear_efficiency"))
 
@@ -202,7 +210,7 @@ def _knee_carrier(table: ParameterTable) -> Link | None:
 
 
 def _mechanics(table: ParameterTable) -> Mechanics:
-    """The trunk gets the mass that the four legs leave of the total."""
+    """The trunk, or its front half, gets the mass that legs and rear half leave of the total."""
     carrier = _knee_carrier(table)
     links = {
         "abad": _link(table, "abad_link"),
@@ -211,7 +219,9 @@ def _mechanics(table: ParameterTable) -> Mechanics:
     }
     foot_mass = table.number("foot.mass")
     leg_mass = sum(link.mass for link in (*links.values(), carrier) if link is not None) + foot_mass
+    rear_trunk = _link(table, "rear_trunk") if table.has_waist else None
     trunk_mass = table.number("body.total_mass") - len(LEG_NAMES) * leg_mass
+    trunk_mass -= 0.0 if rear_trunk is None else rear_trunk.mass
     if trunk_mass <= 0:
         raise InvalidValueError(
             "body.total_mass", table.number("body.total_mass"), "must exceed the legs' mass"
@@ -229,6 +239,7 @@ def _mechanics(table: ParameterTable) -> Mechanics:
         shank_radius=table.number("shank.collision_radius"),
         foot_mass=foot_mass,
         knee_spring=_knee_spring(table),
+        rear_trunk=rear_trunk,
         **links,
     )
 
@@ -253,7 +264,9 @@ def _derived_rows(robot: RobotDescription) -> list[ParameterRow]:
         ("trunk.mass", robot.mechanics.trunk.mass, "kg", "total mass less four legs"),
         ("body.standing_height", robot.standing_height, "m", "leg geometry in the default pose, unloaded"),
     ]
-    for index, joint in enumerate(JOINTS_PER_LEG):
+    kinds = [joint_kind(name) for name in robot.joint_names]
+    for joint in dict.fromkeys(kinds):
+        index = kinds.index(joint)
         inertia, peak = float(robot.armature[index]), float(torque[index])
         rows.append((f"joint.{joint}.armature", inertia, "kg m^2", "rotor inertia x gear ratio^2"))
         basis = "motor x gear, before saturation and efficiency"

@@ -12,7 +12,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
-from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, Link, RobotDescription
+from sprintlab.robots.description import FloatArray, Link, RobotDescription, joint_kind
 from sprintlab.robots.foot import (
     NOMINAL_FOOT,
     FootContact,
@@ -34,7 +34,8 @@ _SLIDE_ONLY = 3  # contact dimension: normal and two tangents, no torsion or rol
 # A pair collides when one geom's contype meets the other's conaffinity.
 _GROUND_BIT, _ROBOT_BIT = 1, 2
 COLLISION_GROUP, VISUAL_GROUP = 3, 2
-_AXES = {"abad": (1.0, 0.0, 0.0), "hip": (0.0, 1.0, 0.0), "knee": (0.0, 1.0, 0.0)}
+_PITCH = (0.0, 1.0, 0.0)
+_AXES = {"abad": (1.0, 0.0, 0.0), "hip": _PITCH, "knee": _PITCH, "waist": _PITCH}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +85,10 @@ def build_model(robot: RobotDescription, options: ModelOptions | None = None) ->
     """Compile the MuJoCo model of a robot standing over a flat floor.
 
     Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
-    between the last two; joints ``root`` (free), the robot's 12 joints and its springs, 4 or none; geoms
+    between the last two; joints ``root`` (free), the robot's joints and its springs, 4 or none; geoms
     ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
-    of floor and foot a leg, named like the foot, with the pad's contact; twelve torque
-    actuators in policy order; keyframe ``stand``.
+    of floor and foot per leg, named like the foot, with the pad's contact; torque actuators in policy order;
+    keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``, whose geom is named so.
     With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
 
     Raises:
@@ -113,8 +114,8 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
     _set_options(spec, options)
     _add_floor(spec, robot, options)
     trunk = _add_trunk(spec, robot, options)
-    for index in range(len(robot.leg_names)):
-        _add_leg(spec, trunk, robot, index, options)
+    _add_legs(spec, trunk, robot, 1.0, options)
+    _add_legs(spec, _add_rear_trunk(trunk, robot, options), robot, -1.0, options)
     for leg in robot.leg_names:
         add_foot_pair(spec, f"{leg}_foot", robot.foot_friction)
     for joint in robot.joint_names:
@@ -165,14 +166,38 @@ def _full_inertia(matrix: FloatArray) -> tuple[float, ...]:
 
 
 def _add_trunk(spec: mujoco.MjSpec, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
+    """The trunk, or its front half."""
     trunk = spec.worldbody.add_body(name="trunk", pos=(0, 0, robot.standing_height))
     trunk.add_freejoint(name="root")
     _set_link(trunk, robot.mechanics.trunk)
-    if options.collisions == "full":
-        half_size = robot.mechanics.trunk_half_size
-        geom = trunk.add_geom(name="trunk", type=mujoco.mjtGeom.mjGEOM_BOX, size=half_size)
-        _set_robot_collision(geom, robot, options)
+    _add_trunk_box(trunk, 1.0, robot, options)
     return trunk
+
+
+def _add_rear_trunk(trunk: mujoco.MjsBody, robot: RobotDescription, options: ModelOptions) -> mujoco.MjsBody:
+    """The body that carries the rear legs: the trunk itself where it has no waist."""
+    if robot.mechanics.rear_trunk is None or robot.waist is None:
+        return trunk
+    rear = trunk.add_body(name="rear_trunk")
+    _set_link(rear, robot.mechanics.rear_trunk)
+    _add_joint(rear, robot, robot.waist, options)
+    _add_trunk_box(rear, -1.0, robot, options)
+    return rear
+
+
+def _add_trunk_box(
+    body: mujoco.MjsBody, front: float, robot: RobotDescription, options: ModelOptions
+) -> None:
+    """The trunk's collision box; with a waist, the half before it (``front`` 1) or behind it (-1)."""
+    if options.collisions != "full":
+        return
+    length, width, height = robot.mechanics.trunk_half_size
+    middle = 0.0
+    if robot.waist is not None:
+        length, middle = 0.5 * length, 0.5 * front * length
+    geom = body.add_geom(name=body.name, type=mujoco.mjtGeom.mjGEOM_BOX, size=(length, width, height))
+    geom.pos = (middle, 0.0, 0.0)
+    _set_robot_collision(geom, robot, options)
 
 
 def _set_robot_collision(geom: mujoco.MjsGeom, robot: RobotDescription, options: ModelOptions) -> None:
@@ -184,17 +209,27 @@ def _set_robot_collision(geom: mujoco.MjsGeom, robot: RobotDescription, options:
     geom.rgba = (0.2, 0.6, 0.9, 0.4)
 
 
+def _add_legs(
+    spec: mujoco.MjSpec, trunk: mujoco.MjsBody, robot: RobotDescription, front: float, options: ModelOptions
+) -> None:
+    """All front (1) or rear (-1) legs."""
+    for index, leg in enumerate(robot.leg_names):
+        if leg_signs(leg)[0] == front:
+            _add_leg(spec, trunk, robot, index, options)
+
+
 def _add_leg(
     spec: mujoco.MjSpec, trunk: mujoco.MjsBody, robot: RobotDescription, index: int, options: ModelOptions
 ) -> None:
     leg, mechanics = robot.leg_names[index], robot.mechanics
     front, side = leg_signs(leg)
+    joints = robot.leg_joints[index]
     abad = trunk.add_body(name=f"{leg}_abad", pos=(front * mechanics.hip_x, side * mechanics.hip_y, 0))
     _set_link(abad, mechanics.abad, side)
-    _add_joint(abad, robot, 3 * index, options)
+    _add_joint(abad, robot, joints[0], options)
     thigh = abad.add_body(name=f"{leg}_thigh", pos=(0, side * mechanics.abad_offset, 0))
     _set_link(thigh, mechanics.thigh, side)
-    _add_joint(thigh, robot, 3 * index + 1, options)
+    _add_joint(thigh, robot, joints[1], options)
     shank = _add_shank(thigh, robot, index, options)
     _set_shank_inertia(shank, robot, side)
     _add_leg_collisions(spec, thigh, shank, robot, options)
@@ -205,14 +240,14 @@ def _add_shank(
 ) -> mujoco.MjsBody:
     """The shank on its knee joint; with a series spring, on the carrier that the knee drives."""
     leg, mechanics = robot.leg_names[index], robot.mechanics
-    knee = (0, 0, -mechanics.thigh_length)
+    knee, joint = (0, 0, -mechanics.thigh_length), robot.leg_joints[index, 2]
     if mechanics.knee_carrier is None:
         shank = thigh.add_body(name=f"{leg}_shank", pos=knee)
-        _add_joint(shank, robot, 3 * index + 2, options)
+        _add_joint(shank, robot, joint, options)
         return shank
     carrier = thigh.add_body(name=f"{leg}_knee", pos=knee)
     _set_link(carrier, mechanics.knee_carrier)
-    _add_joint(carrier, robot, 3 * index + 2, options)
+    _add_joint(carrier, robot, joint, options)
     shank = carrier.add_body(name=f"{leg}_shank")
     if options.knee_spring:
         _add_spring(shank, robot, index, options)
@@ -228,7 +263,7 @@ def _add_joint(body: mujoco.MjsBody, robot: RobotDescription, index: int, option
     joint = body.add_joint(
         name=robot.joint_names[index],
         type=mujoco.mjtJoint.mjJNT_HINGE,
-        axis=_AXES[JOINTS_PER_LEG[index % 3]],
+        axis=_AXES[joint_kind(robot.joint_names[index])],
         armature=float(robot.armature[index]),
     )
     joint.damping[0] = robot.viscous_friction[index]
@@ -333,6 +368,9 @@ def _standing_position(robot: RobotDescription, options: ModelOptions) -> list[f
     knee_spring = robot.mechanics.knee_spring
     spring = [knee_spring.rest_angle] if knee_spring is not None and options.knee_spring else []
     position = [0.0, 0.0, robot.standing_height, 1.0, 0.0, 0.0, 0.0]
-    for pose in robot.default_pose.reshape(-1, 3):
-        position += [*pose.tolist(), *spring]
+    waist = None if robot.waist is None else float(robot.default_pose[robot.waist])
+    for leg, joints in zip(robot.leg_names, robot.leg_joints, strict=True):
+        if waist is not None and leg_signs(leg)[0] < 0.0:
+            position, waist = [*position, waist], None  # in the model's order: before the rear legs
+        position += [*robot.default_pose[joints].tolist(), *spring]
     return position

@@ -11,9 +11,9 @@ import numpy as np
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.core.reading import read_toml
+from sprintlab.robots.description import JOINTS_PER_LEG, WAIST
 
 _LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
-JOINTS = ("abad", "hip", "knee")
 _JOINT = {
     "default_angle": 1,
     "range": 2,
@@ -40,6 +40,7 @@ _DRIVE_SECTIONS = {
     "abad": ("motor.abad", "motor"),
     "hip": ("motor.hip", "motor.hip_knee", "motor"),
     "knee": ("motor.knee", "motor.hip_knee", "motor"),
+    "waist": ("motor.waist", "motor.hip_knee", "motor"),
 }
 
 _SECTIONS: dict[str, dict[str, int]] = {
@@ -58,9 +59,10 @@ _SPRING_SECTIONS: dict[str, dict[str, int]] = {
     "knee_carrier": {"mass": 1, "inertia": 3},
     "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
 }
+_WAIST_SECTIONS: dict[str, dict[str, int]] = {"rear_trunk": _LINK, "joint.waist": _JOINT}
 _OPTIONAL_SECTIONS: dict[str, dict[str, int]] = {
     "trunk": {"center_of_mass": 3, "products_of_inertia": 3},
-    **{link: {"products_of_inertia": 3} for link in ("abad_link", "thigh", "shank")},
+    **{link: {"products_of_inertia": 3} for link in ("rear_trunk", "abad_link", "thigh", "shank")},
     **{
         section: dict.fromkeys(DRIVE_FIELDS, 1)
         for section in dict.fromkeys(name for names in _DRIVE_SECTIONS.values() for name in names)
@@ -78,7 +80,9 @@ REQUIRED = _dotted(_SECTIONS)
 """Every quantity that a robot's table must hold besides its drives, with the length of its value."""
 SPRING = _dotted(_SPRING_SECTIONS)
 """Quantities of a series spring in the knee: all of them or none."""
-QUANTITIES: dict[str, int] = {**REQUIRED, **SPRING, **_dotted(_OPTIONAL_SECTIONS)}
+WAIST_QUANTITIES = _dotted(_WAIST_SECTIONS)
+"""Quantities of an actuated waist: all of them or none."""
+QUANTITIES: dict[str, int] = {**REQUIRED, **SPRING, **WAIST_QUANTITIES, **_dotted(_OPTIONAL_SECTIONS)}
 """Every quantity that a robot's table may hold, with the length of its value."""
 
 _ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
@@ -131,6 +135,16 @@ class ParameterTable:
         """Whether the knee works through a series spring."""
         return any(quantity in self.rows for quantity in SPRING)
 
+    @property
+    def has_waist(self) -> bool:
+        """Whether an actuated joint divides the trunk."""
+        return any(quantity in self.rows for quantity in WAIST_QUANTITIES)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Kinds of joints: those of a leg, then the waist."""
+        return (*JOINTS_PER_LEG, WAIST) if self.has_waist else JOINTS_PER_LEG
+
     def drive(self, joint: str, field: str) -> str:
         """Name of the quantity that says ``field`` of a joint's drive: the most specific one there is."""
         names = [f"{section}.{field}" for section in _DRIVE_SECTIONS[joint]]
@@ -168,7 +182,8 @@ def _checked_table(document: dict[str, Any]) -> ParameterTable:
 def _missing(table: ParameterTable) -> list[str]:
     """Quantities that the table must still say, in the order of the sections."""
     needed = [*REQUIRED, *(SPRING if table.has_knee_spring else ())]
-    drives = [table.drive(joint, field) for joint in JOINTS for field in DRIVE_FIELDS]
+    needed += WAIST_QUANTITIES if table.has_waist else ()
+    drives = [table.drive(joint, field) for joint in table.joints for field in DRIVE_FIELDS]
     return [name for name in dict.fromkeys([*needed, *drives]) if name not in table.rows]
 
 

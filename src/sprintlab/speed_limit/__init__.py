@@ -12,7 +12,6 @@ from sprintlab.speed_limit.analysis import (
     stride_facts,
     trained_speeds,
 )
-from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.leg import PlanarLeg, planar_leg
 from sprintlab.speed_limit.runner import Runner, runner_from_robot
 from sprintlab.speed_limit.search import Fastest, SearchSettings, fastest_stride
@@ -32,7 +31,6 @@ __all__ = [
     "TrainedSpeed",
     "evaluate",
     "fastest_stride",
-    "limit_figure",
     "planar_leg",
     "runner_from_robot",
     "scalings",

@@ -67,8 +67,8 @@ class Runner:
 
 
 def runner_from_robot(robot: RobotDescription) -> Runner:
-    """The sagittal plane of a robot: hip and knee of its first leg stand for all four."""
-    pick = slice(1, 3)
+    """The sagittal plane of a robot: hip and knee of its first leg stand for all; a waist is straight."""
+    pick = robot.leg_joints[0, 1:]
     motors = {
         item.name: np.asarray(getattr(robot.motors, item.name))[pick] for item in fields(PmsmParameters)
     }

@@ -1,22 +1,52 @@
-"""The paper's six methods, one switch apart, and two presets of everything else that they share."""
+"""The paper's six methods, one switch apart; other papers' methods; two presets of everything else."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sprintlab.commands import AdaptiveSchedule, FixedAccelerationSchedule, UniformSchedule
+from sprintlab.commands import (
+    AdaptiveSchedule,
+    BoxGrid,
+    Curriculum,
+    CurriculumSchedule,
+    FixedAccelerationSchedule,
+    PredictionGrid,
+    ProgressGrid,
+    RampedSchedule,
+    TargetSampling,
+    UniformSchedule,
+)
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import MotorModel
+from sprintlab.motors import Battery, MotorModel
 from sprintlab.training.settings import RewardSettings, RewardWeight, Schedule, TrainingSettings
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """What sets a method apart: the motor model in training, and how commands evolve."""
+    """What sets a method apart.
+
+    Attributes:
+        actuator_model: motor model in training.
+        schedule: how commands evolve.
+        rewards: instead of the preset's; None: the preset's.
+        battery: behind the bus in training; None: that of the settings, stiff by default.
+        saturation: whether the motors saturate in training.
+        network: whether an actuator network takes the motor model's place, its file from the settings.
+        prior: whether computed strides are rewarded at the start, their file from the settings.
+        load_balance: weight of the reward term of this name, in both stages.
+        source: paper that the method follows; empty: the paper of this package.
+    """
 
     actuator_model: MotorModel
     schedule: Schedule
+    rewards: RewardSettings | None = None
+    battery: Battery | None = None
+    saturation: bool = True
+    network: bool = False
+    prior: bool = False
+    load_balance: float = 0.0
+    source: str = ""
 
 
 METHODS = {
@@ -33,9 +63,111 @@ METHODS = {
 LITERAL_ACS = "literal-acs"
 """A seventh method: the paper's Eq. of ACS as it stands, with no target that the commands move toward."""
 
-ALL_METHODS = METHODS | {
-    LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0))
+
+def hound_rewards() -> RewardSettings:
+    """Hound's rewards (2312.17507): its gait and foot terms, base and torque terms, tracking kernels.
+
+    All weights are the paper's divided by six, which makes linear tracking one as in the other presets. Its
+    contact velocity is our ``touchdown``: the squared downward speed of a foot that is about to touch. Terms
+    that it does not print are zero, and those that keep a simulated robot possible stay (end stops, legs,
+    knees, no-load speed). The sum is clipped at zero; how Hound adds its terms we could not read.
+    """
+    none = RewardWeight(first=0.0, second=0.0)
+
+    def weight(printed: float) -> RewardWeight:
+        return RewardWeight(first=printed / 6.0, second=printed / 6.0)
+
+    return RewardSettings(
+        linear_tracking=1.0,
+        angular_tracking=0.5,
+        angular_sharpness=1.5,
+        progress=0.0,
+        diagonal_contact=weight(1.2),
+        touchdown=weight(-6.0),
+        foot_slip=weight(-0.16),
+        torque=weight(-2e-4),
+        vertical_velocity=weight(-4.0 * 0.8),
+        tilt_rate=weight(-4.0 * 0.2),
+        joint_power=none,
+        action_rate=none,
+        smoothness=none,
+        roll_pitch_rate=none,
+        orientation=none,
+        base_height=none,
+        joint_acceleration=none,
+        abduction=none,
+        yaw_rate=none,
+        foot_clearance=none,
+        abduction_mirror=none,
+        grounded=none,
+        aggregation="clipped",
+    )
+
+
+def _curriculum(grid: Curriculum, persistence: tuple[float, float] = (3.0, 7.0)) -> CurriculumSchedule:
+    return CurriculumSchedule(targets=TargetSampling(top_share=0.0, grid=grid, persistence=persistence))
+
+
+COMPARATORS = {
+    "rlvrl": Method(
+        actuator_model="refined",
+        schedule=_curriculum(BoxGrid(), (10.0, 10.0)),
+        source="Margolis et al. 2022, Rapid Locomotion via RL: box-adaptive grid",
+    ),
+    "lp-acrl": Method(
+        actuator_model="refined",
+        schedule=_curriculum(ProgressGrid()),
+        source="LP-ACRL (2601.17428): bins by learning progress",
+    ),
+    "after-hacl": Method(
+        actuator_model="refined",
+        schedule=_curriculum(PredictionGrid()),
+        source="after HACL (2505.18429): bins by a predicted reward",
+    ),
+    "hound": Method(
+        actuator_model="simplified-dc",
+        schedule=RampedSchedule(),
+        rewards=hound_rewards(),
+        source="Hound (2312.17507): v_d = 0 operating region, gait and foot rewards",
+    ),
+    "spot-battery": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        battery=Battery(),
+        source="Spot (2504.17857): a battery in the loop, ours",
+    ),
+    "actuator-network": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        network=True,
+        source="Hwangbo et al. 2019: a network fitted to our simulated bench",
+    ),
+    "stride-prior": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        prior=True,
+        load_balance=-2.0,
+        source="the paper's future work: a trajectory prior and balanced joint loads",
+    ),
+    "flux-weakening": Method(
+        actuator_model="flux-weakening",
+        schedule=AdaptiveSchedule(),
+        source="the paper's future work: flux weakening in training and evaluation",
+    ),
 }
+"""Methods of other papers, and beyond the paper, on the same robot, recipe and budget."""
+
+NO_SATURATION = "no-saturation"
+"""An eighth method: the envelope as it is, but motors that do not saturate; the paper does not ablate it."""
+
+ALL_METHODS = (
+    METHODS
+    | {
+        LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0)),
+        NO_SATURATION: Method(actuator_model="refined", schedule=AdaptiveSchedule(), saturation=False),
+    }
+    | COMPARATORS
+)
 
 PRESETS = ("sprintlab", "paper")
 """``"sprintlab"``: our reward and practice, the defaults; ``"paper"``: the paper's table to the letter."""
@@ -95,16 +227,34 @@ def preset_settings(name: str, base: TrainingSettings | None = None) -> Training
 
 
 def method_settings(name: str, base: TrainingSettings | None = None) -> TrainingSettings:
-    """``base`` (default: all defaults) with the switch of method ``name``.
+    """``base`` (default: all defaults) with what sets method ``name`` apart.
 
     Raises:
-        InvalidValueError: the method is unknown; the message lists those that are known.
+        InvalidValueError: the method is unknown, the message lists those that are known; the rewards were
+            changed that the method decides; or it needs an actuator network or strides and there are none.
     """
     check_choice("method", name, tuple(ALL_METHODS))
-    method = ALL_METHODS[name]
+    method, base = ALL_METHODS[name], base or TrainingSettings()
+    if method.rewards is not None and base.rewards not in (RewardSettings(), method.rewards):
+        raise InvalidValueError("settings.rewards", "changed", f"left alone: method {name} decides them")
+    simulation, rewards = base.simulation, method.rewards or base.rewards
+    if method.network and simulation.actuator_network is None:
+        made = "a file made by python -m studies.paper network"
+        raise InvalidValueError("simulation.actuator_network", None, made)
+    if method.prior and base.prior is None:
+        raise InvalidValueError("prior", None, "a file made by python -m studies.paper stride")
+    if method.load_balance:
+        weight = RewardWeight(first=method.load_balance, second=method.load_balance)
+        rewards = replace(rewards, load_balance=weight)
+    if not method.saturation:
+        simulation = replace(simulation, saturation=False)
+    if method.battery is not None:
+        simulation = replace(simulation, battery=method.battery)
     return replace(
-        base or TrainingSettings(),
+        base,
         method=name,
         actuator_model=method.actuator_model,
         schedule=method.schedule,
+        rewards=rewards,
+        simulation=simulation,
     )

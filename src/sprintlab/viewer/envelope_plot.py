@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sprintlab.motors import MotorModel, no_load_speed
 from sprintlab.plant import PreparedDrive
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, joint_kind
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _BEYOND = 1.15  # the panel reaches this far past no-load speed and peak torque
 
 @dataclass(frozen=True, kw_only=True)
 class _Panel:
-    """One kind of joint: its columns in ``(12,)`` arrays and the scales of its axes."""
+    """One kind of joint: its columns in ``(joints,)`` arrays and the scales of its axes."""
 
     name: str
     joints: NDArray[np.int64]
@@ -50,7 +50,7 @@ class EnvelopePlot:
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
         self._ratio = np.broadcast_to(np.asarray(robot.gear.ratio, dtype=float), (len(robot.joint_names),))
-        kinds = dict.fromkeys(name.split("_", 1)[1] for name in robot.joint_names)
+        kinds = dict.fromkeys(map(joint_kind, robot.joint_names))
         top_speed = np.asarray(no_load_speed(robot.motors, robot.bus_voltage)) * _BEYOND
         top_torque = np.broadcast_to(np.asarray(robot.motors.peak_torque) * _BEYOND, top_speed.shape)
         self._panels = [
@@ -66,7 +66,7 @@ class EnvelopePlot:
 
     def _joints_of(self, kind: str) -> NDArray[np.int64]:
         names = self._robot.joint_names
-        return np.array([index for index, name in enumerate(names) if name.endswith("_" + kind)])
+        return np.array([index for index, name in enumerate(names) if joint_kind(name) == kind])
 
     def draw(
         self, joint_speed: FloatArray, motor_torque: FloatArray, model: MotorModel, bus_voltage: float
@@ -74,8 +74,8 @@ class EnvelopePlot:
         """The SVG elements.
 
         Args:
-            joint_speed: ``(n, 12)`` joint side [rad/s], oldest first.
-            motor_torque: ``(n, 12)`` motor side [N m].
+            joint_speed: ``(n, joints)`` joint side [rad/s], oldest first.
+            motor_torque: ``(n, joints)`` motor side [N m].
             model: motor law in use.
             bus_voltage: [V].
         """

@@ -137,8 +137,8 @@ class Glimpse:
         speed: forward speed in the heading frame [m/s].
         command: what the policy is given: forward, left [m/s], yaw rate [rad/s].
         bus_power: electrical power of all motors, mean over the last advance [W].
-        joint_speed: ``(n, 12)`` joint side [rad/s], samples of the last advance, oldest first.
-        motor_torque: ``(n, 12)`` motor side [N m], same samples.
+        joint_speed: ``(n, joints)`` joint side [rad/s], samples of the last advance, oldest first.
+        motor_torque: ``(n, joints)`` motor side [N m], same samples.
         distance: way along x since the robot stood up [m].
         falls: how often it fell.
         fall_reason: why it lies on the ground; empty while it runs.
@@ -173,7 +173,7 @@ class _Samples:
         """Feet are only watched by an evaluation."""
 
     def take(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint speed, motor torque and direct current as ``(n, 12)`` arrays; starts anew."""
+        """Joint speed, motor torque and direct current as ``(n, joints)`` arrays; starts anew."""
         kept = self.speed, self.torque, self.direct_current
         speed, torque, direct = (np.array(values).reshape(-1, len(self.joints)) for values in kept)
         for values in kept:

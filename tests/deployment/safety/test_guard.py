@@ -187,8 +187,8 @@ def test_whatever_is_given_what_leaves_may_be_acted_on(target, position, velocit
     state = state_of(position, velocity, voltage)
     servo = GUARD.servo(target, BP2.stiffness, BP2.damping, state, age)
     if servo is not None:
-        check_command(command_of(servo))
-    check_command(command_of(GUARD.damping(BP2.damping, state), JointMode.DAMPING))
+        check_command(command_of(servo), 12)
+    check_command(command_of(GUARD.damping(BP2.damping, state), JointMode.DAMPING), 12)
 
 
 @pytest.mark.parametrize("target", [np.nan, np.inf, -1e308, 1e308, 1e200])

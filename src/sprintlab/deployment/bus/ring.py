@@ -5,8 +5,8 @@ slot (a sequence lock); the reader copies the bytes and believes them only if th
 before and after. A reader that is too slow loses the oldest messages, and counts them. What a processor with
 weaker memory ordering than x86 might still let through, the checksum inside each message catches.
 
-Layout, in 8-byte words of the machine's own byte order: messages written so far, then for each slot its stamp
-and the message, padded to whole words.
+Layout, in 8-byte words of the machine's own byte order: messages written so far, then for each slot its
+stamp, the message's length in bytes, and room for the longest message, in whole words.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ _MOST_MESSAGES = 1 << 62  # twice the count must fit into a stamp
 
 
 def ring_size(slots: int, message_size: int) -> int:
-    """Bytes that a ring of ``slots`` messages of ``message_size`` bytes takes."""
-    return _WORD * (1 + slots * (1 + -(-message_size // _WORD)))
+    """Bytes that a ring of ``slots`` messages of at most ``message_size`` bytes takes."""
+    return _WORD * (1 + slots * (2 + -(-message_size // _WORD)))
 
 
 class _Ring:
@@ -28,7 +28,7 @@ class _Ring:
         self._words = self._memory.cast("Q")
         self._slots = slots
         self._size = message_size
-        self._words_per_slot = 1 + -(-message_size // _WORD)
+        self._words_per_slot = 2 + -(-message_size // _WORD)
 
     def _slot(self, index: int) -> int:
         """Word at which the slot of message ``index`` starts."""
@@ -52,13 +52,20 @@ class RingWriter(_Ring):
         self._next = written if written < _MOST_MESSAGES else 0
 
     def write(self, message: bytes) -> None:
-        """Put a message in the ring; the oldest one makes room."""
+        """Put a message in the ring; the oldest one makes room.
+
+        Raises:
+            ValueError: it is longer than a slot.
+        """
+        if len(message) > self._size:
+            raise ValueError(f"a message of {len(message)} bytes; a slot has {self._size}")
         index = self._next
         self._next += 1
         word = self._slot(index)
         self._words[word] = 2 * index + 1
-        start = _WORD * (word + 1)
-        self._memory[start : start + self._size] = message
+        self._words[word + 1] = len(message)
+        start = _WORD * (word + 2)
+        self._memory[start : start + len(message)] = message
         self._words[word] = 2 * index + 2
         self._words[0] = index + 1
 
@@ -105,8 +112,8 @@ class RingReader(_Ring):
 
     def _copy(self, index: int) -> bytes | None:
         word, stamp = self._slot(index), 2 * index + 2
-        start = _WORD * (word + 1)
-        if self._words[word] != stamp:
+        start, length = _WORD * (word + 2), self._words[word + 1]
+        if self._words[word] != stamp or length > self._size:
             return None
-        message = bytes(self._memory[start : start + self._size])
+        message = bytes(self._memory[start : start + length])
         return message if self._words[word] == stamp else None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sprintlab.deployment.interface import FloatArray
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, leg_signs, shank_with_foot
 
 GRAVITY = 9.81  # m/s^2
 
@@ -16,7 +16,7 @@ _WEIGHT_FIRST = 10.0  # carrying the weight counts for more than carrying it lev
 
 
 class Legs:
-    """Kinematics and statics of the four legs, feet as points.
+    """Kinematics and statics of the legs, feet as points; a waist is straight in the poses that it gives.
 
     In the plane of a leg with thigh ``a``, shank ``b``, hip angle ``h`` and knee angle ``k`` the foot is at
     ``x = -(a sin h + b sin(h + k))``, ``z = -(a cos h + b cos(h + k))`` from the hip; the abduction turns
@@ -28,24 +28,29 @@ class Legs:
 
     def __init__(self, robot: RobotDescription) -> None:
         mechanics = robot.mechanics
-        front, side = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
+        front, side = np.array([leg_signs(leg) for leg in robot.leg_names]).T
+        self._joints, self._waist = robot.leg_joints, robot.waist
+        self._count, self._rear = len(robot.joint_names), front < 0.0
+        rear = mechanics.rear_trunk
+        self._rear_moment = 0.0 if rear is None else GRAVITY * rear.mass * rear.center_of_mass[0]
+        self._mass_moments = _mass_moments(robot)
         self._a, self._b = mechanics.thigh_length, mechanics.shank_length
         self._offset = mechanics.abad_offset * side
-        self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros(4)), axis=1)
-        self._bend = np.sign(robot.default_pose.reshape(-1, 3)[:, 2])
+        self._axes = np.stack((mechanics.hip_x * front, mechanics.hip_y * side, np.zeros_like(side)), axis=1)
+        self._bend = np.sign(robot.default_pose[self._joints[:, 2]])
         self._weight = GRAVITY * robot.total_mass
-        folded = folded_pose(robot).reshape(-1, 3)[:, 2]
+        folded = folded_pose(robot)[self._joints[:, 2]]
         self.shortest = np.sqrt(self._a**2 + self._b**2 + 2.0 * self._a * self._b * np.cos(folded))
 
     def in_plane(self, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Feet from their hips in the planes of the legs: forward and up [m], each ``(4,)``."""
-        _, hip, knee = pose.reshape(-1, 3).T
+        """Feet from their hips in the planes of the legs: forward and up [m], each ``(legs,)``."""
+        _, hip, knee = pose[self._joints].T
         x = -(self._a * np.sin(hip) + self._b * np.sin(hip + knee))
         z = -(self._a * np.cos(hip) + self._b * np.cos(hip + knee))
         return x, z
 
     def bent(self, abad: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
-        """Pose [rad] ``(12,)`` with abduction ``abad`` and the feet at ``x``, ``z`` in the legs' planes.
+        """Pose [rad] ``(joints,)`` with abduction ``abad`` and the feet at ``x``, ``z`` in the legs' planes.
 
         What is out of reach comes as near as the legs can, in the same direction.
         """
@@ -53,20 +58,30 @@ class Legs:
         cosine = (reach**2 - self._a**2 - self._b**2) / (2.0 * self._a * self._b)
         knee = self._bend * np.arccos(np.clip(cosine, -1.0, 1.0))
         inner = np.arctan2(self._b * np.sin(knee), self._a + self._b * np.cos(knee))
-        return np.stack((abad, np.arctan2(-x, -z) - inner, knee), axis=1).reshape(-1)
+        return self._all_joints(np.stack((abad, np.arctan2(-x, -z) - inner, knee), axis=1))
+
+    def _all_joints(self, legs: FloatArray) -> FloatArray:
+        """Numbers of the legs' joints ``(legs, 3)`` as those of all joints, zero at the waist."""
+        joints = np.zeros(self._count)
+        joints[self._joints] = legs
+        return joints
 
     def feet(self, pose: FloatArray) -> FloatArray:
-        """Feet from the trunk's middle, in its axes [m] ``(4, 3)``."""
-        abad = pose.reshape(-1, 3)[:, 0]
+        """Feet from the trunk's middle, in its axes [m] ``(legs, 3)``."""
+        abad = pose[self._joints[:, 0]]
         x, z = self.in_plane(pose)
         y, up = (
             self._offset * np.cos(abad) - z * np.sin(abad),
             self._offset * np.sin(abad) + z * np.cos(abad),
         )
-        return self._axes + np.stack((x, y, up), axis=1)
+        feet = self._axes + np.stack((x, y, up), axis=1)
+        if self._waist is not None:
+            c, s = math.cos(pose[self._waist]), math.sin(pose[self._waist])
+            feet[self._rear] = feet[self._rear] @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        return feet
 
     def pose(self, feet: FloatArray) -> FloatArray:
-        """Pose [rad] ``(12,)`` that has its feet at ``feet`` [m] ``(4, 3)``, in the trunk's axes."""
+        """Pose [rad] ``(joints,)`` that has its feet at ``feet`` [m] ``(legs, 3)``, in the trunk's axes."""
         x, y, up = (feet - self._axes).T
         z = -np.sqrt(np.maximum(y**2 + up**2 - self._offset**2, 0.0))
         turn = np.arctan2(up, y) - np.arctan2(z, self._offset)
@@ -74,7 +89,7 @@ class Legs:
         return self.bent(abad, x, z)
 
     def within_reach(self, feet: FloatArray, share: float) -> FloatArray:
-        """Feet [m] ``(4, 3)`` from the trunk's middle, raised where a leg would be longer than that share."""
+        """Feet [m] ``(legs, 3)`` from the trunk's middle, raised where a leg were longer than ``share``."""
         hips = feet - self._axes
         longest = (share * (self._a + self._b)) ** 2 + self._offset**2
         lowest = -np.sqrt(np.maximum(longest - hips[:, 0] ** 2 - hips[:, 1] ** 2, 0.0))
@@ -82,7 +97,7 @@ class Legs:
         return hips + self._axes
 
     def loads(self, feet: FloatArray, standing: tuple[int, ...]) -> FloatArray:
-        """Vertical forces [N] ``(4,)`` with which some of the feet carry a robot that is level.
+        """Vertical forces [N] ``(legs,)`` with which some of the feet carry a robot that is level.
 
         Least squares of weight, pitching and rolling moment about the trunk's middle; feet do not pull.
         """
@@ -94,54 +109,78 @@ class Legs:
         return forces
 
     def carrying_torque(self, pose: FloatArray, loads: FloatArray) -> FloatArray:
-        """Joint torques [N m] ``(12,)`` that hold vertical ``loads`` [N] ``(4,)`` at the feet: ``-J' f``."""
-        abad, hip, knee = pose.reshape(-1, 3).T
+        """Torques [N m] ``(joints,)`` that hold vertical ``loads`` [N] ``(legs,)`` at the feet: ``-J' f``.
+
+        A waist also carries the weight of the rear half; it is taken to be straight and the robot level.
+        """
+        abad, hip, knee = pose[self._joints].T
         x, _ = self.in_plane(pose)
         sideways = (self.feet(pose) - self._axes)[:, 1]
         shank = self._b * np.sin(hip + knee)
         rise = np.stack((sideways, -x * np.cos(abad), shank * np.cos(abad)), axis=1)
-        return (-loads[:, None] * rise).reshape(-1)
+        torque = self._all_joints(-loads[:, None] * rise)
+        if self._waist is not None:
+            lever = self._axes[:, 0] + x
+            torque[self._waist] = (loads * lever - self._leg_moment(hip, knee))[self._rear].sum()
+            torque[self._waist] -= self._rear_moment
+        return torque
+
+    def _leg_moment(self, hip: FloatArray, knee: FloatArray) -> FloatArray:
+        """Moment of each leg's weight about the waist, legs vertical from the front [N m] ``(legs,)``."""
+        whole, thigh, below, shank = self._mass_moments
+        forward = thigh * np.sin(hip) - below * self._a * np.sin(hip) + shank * np.sin(hip + knee)
+        return GRAVITY * (whole * self._axes[:, 0] + forward)
+
+
+def _mass_moments(robot: RobotDescription) -> tuple[float, float, float, float]:
+    """A leg's mass, the thigh's first moment, the mass below the knee, the shank's [kg, kg m]."""
+    mechanics = robot.mechanics
+    shank, center, _ = shank_with_foot(robot)
+    carrier = 0.0 if mechanics.knee_carrier is None else mechanics.knee_carrier.mass
+    thigh = mechanics.thigh.mass * mechanics.thigh.center_of_mass[2]
+    return mechanics.leg_mass, thigh, shank + carrier, shank * float(center[2])
 
 
 def folded_pose(robot: RobotDescription) -> FloatArray:
-    """Pose of a lying robot [rad] ``(12,)``: knees folded as far as is free, feet below the hips.
+    """Pose of a lying robot [rad] ``(joints,)``: knees folded as far as is free, feet below the hips.
 
     With thigh ``a``, shank ``b`` and knee angle ``k`` the foot is below the hip for a hip angle
     ``atan2(-b sin k, a + b cos k)``.
     """
     a, b = robot.mechanics.thigh_length, robot.mechanics.shank_length
     reserve = robot.soft_stop.zone + _STOP_RESERVE
-    poses = []
-    for leg in range(len(robot.leg_names)):
-        lower, upper = robot.position_limits[3 * leg + 2]
-        bends_back = robot.default_pose[3 * leg + 2] < 0.0
+    pose = np.zeros(len(robot.joint_names))
+    for joints in robot.leg_joints:
+        lower, upper = robot.position_limits[joints[2]]
+        bends_back = robot.default_pose[joints[2]] < 0.0
         knee = float(lower) + reserve if bends_back else float(upper) - reserve
         hip = math.atan2(-b * math.sin(knee), a + b * math.cos(knee))
-        poses.append((0.0, hip, knee))
-    return np.asarray(poses, dtype=np.float64).reshape(-1)
+        pose[joints] = 0.0, hip, knee
+    return pose
 
 
 def tucked_pose(robot: RobotDescription) -> FloatArray:
-    """Pose of a robot on its belly [rad] ``(12,)``: knees folded, legs turned back.
+    """Pose of a robot on its belly [rad] ``(joints,)``: knees folded, legs turned back.
 
     The feet are as high as the belly, or the hips as far as is free.
     """
-    pose = folded_pose(robot).reshape(-1, 3)
-    bend = np.sign(pose[:, 2])
+    pose = folded_pose(robot)
+    _, hips, knees = robot.leg_joints.T
+    bend = np.sign(pose[knees])
     below = np.maximum(robot.mechanics.trunk_half_size[2] - robot.foot_radius, 0.0)
-    hip = pose[:, 1] - bend * np.arccos(np.minimum(below / Legs(robot).shortest, 1.0))
-    lower, upper = robot.position_limits.reshape(-1, 3, 2)[:, 1].T
+    hip = pose[hips] - bend * np.arccos(np.minimum(below / Legs(robot).shortest, 1.0))
+    lower, upper = robot.position_limits[hips].T
     reserve = robot.soft_stop.zone + _STOP_RESERVE
-    pose[:, 1] = np.clip(hip, lower + reserve, upper - reserve)
-    return pose.reshape(-1)
+    pose[hips] = np.clip(hip, lower + reserve, upper - reserve)
+    return pose
 
 
 def level_feet(legs: Legs, pose: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Feet from the trunk's middle [m] ``(4, 3)``, forward along the heading, z along gravity.
+    """Feet from the trunk's middle [m] ``(legs, 3)``, forward along the heading, z along gravity.
 
     Args:
         legs: of the robot.
-        pose: joint positions [rad] ``(12,)``.
+        pose: joint positions [rad] ``(joints,)``.
         quaternion: of the trunk, w first.
     """
     w, x, y, z = quaternion.tolist()

@@ -32,7 +32,7 @@ _EVERYONE = (0, 1, 2, 3)
 
 
 class Waypoint(NamedTuple):
-    """A pose [rad] ``(12,)`` and the time to get there from the one before [s]."""
+    """A pose [rad] ``(joints,)`` and the time to get there from the one before [s]."""
 
     pose: FloatArray
     duration: float
@@ -47,7 +47,7 @@ class Motion(Protocol):
         ...
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(12,)`` at ``time`` [s]."""
+        """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
         ...
 
 
@@ -55,7 +55,7 @@ class JointMotion:
     """Smooth joint targets through waypoints, at rest at each of them.
 
     Args:
-        start: pose at ``start_time`` [rad] ``(12,)``.
+        start: pose at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
         waypoints: where to go.
     """
@@ -86,7 +86,7 @@ class SinkMotion:
 
     Args:
         robot: link lengths and limits.
-        start: pose at ``start_time`` [rad] ``(12,)``.
+        start: pose at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
         duration: of sinking over the feet [s].
         tuck_time: from there to the belly [s].
@@ -102,7 +102,7 @@ class SinkMotion:
     ) -> None:
         self._legs, self._tucked = Legs(robot), tucked_pose(robot)
         self._start_time, self._duration, self._tuck_time = start_time, duration, tuck_time
-        self._abad = start.reshape(-1, 3)[:, 0]
+        self._abad = start[robot.leg_joints[:, 0]]
         self._x, self._z = self._legs.in_plane(start)
         self._highest = np.maximum(self._z, -self._legs.shortest)
 
@@ -112,7 +112,7 @@ class SinkMotion:
         return self._start_time + self._duration + self._tuck_time
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(12,)`` at ``time`` [s]."""
+        """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
         passed = time - self._start_time
         z = self._z + (self._highest - self._z) * _smooth(passed / self._duration)
         pose = self._legs.bent(self._abad, self._x, z)
@@ -144,7 +144,7 @@ class FootMotion:
     Args:
         robot: geometry, mass and gains.
         keys: the first one is where the feet are at the start; its duration counts for nothing.
-        start: targets at ``start_time`` [rad] ``(12,)``.
+        start: targets at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
     """
 
@@ -161,7 +161,7 @@ class FootMotion:
         return self._start_time + sum(key.duration for key in self._keys[1:])
 
     def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(12,)`` at ``time`` [s]; the jump at the start fades in the first phase."""
+        """Joint targets [rad] ``(joints,)`` at ``time`` [s]; the first phase fades out the first jump."""
         fading = 1.0 - _smooth((time - self._start_time) / self._keys[1].duration)
         return self._plan(time) + self._jump * fading
 
@@ -172,7 +172,7 @@ class FootMotion:
         return pose + torque / self._robot.stiffness
 
     def _pose(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Joint positions [rad] ``(12,)`` and loads [N] ``(4,)`` wanted at ``time`` [s]."""
+        """Joint positions [rad] ``(joints,)`` and loads [N] ``(4,)`` wanted at ``time`` [s]."""
         begin = self._start_time
         for before, key in pairwise(self._keys):
             if time < begin + key.duration:
@@ -198,7 +198,7 @@ def gather_motion(
     Args:
         robot: geometry, mass and gains.
         state: where the legs are and how the trunk is tilted.
-        start: targets at ``start_time`` [rad] ``(12,)``.
+        start: targets at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
     """
     legs = Legs(robot)
@@ -231,7 +231,7 @@ def rise_motion(
 
     Args:
         robot: geometry, mass and gains.
-        start: targets at ``start_time`` [rad] ``(12,)``.
+        start: targets at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
         tuck_time: [s].
         rise_time: [s].

@@ -23,7 +23,8 @@ def binary_schema(topic: str) -> tuple[str, bytes]:
     kind = MESSAGE_TYPES[topic]
     description = {
         "format_version": FORMAT_VERSION,
-        "bytes": message_size(kind),
+        "bytes": message_size(kind, joints=0),
+        "bytes_per_joint": message_size(kind, joints=1) - message_size(kind, joints=0),
         "byte_order": "little",
         "layout": "magic 'SPRT', u16 version, u16 kind, u64 sequence, u64 timestamp [ns], u64 whole numbers, "
         "f64 numbers in the order of the fields, u32 CRC-32 of all before",

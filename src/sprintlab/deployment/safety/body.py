@@ -32,6 +32,7 @@ class BodyMonitor:
         self._highest_speed = settings.overspeed_ratio * no_load
         self._highest_torque = settings.overtorque_ratio * np.asarray(robot.motors.peak_torque) * ratio
         self._voltage = robot.bus_voltage
+        self._legs = robot.leg_joints
         self._links = (robot.mechanics.thigh_length, robot.mechanics.shank_length)
         self._lowest_extension = settings.collapse_height * self._extension(robot.default_pose)
         self.reset()
@@ -79,6 +80,6 @@ class BodyMonitor:
 
     def _extension(self, position: np.ndarray) -> float:
         """Vertical reach of the longest leg, trunk level [m]; from abduction, hip and knee angles."""
-        abad, hip, knee = np.asarray(position).reshape(4, 3).T
+        abad, hip, knee = np.asarray(position)[self._legs].T
         thigh, shank = self._links
         return float(((thigh * np.cos(hip) + shank * np.cos(hip + knee)) * np.cos(abad)).max())

@@ -20,7 +20,7 @@ from sprintlab.robots import RobotDescription
 
 
 class GuardedServo(NamedTuple):
-    """A servo command that keeps every limit: target [rad], gains, feedforward [N m], all ``(12,)``."""
+    """A servo command that keeps every limit: target [rad], gains, feedforward [N m], all ``(joints,)``."""
 
     target_position: FloatArray
     stiffness: FloatArray
@@ -55,7 +55,7 @@ class CommandGuard:
         self._acceleration = np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
 
     def torque_interval(self, state: RobotState, age: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest joint torque [N m] ``(12,)`` that may be asked for.
+        """Least and greatest joint torque [N m] ``(joints,)`` that may be asked for.
 
         Args:
             state: the last one.
@@ -69,7 +69,7 @@ class CommandGuard:
         return least, np.maximum(np.where(upper > 0.0, upper * above, upper), lower)
 
     def _envelope(self, state: RobotState, age: float) -> tuple[FloatArray, FloatArray]:
-        """Joint torques [N m] ``(12,)`` that the motors allow at the speeds within reach in ``age`` [s]."""
+        """Joint torques [N m] ``(joints,)`` the motors allow at the speeds within reach in ``age`` [s]."""
         voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
         speed = state.joint_velocity * self._ratio
         if age > 0.0:
@@ -87,7 +87,7 @@ class CommandGuard:
         state: RobotState,
         age: float = 0.0,
     ) -> GuardedServo | None:
-        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(12,)``.
+        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(joints,)``.
 
         Returns:
             None where no such command is within ``COMMAND_BOUNDS``: for targets that are not finite, or
@@ -147,7 +147,7 @@ def _sound(servo: GuardedServo) -> bool:
 
 
 def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:
-    """Joint torque [N m] ``(12,)`` that a command asks for at a state."""
+    """Joint torque [N m] ``(joints,)`` that a command asks for at a state."""
     if command.mode == JointMode.OFF:
         return np.zeros_like(state.joint_velocity)
     if command.mode == JointMode.DAMPING:

@@ -17,6 +17,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     RobotStatus,
     check_command,
+    command_digest,
 )
 from sprintlab.deployment.simulator.options import SimulatorOptions
 from sprintlab.motors import DriveOutput
@@ -84,7 +85,7 @@ class SimulatedRobot:
     def accept(self, command: JointCommand) -> bool:
         """Act on a command from now on, unless the robot must not; returns whether it does."""
         try:
-            check_command(command)
+            check_command(command, len(self._robot.joint_names))
         except MessageError:
             self.dropped += 1
             return False
@@ -135,6 +136,7 @@ class SimulatedRobot:
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
             session=0 if self._command is None else self._command.session,
             foreign_commands=self.foreign,
+            command_digest=0 if self._command is None else command_digest(self._command),
         )
 
     def fix(self, timestamp: int) -> PositionFix | None:

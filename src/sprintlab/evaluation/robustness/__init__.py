@@ -1,7 +1,6 @@
 """How many of many sprints stay upright when everything differs from the nominal robot at once."""
 
 from sprintlab.evaluation.robustness.draws import ALL, CAUSES, NOMINAL, RobustnessRanges, draw_request
-from sprintlab.evaluation.robustness.figure import robustness_figure
 from sprintlab.evaluation.robustness.study import StudySettings, run_study
 from sprintlab.evaluation.robustness.summary import summarize, wilson_interval
 
@@ -12,7 +11,6 @@ __all__ = [
     "RobustnessRanges",
     "StudySettings",
     "draw_request",
-    "robustness_figure",
     "run_study",
     "summarize",
     "wilson_interval",

@@ -11,16 +11,13 @@ from sprintlab.core.files import atomic_directory, atomic_write_json, atomic_wri
 from sprintlab.robots.description import RobotDescription
 from sprintlab.robots.importing.checks import Check, run_checks
 from sprintlab.robots.importing.choices import RobotChoices
-from sprintlab.robots.importing.fit import FittedRobot, fit_robot
+from sprintlab.robots.importing.fit import fit_robot
 from sprintlab.robots.importing.source import read_source
 from sprintlab.robots.importing.table import robot_table, table_text
 from sprintlab.robots.loader import TABLE_FILE, load_robot_file
 from sprintlab.robots.model import ModelOptions, build_model
 
 MAP_FILE, TRAINING_FILE = "joints.json", "train.py"
-_SWING_HEIGHT, _TOUCHDOWN_HEIGHT = 0.13, 0.035  # of the leg's length: what 8 cm and 2 cm are to BP2's 0.63 m
-_LEG_GAP, _KNEE_GAP = 0.06, 0.08  # of the leg's length
-_FROUDE_FIRST, _FROUDE_SECOND = 5.8, 31.0  # v^2 / (g l) of BP2's stages, 6 and 14 m/s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,45 +59,33 @@ def import_robot(source_file: Path, choices: RobotChoices, output: Path) -> Impo
         build_model(robot, ModelOptions(collisions="full"))
         maps: Mapping[str, object] = {name: asdict(item) for name, item in fitted.maps.items()}
         atomic_write_json(draft / MAP_FILE, maps)
-        atomic_write_text(draft / TRAINING_FILE, training_text(choices.name, robot, fitted))
+        atomic_write_text(draft / TRAINING_FILE, training_text(choices.name))
         checks = run_checks(source, fitted, choices, robot)
     return ImportedRobot(folder=folder, robot=robot, checks=checks)
 
 
-def training_text(name: str, robot: RobotDescription, fitted: FittedRobot) -> str:
+def training_text(name: str) -> str:
     """A training configuration in Python: BP2's, its lengths, speeds and masses scaled to the robot."""
-    leg = fitted.thigh_length + fitted.shank_length
-    first, second = ((froude * 9.81 * leg) ** 0.5 for froude in (_FROUDE_FIRST, _FROUDE_SECOND))
-    payload = 0.04 * robot.total_mass
-    return _TEMPLATE.format(
-        name=name,
-        swing=robot.foot_radius + _SWING_HEIGHT * leg,
-        touchdown=robot.foot_radius + _TOUCHDOWN_HEIGHT * leg,
-        leg_reward=1.6 * _LEG_GAP * leg,
-        leg_end=0.8 * _LEG_GAP * leg,
-        knee=_KNEE_GAP * leg,
-        payload=payload,
-        shift=0.03 * leg,
-        first=first,
-        second=second,
-    )
+    return _TEMPLATE.format(name=name)
 
 
 _TEMPLATE = '''"""Train a sprint policy for {name}.
 
     pip install 'sprintlab[train]'
     python train.py --minutes 8 --output runs/{name}
-    sprintlab export runs/{name}/checkpoint.pt {name}.onnx
+    sprintlab race runs/{name}/policy.onnx
 
-Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a run can be set here.
+Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a run can be set here, with
+``dataclasses.replace``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.api.training import run_script, train_settings
+from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent
@@ -108,19 +93,7 @@ ROBOT = Path(__file__).resolve().parent
 
 def settings() -> TrainingSettings:
     """The training settings of {name}."""
-    base = TrainingSettings(robot=str(ROBOT / "parameters.toml"))
-    rewards = replace(
-        base.rewards,
-        foot_clearance_target={swing:.3f},
-        touchdown_height={touchdown:.3f},
-        leg_distance_limit={leg_reward:.3f},
-    )
-    randomization = replace(
-        base.randomization, payload=(-{payload:.2f}, {payload:.2f}), center_of_mass={shift:.3f}
-    )
-    episodes = replace(base.episodes, leg_distance_limit={leg_end:.3f}, knee_clearance={knee:.3f})
-    stages = replace(base.stages, first_top={first:.1f}, second_top={second:.1f})
-    return replace(base, rewards=rewards, randomization=randomization, episodes=episodes, stages=stages)
+    return scaled_settings(str(ROBOT / "parameters.toml"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -99,7 +99,7 @@ def standing_starts(
 
     Args:
         standing: the pose to start from ``(nq,)``.
-        joints: addresses of the joints in it ``(12,)``.
+        joints: addresses of the joints in it ``(joints,)``.
         velocities: generalized velocities a robot.
         top_speed: of the commanded range [m/s] ``()``.
         draws: random numbers.

@@ -8,7 +8,7 @@ import mujoco
 import torch
 
 from sprintlab.control import projected_gravity
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, neighbouring_legs
 from sprintlab.training.environment.simulation import BatchSimulation
 
 CONTACT_MARGIN = 0.004
@@ -25,14 +25,15 @@ class BodyState(NamedTuple):
         velocity: of the trunk in the heading frame (forward, left, up) [m/s] ``(n, 3)``.
         height: of the trunk's middle [m] ``(n,)``.
         trunk_clearance: of the trunk's lowest corner over the ground [m] ``(n,)``.
-        joint_position: [rad] ``(n, 12)``.
-        joint_velocity: [rad/s] ``(n, 12)``.
-        foot_height: of the feet's middles [m] ``(n, 4)``.
-        foot_speed: horizontal speed of the feet [m/s] ``(n, 4)``.
-        foot_descent: downward speed of the feet, zero while they rise [m/s] ``(n, 4)``.
-        contact: 1 where a foot touches ``(n, 4)``.
-        knee_height: of the knee axes [m] ``(n, 4)``.
-        leg_distance: least distance between the shanks of neighbouring legs [m] ``(n, 4)``.
+        joint_position: [rad] ``(n, joints)``.
+        joint_velocity: [rad/s] ``(n, joints)``.
+        abduction: angles of the abduction joints [rad] ``(n, legs)``.
+        foot_height: of the feet's middles [m] ``(n, legs)``.
+        foot_speed: horizontal speed of the feet [m/s] ``(n, legs)``.
+        foot_descent: downward speed of the feet, zero while they rise [m/s] ``(n, legs)``.
+        contact: 1 where a foot touches ``(n, legs)``.
+        knee_height: of the knee axes [m] ``(n, legs)``.
+        leg_distance: least distance between the shanks of neighbouring legs [m] ``(n, pairs)``.
     """
 
     gravity: torch.Tensor
@@ -42,6 +43,7 @@ class BodyState(NamedTuple):
     trunk_clearance: torch.Tensor
     joint_position: torch.Tensor
     joint_velocity: torch.Tensor
+    abduction: torch.Tensor
     foot_height: torch.Tensor
     foot_speed: torch.Tensor
     foot_descent: torch.Tensor
@@ -77,8 +79,10 @@ class Kinematics:
         self._feet = index([int(model.geom(f"{leg}_foot").id) for leg in robot.leg_names])
         self._trunk = self._body(model, "trunk")
         self._half_size = torch.tensor(robot.mechanics.trunk_half_size, device=device, dtype=torch.float32)
-        # Left-right pairs in front and behind, front-rear pairs on either side.
-        self._first, self._second = index([0, 2, 0, 1]), index([1, 3, 2, 3])
+        self._abduction = index(robot.leg_joints[:, 0].tolist())
+        self._waist = robot.waist
+        first, second = zip(*neighbouring_legs(robot), strict=True)
+        self._first, self._second = index(list(first)), index(list(second))
         steps = torch.linspace(0.0, 1.0, _POINTS_ON_SHANK, device=device)
         self._along = steps[None, None, :, None]
 
@@ -95,14 +99,16 @@ class Kinematics:
         foot = simulation.geom_xpos[:, self._feet]
         knee = simulation.xpos[:, self._shanks]
         foot_velocity = self._foot_velocity(foot)
+        joints = simulation.qpos[:, self.joint_qpos]
         return BodyState(
             gravity=gravity,
             angular_velocity=simulation.qvel[:, 3:6],
             velocity=heading_velocity(quaternion, simulation.qvel[:, :3]),
             height=height,
-            trunk_clearance=height - (gravity.abs() * self._half_size).sum(1),
-            joint_position=simulation.qpos[:, self.joint_qpos],
+            trunk_clearance=height - self._trunk_reach(gravity, joints),
+            joint_position=joints,
             joint_velocity=simulation.qvel[:, self.joint_qvel],
+            abduction=joints[:, self._abduction],
             foot_height=foot[..., 2],
             foot_speed=foot_velocity[..., :2].norm(dim=-1),
             foot_descent=-foot_velocity[..., 2].clamp(max=0.0),
@@ -111,14 +117,24 @@ class Kinematics:
             leg_distance=self._leg_distance(knee, foot),
         )
 
+    def _trunk_reach(self, gravity: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
+        """How far the trunk's corners reach below its middle [m] ``(n,)``; each half of it as a whole box."""
+        reach = (gravity.abs() * self._half_size).sum(1)
+        if self._waist is None:
+            return reach
+        x, y, z = gravity.unbind(1)
+        cosine, sine = torch.cos(joints[:, self._waist]), torch.sin(joints[:, self._waist])
+        rear = torch.stack((cosine * x - sine * z, y, sine * x + cosine * z), 1)
+        return torch.maximum(reach, (rear.abs() * self._half_size).sum(1))
+
     def _foot_velocity(self, foot: torch.Tensor) -> torch.Tensor:
-        """Velocity of the feet ``(n, 4, 3)`` from the shanks' spatial velocities about the robot's centre."""
+        """Velocity of the feet ``(n, legs, 3)``, from spatial velocities about the robot's centre."""
         spatial = self._simulation.cvel[:, self._shanks]
         lever = foot - self._simulation.subtree_com[:, self._trunk : self._trunk + 1]
         return spatial[..., 3:] + torch.linalg.cross(spatial[..., :3], lever, dim=-1)
 
     def _leg_distance(self, knee: torch.Tensor, foot: torch.Tensor) -> torch.Tensor:
-        """Least distance between points on the shanks of each neighbouring pair ``(n, 4)``."""
+        """Least distance between points on the shanks of each neighbouring pair ``(n, pairs)``."""
         points = knee[:, :, None] + self._along * (foot - knee)[:, :, None]
         first, second = points[:, self._first], points[:, self._second]
         squared = (first[:, :, :, None] - second[:, :, None]).square().sum(-1)

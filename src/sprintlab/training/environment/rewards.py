@@ -34,18 +34,19 @@ class RewardInput(NamedTuple):
     Attributes:
         body: state after the step.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
-        action: of this step ``(n, 12)``.
-        previous_action: of the step before ``(n, 12)``.
-        earlier_action: of two steps before ``(n, 12)``.
-        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, 12)``.
-        torque: delivered by the motors [N m] ``(n, 12)``.
-        limit_excess: beyond the beginning of the end stops [rad] ``(n, 12)``.
+        action: of this step ``(n, joints)``.
+        previous_action: of the step before ``(n, joints)``.
+        earlier_action: of two steps before ``(n, joints)``.
+        joint_acceleration: finite difference over the policy step [rad/s^2] ``(n, joints)``.
+        torque: delivered by the motors [N m] ``(n, joints)``.
+        limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
         base_height_target: [m].
         loads: what happened in the physics steps of this policy step.
         running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
         running_yaw_rate: averaged alike [rad/s] ``(n,)``.
         weight: of the robot [N] ``(n,)``.
-        no_load_speed: of each joint on the robot's own bus [rad/s] ``(12,)``.
+        peak_torque: of each joint near standstill [N m] ``(joints,)``.
+        no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
     """
 
     body: BodyState
@@ -62,6 +63,7 @@ class RewardInput(NamedTuple):
     running_yaw_rate: torch.Tensor
     weight: torch.Tensor | float
     no_load_speed: torch.Tensor | float = math.inf
+    peak_torque: torch.Tensor | float = 1.0
 
 
 Penalty = Callable[[RewardInput, RewardSettings], torch.Tensor]
@@ -76,14 +78,13 @@ PENALTIES: dict[str, Penalty] = {
     "orientation": lambda x, s: _unwanted_tilt(x, s),
     "base_height": lambda x, s: (x.body.height - x.base_height_target).square(),
     "joint_acceleration": lambda x, s: x.joint_acceleration.square().sum(1),
-    "abduction": lambda x, s: x.body.joint_position[:, 0::3].square().sum(1),
+    "abduction": lambda x, s: x.body.abduction.square().sum(1),
     "collision": lambda x, s: (x.body.knee_height < KNEE_CONTACT_HEIGHT).float().sum(1),
     "foot_slip": lambda x, s: (x.body.foot_speed * x.body.contact).sum(1),
     "yaw_rate": lambda x, s: _unwanted_yaw_rate(x, s).square(),
     "foot_clearance": lambda x, s: _clearance_error(x, s).sum(1),
     "abduction_mirror": lambda x, s: (
-        (x.body.joint_position[:, 0] + x.body.joint_position[:, 3]).square()
-        + (x.body.joint_position[:, 6] + x.body.joint_position[:, 9]).square()
+        (x.body.abduction[:, 0::2] + x.body.abduction[:, 1::2]).square().sum(1)  # left and right
     ),
     "grounded": lambda x, s: x.body.contact.mean(1) * x.body.velocity[:, 0].clamp(min=0.0),
     "touchdown": lambda x, s: (
@@ -103,6 +104,10 @@ PENALTIES: dict[str, Penalty] = {
         _asked_to_stand(x) * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
     ),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
+    "diagonal_contact": lambda x, s: _diagonal_contact(x.body.contact),
+    "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
+    "torque": lambda x, s: x.torque.square().sum(1),
+    "load_balance": lambda x, s: (x.torque.abs() / x.peak_torque).var(1, correction=0),
 }
 
 
@@ -133,18 +138,26 @@ def _clearance_error(x: RewardInput, s: RewardSettings) -> torch.Tensor:
     return error if s.bare_squares else error * x.body.foot_speed
 
 
-def tracking(x: RewardInput) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _diagonal_contact(contact: torch.Tensor) -> torch.Tensor:
+    """1 where exactly one diagonal pair of feet (FL and RR, or FR and RL) touches ``(n,)``."""
+    first, second = contact[:, 0] * contact[:, 3], contact[:, 1] * contact[:, 2]
+    return (first + second) * (contact.sum(1) == 2.0).float()
+
+
+def tracking(
+    x: RewardInput, angular_sharpness: float = 1.0
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """What is rewarded, unweighted, each ``(n,)``.
 
-    ``exp(-|v_xy - command|^2)``, ``exp(-(yaw rate - command)^2)``, and the speed in the commanded direction,
-    up to the commanded one, over 10 m/s.
+    ``exp(-|v_xy - command|^2)``, ``exp(-angular_sharpness (yaw rate - command)^2)``, and the speed in the
+    commanded direction, up to the commanded one, over 10 m/s.
     """
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
     wanted = x.command[:, 0].abs()
     along = x.body.velocity[:, 0] * torch.sign(x.command[:, 0])
     onward = torch.minimum(along.clamp(min=0.0), wanted) / PROGRESS_SPEED
-    return torch.exp(-error), torch.exp(-turn), onward
+    return torch.exp(-error), torch.exp(-angular_sharpness * turn), onward
 
 
 def fine_tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor]:

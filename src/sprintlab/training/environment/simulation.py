@@ -21,6 +21,11 @@ from sprintlab.training.environment.actuation import (
     air_drag_kernel,
     joint_torque_kernel,
 )
+from sprintlab.training.environment.actuator_network import (
+    network_inputs,
+    network_torque_kernel,
+    read_networks,
+)
 from sprintlab.training.environment.loads import LoadMonitor
 from sprintlab.training.environment.supply import Supply
 from sprintlab.training.graphs import suspended_garbage_collection
@@ -89,13 +94,13 @@ class BatchSimulation:
 
     Attributes (torch views on the simulator's own memory, ``n`` environments):
         qpos, qvel: state ``(n, nq)``, ``(n, nv)``.
-        target: joint targets [rad] ``(n, 12)``: write here, then ``step``.
-        previous_target: in force during the first ``delay`` substeps ``(n, 12)``.
+        target: joint targets [rad] ``(n, joints)``: write here, then ``step``.
+        previous_target: in force during the first ``delay`` substeps ``(n, joints)``.
         delay: substeps before the target takes effect ``(n,)``.
         mean_delay: about which it varies ``(n,)``.
-        drive_torque: torque delivered by the motors in the last substep [N m] ``(n, 12)``.
-        on_limit: 1 where the motor was on its envelope in the last substep ``(n, 12)``.
-        power: drawn from the bus, mean over the policy step [W] ``(n, 12)``.
+        drive_torque: torque delivered by the motors in the last substep [N m] ``(n, joints)``.
+        on_limit: 1 where the motor was on its envelope in the last substep ``(n, joints)``.
+        power: drawn from the bus, mean over the policy step [W] ``(n, joints)``.
         timestep: of the physics; ``substeps`` of them are the policy's period [s] ``(n,)``.
         monitor: loads between the policy steps.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage,
@@ -181,7 +186,9 @@ class BatchSimulation:
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
         self.drag_area = torch.full((n,), DRAG_AREA, device=self.device)
-        drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
+        constants = _joint_drives(robot, self.mj_model)
+        constants["saturation"] *= float(self.settings.saturation)
+        drives = wp.array(constants, dtype=JointDrive, device=self._warp_device)
 
         def arrays(*tensors: torch.Tensor) -> list[Any]:
             return [wp.from_torch(tensor, dtype=wp.float32) for tensor in tensors]
@@ -192,7 +199,7 @@ class BatchSimulation:
             self.strength, self.resistance_factor, self.friction_factor, self.voltage
         )
         state, model = [self.data.qpos, self.data.qvel], MODEL_CODES[actuator_model]
-        self.supply = Supply(self.settings, self.device)
+        self.supply = Supply(self.settings, joints, self.device)
         self.supply.connect([drives, *control, resistance], state, model, voltage)
         scales = [strength, resistance, friction, voltage]
         self._launch = {
@@ -215,6 +222,8 @@ class BatchSimulation:
             ],
             "device": self._warp_device,
         }
+        if self.settings.actuator_network is not None:
+            self._use_network([drives, *control, strength, friction, *state])
 
         trunk = int(self.mj_model.body("trunk").id)
         self._air = {
@@ -224,6 +233,15 @@ class BatchSimulation:
             "outputs": [self.data.xfrc_applied],
             "device": self._warp_device,
         }
+
+    def _use_network(self, inputs: list[Any]) -> None:
+        """Let actuator networks give the torques; inputs of their kernel without the networks."""
+        networks = read_networks(str(self.settings.actuator_network), self.robot)
+        drives, *others = inputs
+        weights = network_inputs(networks, self._warp_device)
+        outputs = self._launch["outputs"][1:]  # without the windings' temperature
+        self._launch |= {"kernel": network_torque_kernel, "outputs": outputs}
+        self._launch["inputs"] = [drives, *weights, *others, 1.0 / self.settings.substeps]
 
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""

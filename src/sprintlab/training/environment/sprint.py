@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import torch
 
 from sprintlab.commands import (
     CommandState,
+    TargetOutcome,
     heading_angle,
     heading_command,
     initial_state,
@@ -35,8 +35,8 @@ from sprintlab.control import (
 )
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
-from sprintlab.motors import no_load_speed
 from sprintlab.robots import load_robot
+from sprintlab.training.environment.actuator_network import drive_scales
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
@@ -50,6 +50,7 @@ from sprintlab.training.environment.rewards import (
     tracking,
 )
 from sprintlab.training.environment.simulation import BatchSimulation
+from sprintlab.training.environment.stride_prior import StrideReference
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.settings import TrainingSettings
@@ -93,9 +94,12 @@ class SprintEnvironment:
         self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
         self.kinematics = Kinematics(self.robot, self.simulation)
         self.friction = randomize(self.simulation, settings.randomization)
-        no_load = np.asarray(no_load_speed(self.robot.motors, self.robot.bus_voltage))
-        no_load = no_load / np.asarray(self.robot.gear.ratio)
-        self.no_load_speed = torch.tensor(no_load, dtype=torch.float32, device=device)
+        prior = settings.prior
+        self.strides = None if prior is None else StrideReference(prior, self.robot, device)
+        self.prior_weight = torch.full((), 0.0 if prior is None else prior.weight_at(0), device=device)
+        self.peak_torque, self.no_load_speed = (
+            torch.tensor(scale, dtype=torch.float32, device=device) for scale in drive_scales(self.robot)
+        )
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
@@ -160,6 +164,7 @@ class SprintEnvironment:
         self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
+        self.tracked = zeros(n, 3)  # sums over a target's time: both kernels, steps
         self.grid = self.settings.schedule.targets.grid
         self.grid_weights = zeros(1, 1) if self.grid is None else self.grid.initial_weights(zeros(1))
         self.episode_length_buf = torch.zeros(n, dtype=torch.long, device=self.device)
@@ -184,6 +189,7 @@ class SprintEnvironment:
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
             "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
+            "tracked",
             "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
             "time_out", "done",
             "actor_observation", "critic_observation",
@@ -229,7 +235,7 @@ class SprintEnvironment:
         return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
 
     def write_action(self, actions: torch.Tensor) -> None:
-        """Turn actions ``(n, 12)`` into the joint targets of the next ``advance``."""
+        """Turn actions ``(n, joints)`` into the joint targets of the next ``advance``."""
         self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
         target = target - self._joint_offset
@@ -293,9 +299,10 @@ class SprintEnvironment:
             running_yaw_rate=self.running_yaw_rate,
             weight=self.simulation.monitor.weight,
             no_load_speed=self.no_load_speed,
+            peak_torque=self.peak_torque,
         )
         rewards = self.settings.rewards
-        follow, turn, onward = tracking(inputs)
+        follow, turn, onward = tracking(inputs, rewards.angular_sharpness)
         fine_follow, fine_turn = fine_tracking(inputs, rewards)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
@@ -303,6 +310,8 @@ class SprintEnvironment:
         positive = (
             positive + rewards.fine_speed_tracking * fine_follow + rewards.fine_yaw_tracking * fine_turn
         )
+        if self.strides is not None:
+            positive = positive + self.prior_weight * self.strides.likeness(body, self.running_speed)
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._log(inputs, (follow, turn, rate), ends, weighted)
@@ -334,16 +343,30 @@ class SprintEnvironment:
         self._log_sums.add_(torch.nan_to_num(means).mean(0))
 
     def _learn_grid(self, ends: Ends) -> None:
-        """Open the grid around the targets that were held to the end of their time."""
+        """What robots make of their targets goes into the grid that draws them."""
         if self.grid is None:
             return
+        outcome = self._outcome(ends)
+        self.grid_weights.copy_(self.grid.update(self.grid_weights, outcome))
+        self.tracked.mul_((~(outcome.due | ends.any)).float()[:, None])
+
+    def _outcome(self, ends: Ends) -> TargetOutcome:
+        """How every robot does on its target."""
         commands = self.commands
-        due = (commands.time_to_target <= POLICY_STEP) & ~ends.any
-        held = self.grid.held(
-            commands.target_speed - self.running_speed, commands.command[:, 2] - self.running_yaw_rate
+        speed_error = commands.target_speed - self.running_speed
+        yaw_error = commands.command[:, 2] - self.running_yaw_rate
+        kernels = torch.stack((torch.exp(-speed_error.square()), torch.exp(-yaw_error.square())), 1)
+        self.tracked.add_(torch.cat((torch.nan_to_num(kernels), torch.ones_like(kernels[:, :1])), 1))
+        left = (commands.time_to_target / POLICY_STEP - 1.0).clamp(min=0.0)
+        return TargetOutcome(
+            speed=commands.target_speed,
+            yaw_rate=commands.command[:, 2],
+            speed_error=speed_error,
+            yaw_error=yaw_error,
+            tracking=self.tracked[:, :2] / (self.tracked[:, 2] + left)[:, None],
+            due=(commands.time_to_target <= POLICY_STEP) & ~ends.any,
+            failed=ends.failed,
         )
-        bins = self.grid.bins(commands.target_speed, commands.command[:, 2])
-        self.grid_weights.copy_(self.grid.learn(self.grid_weights, bins, due & held))
 
     def _push(self) -> None:
         """Now and then a kick: a random change of the horizontal base velocity."""
@@ -384,7 +407,7 @@ class SprintEnvironment:
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
-        for buffer in (self.filtered, self.history, self.course, *self.commands):
+        for buffer in (self.filtered, self.history, self.course, self.tracked, *self.commands):
             self._put(buffer, starts.copied, buffer[starts.donors])
         for buffer in self.simulation.monitor.state().values():
             self._put(buffer, starts.copied, buffer[starts.donors])

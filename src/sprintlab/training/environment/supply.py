@@ -1,6 +1,6 @@
 """Battery and winding heat of all environments: the law of ``motors.battery`` and ``motors.thermal`` in Warp.
 
-One thread an environment finds the voltage at which its twelve motors draw just the power that lowers the bus
+One thread an environment finds the voltage at which its motors draw just the power that lowers the bus
 to it, before ``joint_torque_kernel`` runs; a test proves it equal to ``motors.shared_bus_voltage``. Without a
 battery nothing is launched, and without heat the torque kernel touches no temperature.
 """
@@ -29,10 +29,9 @@ from sprintlab.training.environment.actuation import (
 )
 from sprintlab.training.settings import SimulationSettings
 
-# No gradients, and loops stay loops: twelve steps of twelve joints unrolled would take minutes to compile.
+# No gradients, and loops stay loops: unrolled, dozens of steps of all joints would take minutes to compile.
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-JOINTS = 12
 _SOLVER_STEPS = 34  # as in motors.battery; an environment stops as soon as its residual is small
 _SOLVER_TOLERANCE = 1e-4  # [V]
 _FIRST_ROOM = _SOLVER_TOLERANCE * 2.0**_SOLVER_STEPS
@@ -90,7 +89,7 @@ def drawn_power(
 ):
     """Power that all joints of an environment draw at a phase voltage limit [W]."""
     power = float(0.0)
-    for joint in range(JOINTS):
+    for joint in range(drives.shape[0]):
         drive = drives[joint]
         temperature = float(0.0)
         if heated == 1:
@@ -192,22 +191,22 @@ class Supply:
 
     Attributes (torch, ``n`` environments; one row of each where battery or heat is off):
         state_of_charge: ``(n,)``.
-        winding_temperature: ``(n, 12)`` [degC].
+        winding_temperature: ``(n, joints)`` [degC].
     """
 
-    def __init__(self, settings: SimulationSettings, device: str) -> None:
+    def __init__(self, settings: SimulationSettings, joints: int, device: str) -> None:
         self._settings = settings
         n = settings.environments
         self.heated = int(settings.heat is not None)
         self._start_charge = torch.ones(1, device=device)
-        self._start_temperature = torch.zeros(1, JOINTS, device=device)
+        self._start_temperature = torch.zeros(1, joints, device=device)
         if settings.battery is not None:
             self._start_charge = _drawn(settings.state_of_charge, (n,), device)
         if settings.heat is not None:
-            self._start_temperature = _drawn(settings.winding_temperature, (n, JOINTS), device)
+            self._start_temperature = _drawn(settings.winding_temperature, (n, joints), device)
         self.state_of_charge = self._start_charge.clone()
         self.winding_temperature = self._start_temperature.clone()
-        self.heats = wp.array(joint_heats(settings), dtype=JointHeat, device=wp.get_device(device))
+        self.heats = wp.array(joint_heats(settings, joints), dtype=JointHeat, device=wp.get_device(device))
         self._launch: dict[str, Any] | None = None
 
     def connect(self, inputs: list[Any], state: list[Any], model: int, voltage: Any) -> None:
@@ -275,10 +274,10 @@ def battery_pack(battery: Battery) -> Pack:
     return pack
 
 
-def joint_heats(settings: SimulationSettings) -> np.ndarray:
+def joint_heats(settings: SimulationSettings, joints: int) -> np.ndarray:
     """One ``JointHeat`` a joint, as Warp's structured array."""
     heat = settings.heat or WindingHeat()
-    heats = np.zeros(JOINTS, dtype=JointHeat.numpy_dtype())
+    heats = np.zeros(joints, dtype=JointHeat.numpy_dtype())
     heats["thermal_resistance"] = heat.thermal_resistance
     heats["decay"] = np.exp(-settings.timestep / (heat.thermal_resistance * heat.heat_capacity))
     heats["ambient"] = heat.ambient_temperature

@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     import torch
 
 CHECKPOINT_FORMAT = 4
-CHECKPOINT_LIMIT = 8 << 30
-"""Largest checkpoint that is read [bytes]."""
-_HEADER_LIMIT = 256 << 20
+CHECKPOINT_LIMIT = 1 << 30
+"""Largest checkpoint that is read [bytes]; those of this package have some ten million."""
+_HEADER_LIMIT = 128 << 20
+_MOST_VALUES = 4_000_000  # a log of 100,000 iterations of a training
 _MOST_TENSORS = 100_000
 _NAME = "sprintlab checkpoint"
 _NO_CHECKSUM = "0" * 64
@@ -47,6 +48,9 @@ _TYPES = {
     "I64": ("int64", 8), "I32": ("int32", 4), "I16": ("int16", 2), "I8": ("int8", 1),
     "U8": ("uint8", 1), "BOOL": ("bool", 1),
 }  # fmt: skip
+_ARRAY_TYPES = {"bool", "float16", "float32", "float64"} | {
+    f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)
+}
 _NAMES = {torch_name: name for name, (torch_name, _) in _TYPES.items()}
 
 
@@ -150,8 +154,11 @@ def _file(values: Any, tensors: Mapping[str, torch.Tensor]) -> bytes:
     return content.replace(_NO_CHECKSUM.encode(), _checksum(content).encode(), 1)
 
 
-def _checksum(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def _checksum(*parts: bytes | memoryview) -> str:
+    made = hashlib.sha256()
+    for part in parts:
+        made.update(part)
+    return made.hexdigest()
 
 
 def _bytes_of(tensor: torch.Tensor) -> bytes:
@@ -175,6 +182,8 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
         (length,) = struct.unpack_from("<Q", content)
         if length > min(_HEADER_LIMIT, len(content) - 8):
             raise ValueError("it is cut off")
+        if content.count(b",", 0, 8 + length) > _MOST_VALUES:
+            raise ValueError(f"it holds more than {_MOST_VALUES} values")
         header = parse_json(content[8 : 8 + length])
         about = header.pop("__metadata__")
         if about["kind"] != _NAME:
@@ -187,11 +196,12 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
             f"{path} is a checkpoint of format {printable(version, 20)}; this version reads "
             f"{CHECKPOINT_FORMAT}"
         )
-    blank = content[: 8 + length].replace(told.encode(), _NO_CHECKSUM.encode(), 1) + content[8 + length :]
-    if len(told) != 64 or _checksum(blank) != told:
+    blank = content[: 8 + length].replace(told.encode(), _NO_CHECKSUM.encode(), 1)
+    body = memoryview(content)[8 + length :]
+    if len(told) != 64 or _checksum(blank, body) != told:
         raise SprintlabError(f"{path} is damaged: its checksum does not fit; take an earlier copy")
     try:
-        return parse_json(about["values"]), header, memoryview(content)[8 + length :]
+        return parse_json(about["values"]), header, body
     except (ValueError, KeyError, TypeError) as error:
         raise SprintlabError(f"{path} is no checkpoint: {printable(error)}") from error
 
@@ -256,7 +266,7 @@ def _packed_object(value: Any, tensors: dict[str, torch.Tensor], name: str) -> A
     )
 
 
-def _unpacked(value: Any, table: Mapping[str, Any], content: memoryview, depth: int = 0) -> Any:
+def _unpacked(value: Any, table: dict[str, Any], content: memoryview, depth: int = 0) -> Any:
     """Inverse of ``_packed``."""
     if depth > _DEEPEST:
         raise ValueError("it is nested too deeply")
@@ -268,10 +278,9 @@ def _unpacked(value: Any, table: Mapping[str, Any], content: memoryview, depth: 
     if "$tensor" in entry:
         return _tensor(entry["$tensor"], table, content)
     if "$array" in entry:
-        kind = np.dtype(str(entry["dtype"]))
-        if kind.kind not in "biuf":
+        if entry["dtype"] not in _ARRAY_TYPES:
             raise ValueError("an array is of no number")
-        return _tensor(entry["$array"], table, content).numpy().astype(kind)
+        return _tensor(entry["$array"], table, content).numpy().astype(entry["dtype"])
     if "$tuple" in entry:
         return tuple(_unpacked(entry["$tuple"], table, content, depth + 1))
     if "$class" in entry:
@@ -280,12 +289,13 @@ def _unpacked(value: Any, table: Mapping[str, Any], content: memoryview, depth: 
     return {key: _unpacked(item, table, content, depth + 1) for key, item in entry.items()}
 
 
-def _tensor(name: Any, table: Mapping[str, Any], content: memoryview) -> torch.Tensor:
+def _tensor(name: Any, table: dict[str, Any], content: memoryview) -> torch.Tensor:
+    """A tensor by its name, which stands in one place only: a name a million times is no checkpoint."""
     import torch
 
     if len(table) > _MOST_TENSORS:
         raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
-    entry = table[name]
+    entry = table.pop(name)
     torch_name, size = _TYPES[entry["dtype"]]
     shape, (start, end) = [int(side) for side in entry["shape"]], entry["data_offsets"]
     inside = 0 <= start <= end <= len(content) and all(side >= 0 for side in shape) and len(shape) <= 16

@@ -89,10 +89,10 @@ def record_cloud(runner: Runner, steps: int = CLOUD_STEPS, settle: int = SETTLED
     Returns:
         ``T`` moments of ``n`` robots: ``time`` ``(T,)`` [s]; ``joint_velocity`` [rad/s], ``joint_torque``
         (delivered by the motors, joint side) [N m] and ``on_limit`` (whether the motor of the training gave
-        less than was asked of it) ``(T, n, 12)``; ``forward_speed`` [m/s] and ``bus_voltage_factor`` (over
-        the nominal) ``(T, n)``; what was randomized: ``resistance_factor`` ``(n,)`` and
-        ``motor_strength`` ``(n, 12)``; and in words ``robot``, ``motor_model``, ``method``, ``seed``,
-        ``iteration``, ``format``.
+        less than was asked of it) ``(T, n, joints)``; ``forward_speed`` [m/s] and
+        ``bus_voltage_factor`` (over the nominal) ``(T, n)``; what was randomized:
+        ``resistance_factor`` ``(n,)`` and ``motor_strength`` ``(n, joints)``; and in words ``robot``,
+        ``motor_model``, ``method``, ``seed``, ``iteration``, ``format``.
     """
     environment, settings = runner.environment, runner.settings
     settle = min(settle, runner.progress.iteration * settings.ppo.steps)

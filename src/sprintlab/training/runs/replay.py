@@ -12,7 +12,6 @@ import numpy.typing as npt
 from sprintlab.commands import heading_command
 from sprintlab.control import (
     ESTIMATE_SIZE,
-    JOINT_COUNT,
     POLICY_RATE_HZ,
     Measurement,
     Policy,
@@ -33,7 +32,7 @@ _STAND = 0.5  # s before the command rises
 _ACCELERATION = 2.0  # m/s^2
 
 _WIDTHS = {"qpos": 7, "angular_velocity": 3, "command": 3}
-_WIDTHS |= {"joint_position": JOINT_COUNT, "joint_velocity": JOINT_COUNT}
+_PER_JOINT = ("joint_position", "joint_velocity")
 
 
 class RecordedRun(NamedTuple):
@@ -42,8 +41,8 @@ class RecordedRun(NamedTuple):
     Attributes:
         angular_velocity: body frame [rad/s] ``(n, 3)``.
         gravity: unit vector in the body frame ``(n, 3)``.
-        joint_position: [rad] ``(n, 12)``.
-        joint_velocity: [rad/s] ``(n, 12)``.
+        joint_position: [rad] ``(n, joints)``.
+        joint_velocity: [rad/s] ``(n, joints)``.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``.
     """
 
@@ -60,7 +59,7 @@ class Replay(NamedTuple):
     Attributes:
         observation: ``(n, H * 45)``.
         previous_estimate: ``(n, 8)``; zeros for a policy without an estimator.
-        action: ``(n, 12)``.
+        action: ``(n, joints)``.
         estimate: ``(n, 8)``, or None for a policy without an estimator.
     """
 
@@ -76,7 +75,7 @@ def read_recording(path: Path) -> RecordedRun:
     Raises:
         InvalidValueError: the file is no such recording, or holds numbers that are not finite.
     """
-    names = ("time", *_WIDTHS)
+    names = ("time", *_WIDTHS, *_PER_JOINT)
     try:
         found = read_arrays(path, names)
         arrays = {name: found[name].astype(np.float64) for name in names}
@@ -173,7 +172,8 @@ def _check_arrays(path: str | os.PathLike[str], arrays: dict[str, npt.NDArray[np
     length = len(arrays["time"])
     if arrays["time"].ndim != 1 or length < 2:
         raise InvalidValueError("recording", str(path), "must hold two samples at least")
-    for name, width in _WIDTHS.items():
+    widths = _WIDTHS | dict.fromkeys(_PER_JOINT, arrays["joint_position"].shape[-1])
+    for name, width in widths.items():
         array = arrays[name]
         narrow = array.ndim != 2 or array.shape[1] < width or (name != "qpos" and array.shape[1] != width)
         if narrow or len(array) != length or not np.isfinite(array).all():

@@ -1,4 +1,4 @@
-"""Bench data: one steady operating point a row, every column with its unit in the header.
+"""Bench data: one operating point a row, every column with its unit in the header.
 
 A header cell is a name and a unit in brackets, e.g. ``speed [rpm],iq [A],torque [N m]``. Currents and
 voltages are amplitudes in the rotor's frame (amplitude-invariant), torque is what the shaft gives, positive
@@ -39,6 +39,7 @@ COLUMNS: dict[str, Mapping[str, float]] = {
     "bus_voltage": _VOLT,
     "temperature": {"degC": 1.0},
     "limited": {"": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3},
 }
 """Known columns and their units, as SI factors; ``limited`` is 1 where the inverter gives all its voltage."""
 
@@ -56,8 +57,8 @@ MOST_ROWS = 100_000
 """Most operating points of a bench."""
 _LONGEST_LINE = 4000
 _LONGEST_HEADING = 100
-_LARGEST = {"speed": 1e5, "torque": 1e5}
-_LARGEST_OTHER = 1e6  # [A], [V], [degC]
+_LARGEST = {"speed": 1e5, "torque": 1e5, "time": 1e10}  # a clock may count from 1970
+_LARGEST_OTHER = 1e6  # [A], [V], [degC], [s]
 _MOST_TITLES = 10  # lines above a header
 _LISTED = 4  # differing values that an error shows
 _HOTTEST = 250.0  # [degC]: beyond, the temperatures are in kelvin or of another thing
@@ -78,8 +79,11 @@ class Bench:
         bus_voltage: DC bus [V] or ``None``.
         temperature: of the winding [degC] or ``None``.
         limited: the inverter gives all its voltage, bool.
+        time: of a log [s] or ``None``: rows that follow each other closely (``transients``).
+        acceleration: of the shaft [rad/s^2] or ``None``, of a log's windows.
         lines: line of each row in its file, to name it.
         unused: columns that were not understood and not read.
+        remarks: what was done to the rows before a fit, which a reader must know.
     """
 
     current: FloatArray
@@ -92,8 +96,11 @@ class Bench:
     bus_voltage: FloatArray | None = None
     temperature: FloatArray | None = None
     limited: NDArray[np.bool_]
+    time: FloatArray | None = None
+    acceleration: FloatArray | None = None
     lines: NDArray[np.int64]
     unused: tuple[str, ...] = field(default=())
+    remarks: tuple[str, ...] = field(default=())
 
     @property
     def size(self) -> int:
@@ -148,8 +155,11 @@ def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
         InvalidValueError: a ratio outside [1, 500].
     """
     check_range("gear_ratio", ratio, 1.0, 500.0)
-    speed = bench.speed if bench.speed is None or motor_speed else bench.speed * ratio
-    return replace(bench, torque=bench.torque / ratio, speed=speed)
+    torque = bench.torque / ratio
+    if motor_speed or bench.speed is None:
+        return replace(bench, torque=torque)
+    acceleration = None if bench.acceleration is None else bench.acceleration * ratio
+    return replace(bench, torque=torque, speed=bench.speed * ratio, acceleration=acceleration)
 
 
 def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
@@ -245,8 +255,8 @@ def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, fl
             raise InvalidValueError(f"{path}: column", cell[:40], f"at most {_LONGEST_HEADING} characters")
         match = _HEADER.fullmatch(cell)
         name = _known_name(match[1]) if match else None
-        if match is None or name is None:
-            continue
+        if match is None or name is None or (name == "time" and not match[2]):
+            continue  # strangers' tables have a time in any form; only one with a unit makes a log
         if name in found:
             raise InvalidValueError(f"{path}: column {name}", cell, "is given twice")
         found[name] = (index, _unit_factor(path, name, cell, match[2] or ""))
@@ -330,6 +340,7 @@ def _assemble(
         power=values.get("power"),
         bus_voltage=values.get("bus_voltage"),
         temperature=values.get("temperature"),
+        time=values.get("time"),
         limited=limited.astype(bool),
         lines=np.asarray(lines, dtype=np.int64),
         unused=unused,

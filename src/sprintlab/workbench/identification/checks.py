@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification.bench import Bench
-from sprintlab.workbench.identification.model import directions
+from sprintlab.workbench.identification.model import directions, turns
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def check_levels(bench: Bench) -> None:
     if bench.size < FEWEST_ROWS:
         raise SprintlabError(f"the bench has {bench.size} rows, at least {FEWEST_ROWS} are needed")
     _check_spread("current", bench.current, "A")
-    if bench.speed is not None and directions(bench).any():
+    if bench.speed is not None and turns(bench):
         _check_spread("speed", bench.speed, "rad/s")
 
 

@@ -39,6 +39,7 @@ from sprintlab.workbench.identification.model import (
     Channel,
     channels,
     directions,
+    turns,
     warming,
 )
 from sprintlab.workbench.identification.results import ChannelFit, Estimate, Identification
@@ -96,7 +97,7 @@ def identify(
         peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
         base: a motor that supplies held values and is compared with.
         hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
-        also: of ``OPTIONAL_UNITS``, fitted too: the sensors' zeros, and a gear's efficiency.
+        also: of ``OPTIONAL_UNITS``, fitted too: the sensors' zeros, a gear's efficiency, the rotor's inertia.
 
     Raises:
         SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
@@ -109,11 +110,13 @@ def identify(
         check_choice("hold", name, tuple(PARAMETER_UNITS))
     for name in also:
         check_choice("also", name, tuple(OPTIONAL_UNITS))
+    if "rotor_inertia" in also and bench.acceleration is None:
+        raise SprintlabError("rotor_inertia needs accelerations: a log with times and speeds")
     bench, standing = _without_noise_of_standing(bench)
     if peak_current is not None:
         check_positive("peak_current", peak_current, "A")
     check_levels(bench)
-    warnings = [*standing, *repeated_rows(bench)]
+    warnings = [*bench.remarks, *standing, *repeated_rows(bench)]
     if bench.speed is not None:
         warnings += check_units(bench, pole_pairs)
     largest = float(np.max(np.abs(bench.current)))
@@ -143,6 +146,9 @@ def _without_noise_of_standing(bench: Bench) -> tuple[Bench, list[str]]:
     if standing == bench.size:
         note = f"no row turns faster than {STANDING:g} rad/s: friction stays unknown, and is in the torque"
         return replace(bench, speed=np.zeros(bench.size)), [note]
+    if not turns(bench):
+        note = f"only {bench.size - standing} of {bench.size} rows turn: the motor counts as stalled"
+        return bench, [f"{note}, and the torque leaves them out; friction stays unknown"]
     note = (
         f"{standing} of {bench.size} rows stand still: friction may point either way, the torque leaves them"
     )
@@ -178,6 +184,7 @@ class _Fit:
         seen = {name for channel in self._channels for name in channel.depends_on}
         self._free = [name for name in self._names if name in seen and name not in held]
         guess = self._guess()
+        self._flux = guess["flux_linkage"]
         self._start = np.array([guess[name] for name in self._free])
         self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
 
@@ -239,6 +246,7 @@ class _Fit:
             "torque_offset": 0.01 * torque,
             "current_offset": 0.01 * current,
             "gear_efficiency": 0.9,
+            "rotor_inertia": 0.02 * torque / _largest_acceleration(bench),
             "saturation": 0.1,
             "coulomb_friction": 0.02 * torque,
             "viscous_friction": 0.02 * torque / speed,
@@ -380,7 +388,7 @@ class _Fit:
         current = float(np.max(np.abs(bench.current)))
         torque = _SMALL_EFFECT * float(np.max(np.abs(bench.torque)))
         speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
-        voltage = _SMALL_EFFECT * self._largest_voltage(self._start[self._free.index("flux_linkage")], speed)
+        voltage = _SMALL_EFFECT * self._largest_voltage(self._flux, speed)
         return {
             "stator_resistance": voltage / current,
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
@@ -390,6 +398,7 @@ class _Fit:
             "current_offset": _SMALL_EFFECT * current,
             "coulomb_friction": torque,
             "viscous_friction": torque / speed,
+            "rotor_inertia": torque / _largest_acceleration(bench),
         }.get(name, 0.0)
 
     def _absence(self, name: str) -> str:
@@ -427,6 +436,10 @@ class _Fit:
             noise=float(np.sqrt(np.mean(error**2))) if len(error) else 0.0,
             explained=explained,
         )
+
+
+def _largest_acceleration(bench: Bench) -> float:
+    return 1.0 if bench.acceleration is None else max(float(np.max(np.abs(bench.acceleration))), 1e-6)
 
 
 def _range(channel: Channel, bench: Bench) -> float:

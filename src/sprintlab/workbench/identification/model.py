@@ -2,15 +2,15 @@
 
 With ``w = N omega``, one inductance for both axes and the peak current ``I``::
 
-    tau = 1.5 N psi i_q (1 - alpha |i_q| / I) eta^s - coulomb sign(omega) - viscous omega
+    tau = 1.5 N psi i_q (1 - alpha |i_q| / I) eta^s - coulomb sign(omega) - viscous omega - J domega/dt
     v_q = R i_q + w (L i_d + psi)
     v_d = R i_d - w L i_q
     P = 1.5 (v_q i_q + v_d i_d)          where the power was measured
     |v| = gamma V_bus / sqrt(3)          where the inverter gives all its voltage
 
 ``s`` is 1 where the motor drives and -1 where it brakes; the gear's efficiency ``eta`` is 1 unless it is
-fitted, and the zeros of the two sensors are 0 unless they are. At standstill friction may point either way:
-where other rows turn, the rows that stand tell nothing about the torque.
+fitted, and the zeros of the two sensors and the rotor's inertia ``J`` are 0 unless they are. At standstill
+friction may point either way: where other rows turn, the rows that stand tell nothing about the torque.
 
 Where the bench has a temperature, ``R`` and ``psi`` are those at 20 degC: copper gains 0.393 % a kelvin,
 and the flux ``psi (1 + k (T - 20))`` changes by a coefficient that is fitted where the temperatures differ.
@@ -50,8 +50,10 @@ OPTIONAL_UNITS = {
     "torque_offset": "N m",
     "current_offset": "A",
     "gear_efficiency": "",
+    "rotor_inertia": "kg m^2",
 }
-"""What is fitted only on request: readings of the sensors at zero, and a gear's loss with the load."""
+"""What is fitted only on request: readings of the sensors at zero, a gear's loss with the load, and, of a
+log, the inertia that turns between the current and the torque sensor."""
 
 NEUTRAL = {"gear_efficiency": 1.0}
 """Values of parameters that are not fitted, where not 0."""
@@ -68,11 +70,15 @@ BOUNDS = {
     "torque_offset": (-1e3, 1e3),
     "current_offset": (-1e3, 1e3),
     "gear_efficiency": (0.3, 1.0),
+    "rotor_inertia": (0.0, 10.0),
 }
 """Where the fit may look."""
 
 STANDING = 0.5
 """Speed up to which the shaft counts as standing [rad/s]: its sign is the encoder's noise."""
+
+LEAST_TURNING = 0.1
+"""Share of rows that must turn to be those that count: a stalled motor swings when it is let go."""
 
 _STANDING_SHARE = 0.01  # of the largest speed, likewise
 
@@ -109,7 +115,12 @@ def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench
     saturated = ideal * (1.0 - values["saturation"] * np.abs(current) / peak_current)
     passed_on = saturated * values["gear_efficiency"] ** (np.sign(current) * direction)
     friction = values["coulomb_friction"] * direction + values["viscous_friction"] * speed
-    return passed_on - friction + values["torque_offset"]
+    return passed_on - friction - _turning_torque(values, bench) + values["torque_offset"]
+
+
+def _turning_torque(values: Parameters, bench: Bench) -> FloatArray | float:
+    """Torque that accelerates the rotor instead of reaching the sensor [N m]."""
+    return 0.0 if bench.acceleration is None else values["rotor_inertia"] * bench.acceleration
 
 
 def directions(bench: Bench) -> FloatArray:
@@ -120,10 +131,14 @@ def directions(bench: Bench) -> FloatArray:
     return np.where(np.abs(bench.speed) > least, np.sign(bench.speed), 0.0)
 
 
+def turns(bench: Bench) -> bool:
+    """Whether enough rows turn to tell friction; else the bench is one of a stalled motor."""
+    return float(np.mean(directions(bench) != 0.0)) >= LEAST_TURNING
+
+
 def torque_rows(bench: Bench) -> NDArray[np.int64]:
-    """Rows whose torque counts: those that turn, or all of a bench where none does."""
-    turning = np.flatnonzero(directions(bench))
-    return turning if len(turning) else np.arange(bench.size)
+    """Rows whose torque counts: those that turn; of a bench that hardly ever turns, those that stand."""
+    return np.flatnonzero((directions(bench) != 0.0) == turns(bench))
 
 
 def phase_voltages(values: Parameters, pole_pairs: int, bench: Bench) -> tuple[FloatArray, FloatArray]:
@@ -170,7 +185,7 @@ def channels(
 
 
 def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str]) -> Channel:
-    friction = ("coulomb_friction", "viscous_friction") if directions(bench).any() else ()
+    friction = ("coulomb_friction", "viscous_friction") if turns(bench) else ()
     rows = torque_rows(bench)
     return Channel(
         name="torque",

@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import (
+    NEUTRAL,
+    OPTIONAL_UNITS,
+    PARAMETER_UNITS,
+    shaft_torque,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -88,6 +94,15 @@ class Identification:
         flux = self.estimates["flux_linkage"].value
         return 1.5 * self.pole_pairs * (flux or 0.0)
 
+    def torque(self, bench: Bench) -> FloatArray:
+        """Torque on the shaft [N m] ``(n,)`` that the fit predicts for the rows of another bench.
+
+        Friction is left out where the fit could not tell it.
+        """
+        values = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)}
+        known = {name: found.value for name, found in self.estimates.items() if found.value is not None}
+        return shaft_torque(values | known, self.pole_pairs, self.peak_current, bench)
+
     def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
         """The identified motor; what the bench does not determine comes from ``base``.
 
@@ -100,7 +115,7 @@ class Identification:
             )
         names = ("stator_resistance", "q_axis_inductance", "flux_linkage", "saturation")
         values = {name: self._value(name, base) for name in names}
-        inertia = rotor_inertia if rotor_inertia is not None else getattr(base, "rotor_inertia", None)
+        inertia = rotor_inertia if rotor_inertia is not None else self._fitted_inertia(base)
         if inertia is None:
             raise SprintlabError("a steady bench does not show the rotor's inertia: give it, or a base motor")
         return PmsmParameters(
@@ -109,6 +124,12 @@ class Identification:
             rotor_inertia=inertia,
             **values,
         )
+
+    def _fitted_inertia(self, base: PmsmParameters | None) -> float | None:
+        found = self.estimates.get("rotor_inertia")
+        if found is not None and found.determined:
+            return found.value
+        return getattr(base, "rotor_inertia", None)
 
     def _value(self, name: str, base: PmsmParameters | None) -> float:
         estimate = self.estimates[name]

@@ -19,6 +19,8 @@ LOAD_LOSS = "difference of driving and braking"
 """The torque lacks a loss with the load."""
 ZERO = "zero of a sensor"
 """The torque lacks a constant."""
+LARGE = 0.3
+"""Share of the largest current from which torque over current shows a gear's loss."""
 LACKING = 4.0
 """Standard deviations of a term's share in the residuals beyond which the model lacks it."""
 
@@ -26,6 +28,7 @@ _BLIND = 1e-5  # a singular value below this share of the largest sees nothing
 _LEAST_LEFT = 0.05  # share of a residual that the fit leaves, at least
 _TAKEN = 0.5  # leverage above which a residual no longer shows its own noise
 _NEIGHBOURS = 9  # rows whose median error counts as a spread
+_MEDIANS = 512
 _IMITATED = (
     0.03  # share of a term left once the parameters have taken theirs: less is the noise of the current
 )
@@ -97,14 +100,18 @@ def local_median(size: FloatArray, error: FloatArray) -> FloatArray:
     """Median error among the quarter of the rows that are nearest in size, nine at least ``(k,)``.
 
     Sensors are noisier where they read much; one spread for all rows would call their readings outliers.
+    Of many rows at most ``_MEDIANS`` medians are worked out, evenly spread: the quarters of neighbouring rows
+    are nearly the same, and the time would grow with the square of the rows.
     """
     count = len(size)
     width = min(count, max(_NEIGHBOURS, count // 4))
     order = np.argsort(size, kind="stable")
     starts = np.clip(np.arange(count) - width // 2, 0, count - width)
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(error[order], width), axis=-1)
+    step = -(-(count - width + 1) // _MEDIANS)
+    windows = np.lib.stride_tricks.sliding_window_view(error[order], width)[::step]
+    medians = np.array([np.median(window) for window in windows])
     local = np.empty(count)
-    local[order] = medians[starts]
+    local[order] = medians[starts // step]
     return local
 
 
@@ -160,10 +167,10 @@ def _terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]
 
 def _torque_terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
     """Faults of benches, not of motors: a gear that loses with the load, and sensors with a wrong zero."""
-    return [
-        (LOAD_LOSS, np.abs(bench.current[row]) * directions(bench)[row]),
-        (ZERO, np.ones(len(row))),
-    ]
+    way, size = directions(bench)[row], np.abs(bench.current[row])
+    drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
+    both = bool((drives > 0.0).any() and (drives < 0.0).any())
+    return [*([(LOAD_LOSS, size * way)] if both else []), (ZERO, np.ones(len(row)))]
 
 
 def _shapes(values: FloatArray) -> tuple[FloatArray, ...]:

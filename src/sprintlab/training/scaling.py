@@ -1,0 +1,88 @@
+"""A training recipe at another robot's size: BP2's lengths, speeds and masses, scaled.
+
+Two legged robots move alike where their Froude numbers ``v^2 / (g l)`` are equal: at equal gravity speeds go
+with the square root of the leg's length (Alexander and Jayes, J. Zool. 201, 1983).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.training.settings import TrainingSettings
+
+REFERENCE_ROBOT = "bp2"
+"""The robot that the default settings are for."""
+
+Group = TypeVar("Group")
+
+
+def leg_length(robot: RobotDescription) -> float:
+    """Thigh and shank, from the hip's axis to the middle of the foot [m]."""
+    return robot.mechanics.thigh_length + robot.mechanics.shank_length
+
+
+def scaled_settings(
+    robot: str, base: TrainingSettings | None = None, defaults: TrainingSettings | None = None
+) -> TrainingSettings:
+    """``base`` for ``robot``: lengths by leg length, speeds by Froude number, payload by mass.
+
+    What was changed is left alone: only values that ``base`` shares with ``defaults`` are scaled. For the
+    robot that the defaults are for, nothing changes but the name.
+
+    Args:
+        robot: name, folder or table.
+        base: settings to scale; all defaults when left out.
+        defaults: the settings that are for BP2; all defaults when left out.
+
+    Raises:
+        SprintlabError: the robot is not known, or its table is refused.
+    """
+    defaults = defaults or TrainingSettings()
+    base = base or defaults
+    small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
+    length, mass = leg_length(small) / leg_length(large), small.total_mass / large.total_mass
+    speed = length**0.5
+    rewards, episodes, stages = defaults.rewards, defaults.episodes, defaults.stages
+    payload = defaults.randomization.payload
+
+    def above_ground(height: float) -> float:
+        """Height of a foot's middle whose sole is as high, scaled."""
+        return small.foot_radius + length * (height - large.foot_radius)
+
+    return replace(
+        base,
+        robot=robot,
+        rewards=_where_default(
+            base.rewards,
+            rewards,
+            foot_clearance_target=above_ground(rewards.foot_clearance_target),
+            touchdown_height=above_ground(rewards.touchdown_height),
+            leg_distance_limit=length * rewards.leg_distance_limit,
+        ),
+        randomization=_where_default(
+            base.randomization,
+            defaults.randomization,
+            payload=(mass * payload[0], mass * payload[1]),
+            center_of_mass=length * defaults.randomization.center_of_mass,
+        ),
+        episodes=_where_default(
+            base.episodes,
+            episodes,
+            leg_distance_limit=length * episodes.leg_distance_limit,
+            knee_clearance=length * episodes.knee_clearance,
+        ),
+        stages=_where_default(
+            base.stages,
+            stages,
+            first_top=speed * stages.first_top,
+            second_top=speed * stages.second_top,
+        ),
+    )
+
+
+def _where_default(group: Group, defaults: Group, **scaled: Any) -> Group:
+    """``group`` with the scaled values in place of those that it shares with ``defaults``."""
+    kept = {name: value for name, value in scaled.items() if getattr(group, name) == getattr(defaults, name)}
+    return replace(group, **kept)  # type: ignore[type-var]

@@ -1,0 +1,143 @@
+"""Raw logs: means over short windows in which current and speed rest, instead of rows measured in the swing.
+
+The model is one of steady points. A drive's log at 100 Hz holds them between its steps, and much else:
+currents and torques that were sampled at different instants of a jump, and torque that turned the rotor
+instead of the sensor. So the log is cut into windows; one counts where current and speed change little from
+its first half to its second. The slope of the speed is kept as acceleration, for a rotor's inertia
+(``rotor_inertia`` among the parameters fitted on request); then windows count while the speed changes too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_range
+from sprintlab.core.errors import SprintlabError
+from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import STANDING
+
+FloatArray = NDArray[np.float64]
+
+WINDOW = 0.1
+"""Length of a window [s]: long for the noise of a current at 100 Hz, short for the steps of a bench."""
+
+CHANGE = 0.05
+"""Share of the log's largest current (or speed) by which a window may change from half to half."""
+
+_FEWEST_ROWS = 4  # of a window: two a half
+_SEVERAL = 2.0  # rows a window from which a file is a log; steady points are seconds apart
+_LARGEST_SHARE = 0.99  # quantile that counts as the largest, so that a spike does not widen the tolerance
+_COLUMNS = (
+    "current",
+    "torque",
+    "speed",
+    "d_current",
+    "q_voltage",
+    "d_voltage",
+    "power",
+    "bus_voltage",
+    "temperature",
+)
+
+
+def is_log(bench: Bench, window: float = WINDOW) -> bool:
+    """Whether the rows follow each other so closely that a window [s] holds several of them."""
+    if bench.time is None or bench.size < _FEWEST_ROWS:
+        return False
+    return float(bench.time[-1] - bench.time[0]) * _SEVERAL <= window * (bench.size - 1)
+
+
+def rested(bench: Bench, window: float = WINDOW, speed_may_change: bool = False) -> Bench:
+    """The steady windows of a log as a bench, one row a window; a remark says what was left out.
+
+    Args:
+        bench: a log with times, as ``load_bench`` reads it.
+        window: length [s]; about a tenth of the time that a step of the bench lasts.
+        speed_may_change: count windows while the speed changes: the rotor's inertia is fitted.
+
+    Raises:
+        SprintlabError: no times, times that run backwards, or no window in which the log rests.
+        InvalidValueError: a window outside [0.001, 60] s.
+    """
+    check_range("window", window, 1e-3, 60.0, "s")
+    starts, counts, kept = _windows(bench, window)
+    steady = kept & (counts >= _FEWEST_ROWS) & _resting(bench, starts, counts, speed_may_change)
+    if not steady.any():
+        raise SprintlabError(
+            f"the log rests nowhere: current or speed change by more than {CHANGE:.0%} of their largest "
+            f"value in all {len(counts)} windows of {window:g} s; try shorter ones (--window)"
+        )
+    remark = (
+        f"a log: {int(steady.sum())} of {len(counts)} windows of {window:g} s rest and count, each as one "
+        f"row; {bench.size} rows were read"
+    )
+    return replace(_means(bench, starts[steady], counts[steady]), remarks=(*bench.remarks, remark))
+
+
+def _windows(bench: Bench, window: float) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
+    """First row and number of rows of every window, and whether no row of it is at the inverter's limit."""
+    if bench.time is None:
+        raise SprintlabError("windows need a time column, e.g. 'time [s]'")
+    steps = np.diff(bench.time)
+    if (steps < 0.0).any():
+        line = bench.lines[1:][steps < 0.0][0]
+        raise SprintlabError(f"the time runs backwards in line {line}: give one recording at a time")
+    number = np.floor((bench.time - bench.time[0]) / window).astype(np.int64)
+    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    counts = np.diff(np.append(starts, bench.size))
+    mixed = np.add.reduceat(bench.limited.astype(int), starts)
+    return starts, counts, (mixed == 0) | (mixed == counts)
+
+
+def _resting(
+    bench: Bench, starts: NDArray[Any], counts: NDArray[Any], speed_may_change: bool
+) -> NDArray[Any]:
+    """Windows whose second half has about the current and the speed of their first."""
+    resting = _changes(bench.current, starts, counts) <= CHANGE * _largest(bench.current)
+    if bench.speed is not None and not speed_may_change:
+        allowed = max(CHANGE * _largest(bench.speed), STANDING)
+        resting &= _changes(bench.speed, starts, counts) <= allowed
+    return resting
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.quantile(np.abs(values), _LARGEST_SHARE))
+
+
+def _changes(values: FloatArray, starts: NDArray[Any], counts: NDArray[Any]) -> FloatArray:
+    """Mean of each window's second half less that of its first, without sign; inf where a half is empty."""
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    middle, end = starts + counts // 2, starts + counts
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = (total[middle] - total[starts]) / (middle - starts)
+        second = (total[end] - total[middle]) / (end - middle)
+    return np.nan_to_num(np.abs(second - first), nan=np.inf)
+
+
+def _means(bench: Bench, starts: NDArray[Any], counts: NDArray[Any]) -> Bench:
+    def mean(values: FloatArray) -> FloatArray:
+        total = np.concatenate(([0.0], np.cumsum(values)))
+        return (total[starts + counts] - total[starts]) / counts
+
+    given = {name: getattr(bench, name) for name in _COLUMNS}
+    return replace(
+        bench,
+        **{name: None if values is None else mean(values) for name, values in given.items()},
+        limited=bench.limited[starts],
+        lines=bench.lines[starts],
+        time=None if bench.time is None else mean(bench.time),
+        acceleration=None if bench.speed is None else _slopes(bench, mean),
+    )
+
+
+def _slopes(bench: Bench, mean: Any) -> FloatArray:
+    """Least-squares slope of the speed over the time in each window [rad/s^2]."""
+    assert bench.time is not None and bench.speed is not None
+    time = bench.time - bench.time[0]
+    spread = mean(time**2) - mean(time) ** 2
+    together = mean(time * bench.speed) - mean(time) * mean(bench.speed)
+    return together / np.maximum(spread, 1e-12)

@@ -1,0 +1,181 @@
+"""Raw logs of a drive: steady windows, what is left out, and the inertia that only transients show."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sprintlab.cli.main import main
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.workbench.identification import Bench, identify, is_log, load_bench, rested
+
+PAIRS, FLUX, SATURATION, PEAK = 7, 0.011, 0.16, 20.0
+CONSTANT = 1.5 * PAIRS * FLUX
+COULOMB, VISCOUS, INERTIA = 0.02, 2e-4, 3e-4
+RATE = 100.0
+
+
+def log(seed, rate=RATE, step=1.0, settling=0.1, torque_lag=0.03):
+    """A stair of currents whose speed and torque settle slowly: a bench as recorded, rows at ``rate``."""
+    random = np.random.default_rng(seed)
+    levels = random.permutation(np.tile(np.linspace(-16.0, 16.0, 9), 6))
+    time = np.arange(int(len(levels) * step * rate)) / rate
+    asked = np.repeat(levels, int(step * rate))
+    aim = np.repeat(random.uniform(-100.0, 100.0, len(levels)), int(step * rate))
+    speed = lagged(aim, settling * rate)
+    acceleration = np.gradient(speed, 1.0 / rate)
+    torque = CONSTANT * asked * (1.0 - SATURATION * np.abs(asked) / PEAK)
+    torque = torque - COULOMB * np.sign(speed) - VISCOUS * speed - INERTIA * acceleration
+    torque = lagged(torque, torque_lag * rate) + random.normal(0.0, 0.004, len(time))
+    return time, asked + random.normal(0.0, 0.3, len(time)), speed, torque
+
+
+def lagged(values, rows):
+    share, found, now = 1.0 - np.exp(-1.0 / rows), np.empty(len(values)), values[0]
+    for index, value in enumerate(values):
+        now += share * (value - now)
+        found[index] = now
+    return found
+
+
+def bench(time, current, speed, torque):
+    count = len(time)
+    return Bench(
+        current=current,
+        torque=torque,
+        speed=speed,
+        d_current=np.zeros(count),
+        limited=np.zeros(count, dtype=bool),
+        time=time,
+        lines=np.arange(count) + 2,
+    )
+
+
+def fitted(data, **options):
+    return identify(data, pole_pairs=PAIRS, peak_current=PEAK, **options)
+
+
+def written(path, time, current, speed, torque, unit="s"):
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow([f"time [{unit}]", "iq [A]", "speed [rad/s]", "torque [N m]"])
+        rows.writerows(np.round(np.stack((time, current, speed, torque), axis=-1), 6).tolist())
+    return path
+
+
+def test_steady_windows_tell_the_motor_and_all_rows_do_not():
+    data = bench(*log(1))
+    found = fitted(rested(data))
+    assert found.trustworthy
+    estimates = found.estimates
+    assert abs(found.torque_constant / CONSTANT - 1.0) < 0.01
+    assert abs(estimates["saturation"].value - SATURATION) < 0.02
+    assert abs(estimates["coulomb_friction"].value - COULOMB) < 0.004
+    raw = fitted(replace(data, time=None))
+    assert raw.channels[0].noise > 3.0 * found.channels[0].noise
+
+
+def test_a_remark_counts_the_windows():
+    data = bench(*log(2))
+    short = rested(data)
+    assert 100 < short.size < 54 * 10
+    assert f"{short.size} of 540 windows" in fitted(short).warnings[0]
+    assert f"{data.size} rows" in short.remarks[0]
+
+
+def test_windows_lie_where_nothing_changes():
+    time, current, speed, torque = log(3, torque_lag=1e-6)
+    short = rested(bench(time, current, speed, torque))
+    assert np.abs(short.acceleration).max() < 0.2 * np.abs(np.gradient(speed, time)).max()
+    assert np.all(np.diff(short.time) > 0.0)
+    assert set(short.lines) <= set(range(2, len(time) + 2))
+
+
+def test_the_inertia_of_the_rotor_comes_from_the_transients():
+    data = bench(*log(4, settling=0.25, torque_lag=1e-6))
+    moving = rested(data, 0.05, speed_may_change=True)
+    found = fitted(moving, also=("rotor_inertia",))
+    inertia = found.estimates["rotor_inertia"]
+    assert inertia.determined and abs(inertia.value / INERTIA - 1.0) < 0.1
+    values = {"stator_resistance": 0.1, "q_axis_inductance": 1e-4}
+    determined = replace(inertia, value=0.0, half_width=0.0)
+    complete = found.estimates | {name: replace(determined, name=name, value=v) for name, v in values.items()}
+    assert replace(found, estimates=complete).motor().rotor_inertia == inertia.value
+
+
+def test_without_a_log_no_inertia_is_fitted():
+    data = bench(*log(5))
+    with pytest.raises(SprintlabError, match="rotor_inertia needs accelerations"):
+        fitted(replace(data, time=None), also=("rotor_inertia",))
+
+
+@pytest.mark.parametrize(
+    ("rate", "expected"), [(1000.0, True), (100.0, True), (15.0, False), (0.5, False)], ids=str
+)
+def test_steady_points_with_a_time_are_no_log(rate, expected):
+    time, current, speed, torque = (values[:400] for values in log(6))
+    data = bench(time * RATE / rate, current, speed, torque)
+    assert is_log(data) == expected
+    assert not is_log(replace(data, time=None))
+
+
+def test_what_no_window_can_use_is_refused_in_a_sentence():
+    time, current, speed, torque = log(7)
+    swinging = 16.0 * np.sin(2.0 * np.pi * 4.0 * time)
+    with pytest.raises(SprintlabError, match=r"rests nowhere.*--window"):
+        rested(bench(time, swinging, 100.0 * np.cos(2.0 * np.pi * 4.0 * time), torque))
+    backwards = time.copy()
+    backwards[77] = 0.0
+    with pytest.raises(SprintlabError, match="backwards in line 79"):
+        rested(bench(backwards, current, speed, torque))
+    with pytest.raises(InvalidValueError, match="window"):
+        rested(bench(time, current, speed, torque), 0.0)
+
+
+def test_windows_that_are_partly_limited_are_left_out():
+    data = bench(*log(8))
+    limited = np.zeros(data.size, dtype=bool)
+    limited[105:] = True
+    short = rested(replace(data, limited=limited))
+    assert not np.any((short.lines > 101) & (short.lines < 110))
+    assert short.limited[short.lines >= 112].all() and not short.limited[short.lines < 102].any()
+
+
+@pytest.mark.parametrize("unit", ["s", "ms"])
+def test_the_command_reads_a_log(tmp_path, capsys, unit):
+    time, current, speed, torque = log(9)
+    path = written(tmp_path / "log.csv", time * (1e3 if unit == "ms" else 1.0), current, speed, torque, unit)
+    assert is_log(load_bench(path))
+    command = ["motor", "identify", str(path), "--pole-pairs", "7", "--peak-current", "20"]
+    assert main([*command, "--json"]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert abs(numbers["torque_constant"] / CONSTANT - 1.0) < 0.01
+    assert "windows of 0.1 s rest" in numbers["warnings"][0]
+    assert main([*command, "--also", "rotor_inertia", "--window", "0.05", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"]["rotor_inertia"]["unit"] == "kg m^2"
+    assert main([*command, "--window", "100"]) == 2
+    assert "window" in capsys.readouterr().err
+
+
+def test_a_stalled_log_is_fitted_where_it_stands():
+    """When its load lets go, a stalled motor swings for a moment: that is not the data to fit."""
+    random = np.random.default_rng(10)
+    current = np.repeat(random.permutation(np.linspace(-16.0, 16.0, 9)), 40)
+    torque = CONSTANT * current * (1.0 - SATURATION * np.abs(current) / PEAK)
+    speed = random.normal(0.0, 0.1, len(current))
+    swinging = np.arange(len(current)) % 40 < 2
+    speed[swinging] = random.uniform(5.0, 20.0, int(swinging.sum()))
+    torque = torque + random.normal(0.0, 0.01, len(current)) + np.where(swinging, 0.4, 0.0)
+    found = fitted(replace(bench(np.arange(len(current)), current, speed, torque), time=None))
+    assert abs(found.torque_constant / CONSTANT - 1.0) < 0.01
+    assert abs(found.estimates["saturation"].value - SATURATION) < 0.02
+    assert not found.estimates["coulomb_friction"].determined
+    assert any("18 of 360 rows turn" in warning for warning in found.warnings)
+
+
+def test_a_time_without_a_unit_is_not_read(tmp_path):
+    path = written(tmp_path / "log.csv", *log(11))
+    path.write_text(path.read_text(encoding="utf-8").replace("time [s]", "time"), encoding="utf-8")
+    assert load_bench(path).time is None and load_bench(path).unused == ("time",)

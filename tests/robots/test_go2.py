@@ -1,0 +1,106 @@
+"""The Go2's table against what is published of the robot, and its motor against the published curve."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sprintlab import robots
+from sprintlab.control import pd_torque
+from sprintlab.motors import critical_speed, drive_torque
+from sprintlab.robots import ModelOptions, build_model, load_robot, parameter_table
+
+FULL = ModelOptions(collisions="full", contact_time_constant=0.002)
+
+# Unitree's curve of the actuator "Go2HV" (unitree_rl_lab): peak torque driving and braking [N m], speed up to
+# which the first is had, and speed without load [rad/s]; behind the knee's further reduction of 1.917.
+DRIVING, BRAKING, CORNER, NO_LOAD = 20.2, 23.4, 13.5, 30.0
+REDUCTION = np.tile([1.0, 1.0, 1.917], 4)
+
+
+@pytest.fixture(scope="module")
+def go2():
+    return load_robot("go2")
+
+
+def full_torque(go2, speed, sign=1.0):
+    """Torque of all drives asked for more than they have, at one speed of the hip's gear [rad/s]."""
+    asked = np.full(12, sign * 1e3)
+    return drive_torque(go2.motors, go2.gear, asked, speed / REDUCTION, go2.bus_voltage).torque
+
+
+def test_the_model_weighs_what_is_published(go2):
+    published = 6.921 + 4 * (0.678 + 1.152 + 0.241352)
+    for options in (ModelOptions(), FULL):
+        assert build_model(go2, options).body_mass.sum() == pytest.approx(published, abs=1e-4)
+
+
+def test_the_feet_are_where_the_published_model_has_them(go2):
+    """Straight legs: 0.1934 m ahead, 0.0465 and 0.0955 m aside, twice 0.213 m down."""
+    model = build_model(go2)
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0.0, 0.0, 0.0, 1.0] + [0.0] * 15
+    mujoco.mj_kinematics(model, data)
+    for leg, x, y in (("FL", 1, 1), ("FR", 1, -1), ("RL", -1, 1), ("RR", -1, -1)):
+        np.testing.assert_allclose(data.geom(f"{leg}_foot").xpos, [0.1934 * x, 0.142 * y, -0.426], atol=1e-9)
+
+
+def test_the_links_have_the_published_inertia(go2):
+    """Of the URDF; its calf and foot, with the rotor, are one body in the Menagerie."""
+    mechanics = go2.mechanics
+    trunk = [[0.02448, 0.00012166, 0.0014849], [0.00012166, 0.098077, -3.12e-5], [0.0014849, -3.12e-5, 0.107]]
+    np.testing.assert_allclose(mechanics.trunk.inertia_matrix(), trunk, atol=2e-7)
+    thigh = [[0.00584, 8.72e-5, -0.000289], [8.72e-5, 0.0058, 0.000808], [-0.000289, 0.000808, 0.00103]]
+    np.testing.assert_allclose(mechanics.thigh.inertia_matrix(), thigh, atol=1e-8)
+
+
+def test_the_published_curve_of_the_motor_is_met(go2):
+    np.testing.assert_allclose(full_torque(go2, 6.0), DRIVING * REDUCTION, rtol=0.005)
+    np.testing.assert_allclose(full_torque(go2, CORNER - 0.2), DRIVING * REDUCTION, rtol=0.005)
+    np.testing.assert_array_less(full_torque(go2, CORNER + 2.0), 0.95 * DRIVING * REDUCTION)
+    np.testing.assert_allclose(full_torque(go2, -6.0), BRAKING * REDUCTION, rtol=0.005)
+    assert np.abs(full_torque(go2, NO_LOAD)).max() < 0.02 * DRIVING
+
+
+def test_the_corner_is_where_the_curve_has_it(go2):
+    corner = critical_speed(go2.motors, go2.motors.peak_torque, go2.bus_voltage) / go2.gear.ratio
+    np.testing.assert_allclose(corner * REDUCTION, CORNER, rtol=0.01)
+
+
+def test_the_knee_has_the_published_reduction(go2):
+    """45.43 over 23.7 N m, and 30.1 over 15.70 rad/s, in unitree_ros."""
+    ratio = go2.gear.ratio.reshape(4, 3)
+    np.testing.assert_allclose(ratio[:, 2] / ratio[:, 1], 45.43 / 23.7, rtol=0.001)
+    np.testing.assert_allclose(ratio[:, 2] / ratio[:, 1], 30.1 / 15.70, rtol=0.001)
+
+
+def test_it_stands_for_two_seconds(go2):
+    model = build_model(go2, FULL)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    position = [model.joint(name).qposadr[0] for name in go2.joint_names]
+    velocity = [model.joint(name).dofadr[0] for name in go2.joint_names]
+    for _ in range(2000):
+        angle, speed = data.qpos[position], data.qvel[velocity]
+        desired = pd_torque(go2.stiffness, go2.damping, go2.default_pose, angle, speed)
+        data.ctrl[:] = drive_torque(go2.motors, go2.gear, desired, speed, go2.bus_voltage).torque
+        mujoco.mj_step(model, data)
+    assert data.body("trunk").xpos[2] > 0.9 * go2.standing_height
+    assert data.body("trunk").xmat[8] > 0.99
+    assert np.abs(data.qvel).max() < 0.1
+
+
+def test_every_number_says_where_it_comes_from_and_unknown_ones_say_so():
+    rows = {row.quantity: row for row in parameter_table("go2")}
+    assert all(row.unit and row.uncertainty and row.basis for row in rows.values())
+    assert not any("choices" in row.basis or "import" in row.basis for row in rows.values())
+    for quantity in ("pole_pairs", "q_axis_inductance", "saturation"):
+        assert rows[f"motor.hip.{quantity}"].basis.startswith("unknown")
+
+
+def test_the_license_of_the_model_is_there():
+    text = (Path(robots.__file__).parent / "go2" / "LICENSE").read_text(encoding="utf-8")
+    assert re.search(r"BSD 3-Clause License", text)
+    assert "Unitree Robotics" in text

@@ -1,0 +1,222 @@
+"""The converter of other people's benches, on small made-up files of the same layout."""
+
+import dataclasses
+import hashlib
+import subprocess
+import tarfile
+import zipfile
+
+import numpy as np
+import pytest
+from tools import fetch_bench_data as fetch
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.workbench.identification import is_log, load_bench
+
+FUTEK = """# Test started at Tue Jan 01 00:00:00 2030
+# kt_1 = 0.1; kt_2 = 0.1
+time [s],a1 q-axis cmd [A],a1 q-axis [A],a1 velocity [rad/s],a2 q-axis cmd [A],a2 q-axis [A],\
+a2 velocity [rad/s],c1 torque [Nm],c2 torque [Nm],trs605-5 torque [Nm],motor temp [C],housing temp [C],
+0.00,0.0,0.01,0.0,0.0,0.02,0.0,0.0,0.0,-0.04,30.0,29.0
+0.01,5.0,4.90,50.0,0.0,3.80,-50.0,0.54,0.42,0.43,31.0,29.0
+0.02,5.0,5.10,51.0,0.0,3.90,-51.0,0.56,0.43,0.44,31.5,29.0
+0.03,0.0,-3.70,40.0,-5.0,-4.95,-40.0,-0.40,-0.55,-0.50,32.0,29.0
+0.04,0.0,-3.70
+"""
+ODRIVE = """2030-01-01 00:00:00
+Input voltage, Input current, Input Power, Test Motor Temperature, Test motor q-axis current, \
+Test motor d-axis current, Test motor Ibus, Output Torque, Output Speed
+V, mA, W, Deg C, A, A, A, N.mm, rad.s
+48.0, 0, 0.0, 25.5, -37.5, 0.1, 1.5, -1093.0, -10.4
+47.5, 0, 0.0, 26.5, -1.6, 0.2, 0.1, -15.2, 10.6
+"""
+PROFILES = """
+raise RuntimeError("this code must not run")
+
+class ShortCurrentTimeProfile(CurrentTimeProfile):
+    def getCurrentAtTime(self, time):
+        if (time < 40.):
+            return 16.5
+        elif (time >= 40 and time < 80):
+            return 0
+        elif (time >= 80 and time < 120):
+            return 14.
+        else:
+            return 0
+
+run = TemperatureDataset(filepath = './data/runA.csv', initialTemperature = 22.8, ambientTemperature = 21.3,
+                         currentScript = ShortCurrentTimeProfile())
+"""
+
+
+def held(values, phase, rows=fetch.HOLD):
+    """Each value for ``rows`` rows, the first for ``phase`` rows only."""
+    return np.repeat(values, rows)[rows - phase :]
+
+
+def joint_log(phase):
+    """A made-up 1 kHz log: current and speed change together, the torque a row later."""
+    current = held(np.arange(8) * 2.0, phase)
+    torque = np.concatenate(([0.0], current[:-1])) * 3.0
+    rows = ["t,torDes,posDes,velDes,torAct,posAct,velAct,accelAct,i,velErr,posErr,torKdEst,torEst,i2t"]
+    rows += [
+        f"{index * 0.001},0,0,0,{load},0,{amperes / 10},0,{amperes},0,0,0,0,0"
+        for index, (amperes, load) in enumerate(zip(current, torque, strict=True))
+    ]
+    return "\n".join(rows)
+
+
+def saved(tmp_path, table, name="bench.csv"):
+    path = tmp_path / name
+    path.write_text(fetch.table_text(fetch.SOURCES["ri50"], "log.csv", table), encoding="utf-8")
+    return path
+
+
+def test_a_shaft_with_two_drives_becomes_a_bench_for_each_motor_and_role(tmp_path):
+    tables = fetch.ri50_tables(FUTEK, "log")
+    assert set(tables) == {f"log-{motor}{role}" for motor in "12" for role in ("", "-drives", "-brakes")}
+    bench = load_bench(saved(tmp_path, tables["log-1-drives"]))
+    np.testing.assert_allclose(bench.current, [4.9, 5.1])
+    np.testing.assert_allclose(bench.torque, [0.43, 0.44])
+    np.testing.assert_allclose(bench.speed, [50.0, 51.0])
+    np.testing.assert_allclose(bench.time, [0.01, 0.02])
+    np.testing.assert_allclose(bench.temperature, [31.0, 31.5])
+    assert bench.unused == ("estimate of the drive [N m]",)
+    braking = load_bench(saved(tmp_path, tables["log-1-brakes"]))
+    np.testing.assert_allclose(braking.current, [-3.7])
+    other = load_bench(saved(tmp_path, tables["log-2-drives"]))
+    np.testing.assert_allclose((other.current[0], other.speed[0], other.torque[0]), (-4.95, -40.0, -0.5))
+    assert load_bench(saved(tmp_path, tables["log-2"])).size == 4
+
+
+def test_units_in_a_line_of_their_own_become_headings(tmp_path):
+    bench = load_bench(saved(tmp_path, fetch.d5065_tables(ODRIVE, "points")["points"]))
+    np.testing.assert_allclose(bench.torque, [-1.093, -0.0152])
+    np.testing.assert_allclose(bench.current, [-37.5, -1.6])
+    np.testing.assert_allclose(bench.speed, [-10.4, 10.6])
+    np.testing.assert_allclose(bench.d_current, [0.1, 0.2])
+    np.testing.assert_allclose(bench.power, [72.0, 4.75])
+    np.testing.assert_allclose(bench.bus_voltage, [48.0, 47.5])
+
+
+@pytest.mark.parametrize("phase", [1, 4, 15])
+def test_of_a_held_signal_one_row_an_update_is_left(tmp_path, phase):
+    bench = load_bench(saved(tmp_path, fetch.hej90_tables(joint_log(phase), "joint")["joint"]))
+    assert len(np.unique(bench.current)) == bench.size
+    if phase == 1:  # where the torque of the first update comes after it is over
+        bench = dataclasses.replace(bench, torque=bench.torque[1:], current=bench.current[1:])
+    np.testing.assert_allclose(bench.torque, 3.0 * bench.current)
+    np.testing.assert_allclose(np.diff(bench.time), 0.015)
+    assert not is_log(bench, 0.02)
+
+
+def test_a_log_whose_current_never_changes_is_refused():
+    text = "t,i,velAct,torAct\n" + "".join(f"{index},2,0,0\n" for index in range(40))
+    with pytest.raises(SprintlabError, match="never changes"):
+        fetch.hej90_tables(text, "joint")
+
+
+def test_currents_are_read_out_of_code_that_is_not_run():
+    table = fetch.ak_profiles(PROFILES)["runA-current"]
+    np.testing.assert_allclose(table["until [s]"], [40.0, 80.0, 120.0, 1e9])
+    np.testing.assert_allclose(table["current [A]"], [16.5, 0.0, 14.0, 0.0])
+    np.testing.assert_allclose(table["ambient [degC]"], 21.3)
+
+
+def test_temperatures_with_stray_tabs_and_marks_are_read():
+    table = fetch.ak_tables('\ufefftime,temperature\n0,22.8\n1,"\t22.9"\n', "run")["run"]
+    np.testing.assert_allclose(table["temperature [degC]"], [22.8, 22.9])
+
+
+def test_text_among_the_numbers_is_refused():
+    with pytest.raises(SprintlabError, match="no number"):
+        fetch.d5065_tables(ODRIVE.replace("-1093.0", "n/a"), "points")
+    with pytest.raises(SprintlabError, match="no row"):
+        fetch.d5065_tables("\n".join(ODRIVE.splitlines()[:3]), "points")
+
+
+@pytest.fixture
+def source(monkeypatch):
+    """The ODrive source with the hash of the made-up file."""
+    digest = hashlib.sha256(ODRIVE.encode()).hexdigest()
+    made_up = dataclasses.replace(fetch.SOURCES["d5065"], folder="data", files={"points": ("a.csv", digest)})
+    monkeypatch.setitem(fetch.SOURCES, "d5065", made_up)
+    return made_up
+
+
+def tree(folder, text=ODRIVE):
+    (folder / "data").mkdir(parents=True)
+    (folder / "data" / "a.csv").write_bytes(text.encode())
+    return folder
+
+
+def git(folder, *arguments):
+    identity = ("-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "core.autocrlf=false")
+    run = subprocess.run(
+        ["git", "-C", folder, *identity, *arguments], capture_output=True, text=True, check=True
+    )
+    return run.stdout.strip()
+
+
+def place_of(kind, folder):
+    """The same file as a folder, a .zip or a .tar.gz, as a code host makes them."""
+    tree(folder / "name-main")
+    if kind == "folder":
+        return folder / "name-main"
+    archive = folder / f"source.{kind}"
+    if kind == "zip":
+        with zipfile.ZipFile(archive, "w") as file:
+            file.write(folder / "name-main" / "data" / "a.csv", "name-main/data/a.csv")
+    else:
+        with tarfile.open(archive, "w:gz") as file:
+            file.add(folder / "name-main", "name-main")
+    return archive
+
+
+@pytest.mark.parametrize("kind", ["folder", "zip", "tar.gz"])
+def test_folders_and_archives_are_read(tmp_path, source, kind, capsys):
+    out = tmp_path / "out"
+    assert fetch.main(["d5065", str(place_of(kind, tmp_path)), "--out", str(out)]) == 0
+    bench = load_bench(out / "d5065-points.csv")
+    assert bench.size == 2 and bench.torque[0] == pytest.approx(-1.093)
+    assert source.repository in (out / "d5065-points.csv").read_text(encoding="utf-8").splitlines()[0]
+
+
+def test_a_clone_is_read_at_the_commit_of_the_results(tmp_path, source, monkeypatch):
+    """Whatever is checked out: the file may have left the repository since."""
+    clone = tree(tmp_path / "clone")
+    git(clone, "init", "-q")
+    git(clone, "add", ".")
+    git(clone, "commit", "-qm", "data")
+    commit = git(clone, "rev-parse", "HEAD")
+    git(clone, "rm", "-q", "data/a.csv")
+    git(clone, "commit", "-qm", "gone")
+    monkeypatch.setitem(fetch.SOURCES, "d5065", dataclasses.replace(source, commit=commit))
+    assert fetch.main(["d5065", str(clone), "--out", str(tmp_path / "out")]) == 0
+    assert load_bench(tmp_path / "out" / "d5065-points.csv").size == 2
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("other bytes", "SHA-256"),
+        ("no file", "does not have data/a.csv"),
+        ("nothing", "does not exist: clone"),
+    ],
+)
+def test_other_data_are_refused_in_one_sentence(tmp_path, source, capsys, damage, words):
+    place = tmp_path / "place"
+    if damage == "other bytes":
+        tree(place, ODRIVE.replace("-1093.0", "-1094.0"))
+    elif damage == "no file":
+        place.mkdir()
+    assert fetch.main(["d5065", str(place), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    error = capsys.readouterr().err
+    assert words in error and len(error.splitlines()) == 1
+    assert not list((tmp_path / "out").glob("*.csv"))
+
+
+def test_a_file_that_is_no_archive_is_refused(tmp_path, source, capsys):
+    (tmp_path / "notes.txt").write_text("no archive", encoding="utf-8")
+    assert fetch.main(["d5065", str(tmp_path / "notes.txt"), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert "no .zip or .tar archive" in capsys.readouterr().err
