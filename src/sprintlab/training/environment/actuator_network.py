@@ -133,8 +133,8 @@ def network_torque_kernel(
 ):
     """Torque on each joint ``(environments, joints)``; friction and end stops as in ``joint_torque_kernel``.
 
-    A black box does not know where its limit is: ``on_limit`` is zero. Nor does it know its current: ``power``
-    takes the one that the delivered torque needs without losses in the gear and saturation.
+    A black box does not know where its limit is: ``on_limit`` is zero. Nor does it know its current:
+    ``power`` takes the one that the delivered torque needs without gear loss and saturation.
     """
     environment, joint = wp.tid()
     drive = drives[joint]

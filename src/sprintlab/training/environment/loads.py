@@ -9,6 +9,7 @@ from __future__ import annotations
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
 # pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportAssignmentType=false
 from typing import Any, NamedTuple
 
 import numpy as np
