@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ TURNING_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Turning(Printed):
+class Turning(Drawn):
     """Achieved over commanded yaw rate of one policy, over speeds and yaw rates.
 
     Attributes:
@@ -67,7 +67,7 @@ class Turning(Printed):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Lap(Printed):
+class Lap(Drawn):
     """One lap of a 400 m track in lane 1.
 
     Attributes:
