@@ -10,7 +10,9 @@ import tyro
 from sprintlab.core.errors import SprintlabError
 from studies.paper.compare import Compare
 from studies.paper.draw import Figures
+from studies.paper.network import Network
 from studies.paper.publish import Publish
+from studies.paper.stride import Strides
 
 REFUSED = 2
 
@@ -18,6 +20,8 @@ Command = (
     Annotated[Compare, tyro.conf.subcommand(name="table")]
     | Annotated[Figures, tyro.conf.subcommand(name="figures")]
     | Annotated[Publish, tyro.conf.subcommand(name="publish")]
+    | Annotated[Network, tyro.conf.subcommand(name="network")]
+    | Annotated[Strides, tyro.conf.subcommand(name="stride")]
 )
 
 

@@ -6,7 +6,8 @@ A piece that the tracer cannot follow would still run, in many graphs instead of
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,8 +21,8 @@ from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
-from sprintlab.training.methods import METHODS, method_settings
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.methods import method_settings
+from sprintlab.training.settings import PpoSettings, SimulationSettings, StridePrior, TrainingSettings
 
 SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=4),
@@ -39,9 +40,24 @@ def learner() -> EstimatorPpo:
     return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method",
+    (
+        "sprint",
+        "uniform-commands",
+        "fixed-acceleration",
+        "rlvrl",
+        "lp-acrl",
+        "after-hacl",
+        "hound",
+        "stride-prior",
+    ),
+)
 def test_the_step_after_physics_is_one_piece(method: str) -> None:
-    environment = SprintEnvironment(method_settings(method, SETTINGS), "cpu")
+    """Every kind of schedule, grid and reward; the motor is no part of it."""
+    strides = Path(__file__).parents[2] / "studies" / "paper" / "strides.npz"
+    base = replace(SETTINGS, prior=StridePrior(file=str(strides)) if method == "stride-prior" else None)
+    environment = SprintEnvironment(method_settings(method, base), "cpu")
     before = environment.episode_length_buf.clone()
     traced(environment._transition)()
     assert torch.equal(environment.episode_length_buf, before + 1)

@@ -31,6 +31,10 @@ class Method:
         schedule: how commands evolve.
         rewards: instead of the preset's; None: the preset's.
         battery: behind the bus in training; None: that of the settings, stiff by default.
+        saturation: whether the motors saturate in training.
+        network: whether an actuator network takes the motor model's place, its file from the settings.
+        prior: whether computed strides are rewarded at the start, their file from the settings.
+        load_balance: weight of the reward term of this name, in both stages.
         source: paper that the method follows; empty: the paper of this package.
     """
 
@@ -38,6 +42,10 @@ class Method:
     schedule: Schedule
     rewards: RewardSettings | None = None
     battery: Battery | None = None
+    saturation: bool = True
+    network: bool = False
+    prior: bool = False
+    load_balance: float = 0.0
     source: str = ""
 
 
@@ -128,6 +136,19 @@ COMPARATORS = {
         battery=Battery(),
         source="Spot (2504.17857): a battery in the loop, ours",
     ),
+    "actuator-network": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        network=True,
+        source="Hwangbo et al. 2019: a network fitted to our simulated bench",
+    ),
+    "stride-prior": Method(
+        actuator_model="refined",
+        schedule=AdaptiveSchedule(),
+        prior=True,
+        load_balance=-2.0,
+        source="the paper's future work: a trajectory prior and balanced joint loads",
+    ),
     "flux-weakening": Method(
         actuator_model="flux-weakening",
         schedule=AdaptiveSchedule(),
@@ -136,9 +157,15 @@ COMPARATORS = {
 }
 """Methods of other papers, and beyond the paper, on the same robot, recipe and budget."""
 
+NO_SATURATION = "no-saturation"
+"""An eighth method: the envelope as it is, but motors that do not saturate; the paper does not ablate it."""
+
 ALL_METHODS = (
     METHODS
-    | {LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0))}
+    | {
+        LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0)),
+        NO_SATURATION: Method(actuator_model="refined", schedule=AdaptiveSchedule(), saturation=False),
+    }
     | COMPARATORS
 )
 
@@ -195,14 +222,24 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     """``base`` (default: all defaults) with what sets method ``name`` apart.
 
     Raises:
-        InvalidValueError: the method is unknown, the message lists those that are known; or the rewards were
-            changed that the method decides.
+        InvalidValueError: the method is unknown, the message lists those that are known; the rewards were
+            changed that the method decides; or it needs an actuator network or strides and there are none.
     """
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
     if method.rewards is not None and base.rewards not in (RewardSettings(), method.rewards):
         raise InvalidValueError("settings.rewards", "changed", f"left alone: method {name} decides them")
-    simulation = base.simulation
+    simulation, rewards = base.simulation, method.rewards or base.rewards
+    if method.network and simulation.actuator_network is None:
+        made = "a file made by python -m studies.paper network"
+        raise InvalidValueError("settings.simulation.actuator_network", None, made)
+    if method.prior and base.prior is None:
+        raise InvalidValueError("settings.prior", None, "a file made by python -m studies.paper stride")
+    if method.load_balance:
+        weight = RewardWeight(first=method.load_balance, second=method.load_balance)
+        rewards = replace(rewards, load_balance=weight)
+    if not method.saturation:
+        simulation = replace(simulation, saturation=False)
     if method.battery is not None:
         simulation = replace(simulation, battery=method.battery)
     return replace(
@@ -210,6 +247,6 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         method=name,
         actuator_model=method.actuator_model,
         schedule=method.schedule,
-        rewards=method.rewards or base.rewards,
+        rewards=rewards,
         simulation=simulation,
     )

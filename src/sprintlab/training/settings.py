@@ -15,6 +15,7 @@ from sprintlab.commands import (
 )
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
@@ -42,11 +43,15 @@ class SimulationSettings:
         knee_spring: whether the passive knee springs are there.
         battery: behind the bus that a robot's joints share; ``None``, as in the paper: the bus is stiff.
         heat: of the windings; ``None``, as in the paper: they stay cold.
+        actuator_network: file of networks that give the joints' torques instead of the motor model, made by
+            ``python -m studies.paper network``; ``None``: the motor model does.
+        saturation: whether the motors saturate, as the robot's do; off, torque stays proportional to current.
         state_of_charge: of a battery at an episode's start, drawn once an environment [-].
         winding_temperature: with heat, at an episode's start, drawn once an environment and joint [degC].
 
     Raises:
-        InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
+        InvalidValueError: a value out of range, a policy rate other than 50 Hz, or an actuator network beside
+            a battery or heat, which it does not know.
     """
 
     environments: int = 8192
@@ -59,6 +64,8 @@ class SimulationSettings:
     knee_spring: bool = True
     battery: Battery | None = None
     heat: WindingHeat | None = None
+    actuator_network: str | None = None
+    saturation: bool = True
     state_of_charge: tuple[float, float] = (0.3, 1.0)
     winding_temperature: tuple[float, float] = (25.0, 90.0)
 
@@ -68,6 +75,8 @@ class SimulationSettings:
         check_range("winding_temperature[1]", self.winding_temperature[1], -60.0, 200.0, "degC")
         coldest, hottest = self.winding_temperature
         check_range("winding_temperature[0]", coldest, -60.0, hottest, "degC")
+        if self.actuator_network is not None and (self.battery or self.heat):
+            raise InvalidValueError("actuator_network", self.actuator_network, "without battery and heat")
         for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):
             check_range(name, getattr(self, name), 1, 10**7)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
@@ -113,6 +122,7 @@ class RewardSettings:
             a positive weight. This and the next two are Hound's, not the paper's, and off by default.
         tilt_rate: sum of the roll and pitch rates' magnitudes.
         torque: squared joint torques.
+        load_balance: variance over the joints of the share of its peak torque that each gives; likewise off.
         bare_squares: yaw rate and foot clearance as the paper prints them: the squared yaw rate, which fights
             every commanded turn, and the squared height error, which punishes feet for standing. By default
             the first is the error of the yaw rate, the second weighted by the foot's speed.
@@ -153,6 +163,7 @@ class RewardSettings:
     diagonal_contact: RewardWeight = _constant(0.0)
     tilt_rate: RewardWeight = _constant(0.0)
     torque: RewardWeight = _constant(0.0)
+    load_balance: RewardWeight = _constant(0.0)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
@@ -330,6 +341,38 @@ class StageSettings:
         return self.steady_iteration is None or iteration >= self.steady_iteration
 
 
+@dataclass(frozen=True, kw_only=True)
+class StridePrior:
+    """A reward for running like computed strides, which fades: a start for the search, not its end.
+
+    Attributes:
+        file: of strides, made by ``python -m studies.paper stride``.
+        weight: of ``exp(-d^2)``, d the distance of a leg's state from the nearest point of the stride.
+        fade: iterations between which the weight sinks to zero.
+        position_scale: distance of a joint angle that counts as one [rad].
+        velocity_scale: the same of a joint velocity [rad/s].
+
+    Raises:
+        InvalidValueError: a number that is not positive, or an unordered interval.
+    """
+
+    file: str
+    weight: float = 0.5
+    fade: tuple[int, int] = (800, 1600)
+    position_scale: float = 0.4
+    velocity_scale: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("weight", "position_scale", "velocity_scale"):
+            check_positive(name, getattr(self, name))
+        check_range("fade[0]", self.fade[0], 0, self.fade[1] - 1)
+
+    def weight_at(self, iteration: int) -> float:
+        """The weight in an iteration of the run."""
+        first, last = self.fade
+        return self.weight * min(max((last - iteration) / (last - first), 0.0), 1.0)
+
+
 def _check_widths(name: str, widths: tuple[int, ...]) -> None:
     """Layers that fit into a robot's computer. Raises ``InvalidValueError``."""
     check_range(f"layers of {name}", len(widths), 1, 20)
@@ -475,6 +518,7 @@ class TrainingSettings:
         schedule: how commands evolve.
         heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
             evaluation closes; without it nothing teaches the robot to run straight.
+        prior: strides that are rewarded at the start; none in the paper.
         seed: of every random generator.
     """
 
@@ -488,6 +532,7 @@ class TrainingSettings:
     randomization: RandomizationSettings = RandomizationSettings()
     episodes: EpisodeSettings = EpisodeSettings()
     stages: StageSettings = StageSettings()
+    prior: StridePrior | None = None
     ppo: PpoSettings = PpoSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     observation: ObservationLayout = field(default_factory=ObservationLayout)

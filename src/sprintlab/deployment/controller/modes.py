@@ -165,7 +165,7 @@ class Run(Behaviour):
     policy_drives = True
 
     def __init__(self, command_time: float) -> None:
-        self._longest_brake = command_time + _BRAKED_TIME + _BRAKE_RESERVE
+        self._command_time = command_time
         self._brake_started: float | None = None
         self._slow = Persistence(_BRAKED_TIME)
 
@@ -181,7 +181,8 @@ class Run(Behaviour):
         calm = fastest_joint(state) < _BRAKED_SPEED
         if self._slow.update(calm and not velocity[:2].any(), time):
             return Mode.STAND
-        return Fault.BRAKE_FAILED if time - self._brake_started > self._longest_brake else None
+        longest = self._command_time + _BRAKED_TIME + _BRAKE_RESERVE
+        return Fault.BRAKE_FAILED if time - self._brake_started > longest else None
 
 
 class LieDown(Behaviour):

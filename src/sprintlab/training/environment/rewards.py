@@ -35,6 +35,7 @@ class RewardInput(NamedTuple):
         torque: delivered by the motors [N m] ``(n, joints)``.
         limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
         base_height_target: [m].
+        peak_torque: of each joint near standstill [N m] ``(joints,)``.
         no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
     """
 
@@ -48,6 +49,7 @@ class RewardInput(NamedTuple):
     limit_excess: torch.Tensor
     base_height_target: float
     no_load_speed: torch.Tensor | float = math.inf
+    peak_torque: torch.Tensor | float = 1.0
 
 
 Penalty = Callable[[RewardInput, RewardSettings], torch.Tensor]
@@ -81,6 +83,7 @@ PENALTIES: dict[str, Penalty] = {
     "diagonal_contact": lambda x, s: _diagonal_contact(x.body.contact),
     "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
     "torque": lambda x, s: x.torque.square().sum(1),
+    "load_balance": lambda x, s: (x.torque.abs() / x.peak_torque).var(1, correction=0),
 }
 
 

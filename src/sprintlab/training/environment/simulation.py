@@ -21,6 +21,11 @@ from sprintlab.training.environment.actuation import (
     air_drag_kernel,
     joint_torque_kernel,
 )
+from sprintlab.training.environment.actuator_network import (
+    network_inputs,
+    network_torque_kernel,
+    read_networks,
+)
 from sprintlab.training.environment.supply import Supply
 from sprintlab.training.graphs import suspended_garbage_collection
 from sprintlab.training.settings import SimulationSettings
@@ -169,7 +174,9 @@ class BatchSimulation:
         limit = float(phase_voltage_limit(robot.bus_voltage))
         self.voltage = torch.full((n,), limit, device=self.device)
         self.drag_area = torch.full((n,), DRAG_AREA, device=self.device)
-        drives = wp.array(_joint_drives(robot, self.mj_model), dtype=JointDrive, device=self._warp_device)
+        constants = _joint_drives(robot, self.mj_model)
+        constants["saturation"] *= float(self.settings.saturation)
+        drives = wp.array(constants, dtype=JointDrive, device=self._warp_device)
 
         def arrays(*tensors: torch.Tensor) -> list[Any]:
             return [wp.from_torch(tensor, dtype=wp.float32) for tensor in tensors]
@@ -202,6 +209,8 @@ class BatchSimulation:
             ],
             "device": self._warp_device,
         }
+        if self.settings.actuator_network is not None:
+            self._use_network([drives, *control, strength, friction, *state])
 
         trunk = int(self.mj_model.body("trunk").id)
         self._air = {
@@ -211,6 +220,15 @@ class BatchSimulation:
             "outputs": [self.data.xfrc_applied],
             "device": self._warp_device,
         }
+
+    def _use_network(self, inputs: list[Any]) -> None:
+        """Let actuator networks give the torques; inputs of their kernel without the networks."""
+        networks = read_networks(str(self.settings.actuator_network), len(self.robot.joint_names))
+        drives, *others = inputs
+        weights = network_inputs(networks, self._warp_device)
+        outputs = self._launch["outputs"][1:]  # without the windings' temperature
+        self._launch |= {"kernel": network_torque_kernel, "outputs": outputs}
+        self._launch["inputs"] = [drives, *weights, *others]
 
     def _capture(self) -> Any:
         """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""

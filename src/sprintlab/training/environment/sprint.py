@@ -36,7 +36,7 @@ from sprintlab.control import (
 )
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
-from sprintlab.motors import no_load_speed
+from sprintlab.motors import no_load_speed, saturate
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
@@ -44,6 +44,7 @@ from sprintlab.training.environment.kinematics import BodyState, Kinematics, hea
 from sprintlab.training.environment.randomization import randomize
 from sprintlab.training.environment.rewards import RewardInput, aggregate, penalties, penalty_terms, tracking
 from sprintlab.training.environment.simulation import BatchSimulation
+from sprintlab.training.environment.stride_prior import StrideReference
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
 from sprintlab.training.settings import TrainingSettings
@@ -87,9 +88,14 @@ class SprintEnvironment:
         self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
         self.kinematics = Kinematics(self.robot, self.simulation)
         self.friction = randomize(self.simulation, settings.randomization)
+        prior = settings.prior
+        self.strides = None if prior is None else StrideReference(prior, self.robot, device)
+        self.prior_weight = torch.full((), 0.0 if prior is None else prior.weight_at(0), device=device)
         no_load = np.asarray(no_load_speed(self.robot.motors, self.robot.bus_voltage))
-        no_load = no_load / np.asarray(self.robot.gear.ratio)
-        self.no_load_speed = torch.tensor(no_load, dtype=torch.float32, device=device)
+        ratio, motors = np.asarray(self.robot.gear.ratio), self.robot.motors
+        self.no_load_speed = torch.tensor(no_load / ratio, dtype=torch.float32, device=device)
+        peak = ratio * np.asarray(saturate(motors, motors.peak_torque))
+        self.peak_torque = torch.tensor(peak, dtype=torch.float32, device=device)
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
@@ -269,12 +275,15 @@ class SprintEnvironment:
             limit_excess=above + below,
             base_height_target=self.robot.base_height_target,
             no_load_speed=self.no_load_speed,
+            peak_torque=self.peak_torque,
         )
         rewards = self.settings.rewards
         follow, turn, onward = tracking(inputs, rewards.angular_sharpness)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
         positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
         positive = positive + rewards.progress * onward
+        if self.strides is not None:
+            positive = positive + self.prior_weight * self.strides.likeness(body, self.running_speed)
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._log(inputs, (follow, turn, rate), ends, weighted)

@@ -24,8 +24,9 @@ class TrainOptions:
 
     Attributes:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
-            literal-acs: commands that follow the robot and move toward nothing; or after other papers:
-            rlvrl, lp-acrl, after-hacl, hound, spot-battery, flux-weakening.
+            literal-acs: commands that follow the robot and move toward nothing; no-saturation; after other
+            papers: rlvrl, lp-acrl, after-hacl, hound, spot-battery, actuator-network, stride-prior,
+            flux-weakening.
         robot: name, folder or table of the robot to train; lengths, speeds and masses of the settings are
             scaled to it where they are BP2's. Without it ``settings.robot`` is trained, nothing scaled.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.

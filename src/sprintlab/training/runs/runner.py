@@ -103,6 +103,8 @@ class Runner:
         steady = self.settings.stages.is_steady(iteration)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
         self.learner.set_noise(self.settings.ppo.noise_floor(iteration), steady)
+        if self.settings.prior is not None:
+            self.environment.prior_weight.fill_(self.settings.prior.weight_at(iteration))
 
     def _record(self, statistics: dict[str, float], seconds: float) -> dict[str, float]:
         steps = self.settings.ppo.steps * self.settings.simulation.environments * self.workers.count
