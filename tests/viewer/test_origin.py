@@ -1,5 +1,7 @@
 """The live page takes WebSockets of its own origin only."""
 
+import socket
+
 import pytest
 
 pytest.importorskip("viser")
@@ -50,6 +52,18 @@ def opened(port, **options):
 
 def test_a_connection_of_the_page_is_taken(port):
     assert opened(port, origin=f"http://localhost:{port}")
+
+
+@pytest.mark.parametrize("wish", ["websocket,", "WebSocket , ", ", websocket"])
+def test_a_wish_written_otherwise_is_refused_all_the_same(port, wish):
+    lines = [
+        "GET / HTTP/1.1", f"Host: localhost:{port}", "Origin: http://street.example", f"Upgrade: {wish}",
+        "Connection: Upgrade", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}", "", "",
+    ]  # fmt: skip
+    with socket.create_connection(("localhost", port), timeout=10.0) as client:
+        client.sendall("\r\n".join(lines).encode())
+        assert client.recv(4096).split()[1] == b"403"
 
 
 @pytest.mark.parametrize("origin", [None, "http://street.example", "http://localhost:1", "null"])

@@ -6,6 +6,7 @@ in the trajectory made here; nothing that is drawn or printed from a log uses it
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -77,23 +78,21 @@ def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
         LogError: the policy never drove, the log holds fewer than two position fixes of that time, or it is
             of a robot with other joints.
     """
-    if len(record.states[0].joint_position) != len(robot.joint_names):
-        found = f"{len(record.states[0].joint_position)} joints, {robot.name} has {len(robot.joint_names)}"
+    if record.states.joints != len(robot.joint_names):
+        found = f"{record.states.joints} joints, {robot.name} has {len(robot.joint_names)}"
         raise LogError(f"the log is of a robot with {found}")
-    ticks = [tick for tick in record.ticks if tick.mode == "run"]
-    if len(ticks) < RATE:
+    running = record.column("ticks", "mode") == "run"
+    if running.sum() < RATE:
         raise LogError("the log holds less than half a second of running: there is nothing to draw")
-    begin, end = ticks[0].time, ticks[-1].time
+    tick_time = record.column("ticks", "time")
+    begin, end = tick_time[running][[0, -1]].tolist()
     time = np.arange(0.0, end - begin, 1.0 / RATE)
     course = _Course(record, begin, end)
     trajectory = _trajectory(record, robot, course, time, begin)
-    steps = [tick for tick in ticks if tick.policy_step]
-    command = np.array([tick.velocity for tick in steps])
-    command_time = np.array([tick.time for tick in steps]) - begin
-    faults: dict[str, int] = {}
-    for tick in record.ticks:
-        for fault in tick.faults:
-            faults[fault] = faults.get(fault, 0) + 1
+    steps = running & record.column("ticks", "policy_step")
+    command = record.column("ticks", "velocity")[steps]
+    command_time = tick_time[steps] - begin
+    faults = Counter(fault for noted in record.ticks.faults.values() for fault in noted)
     return LoggedRun(
         trial=_trial(trajectory, robot, _hold(command_time, command), not _fell(faults)),
         fix_time=course.time - begin,
@@ -101,7 +100,7 @@ def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
         fix_way=course.position[:, 0],
         command_time=command_time,
         command=command,
-        faults=faults,
+        faults=dict(faults),
     )
 
 
@@ -139,9 +138,9 @@ def _trajectory(
         name: record.column("states", name)
         for name in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity")
     }
-    tick_time = np.array([tick.time for tick in record.ticks])
-    tick = np.clip(np.searchsorted(tick_time, time + begin, side="right") - 1, 0, None)
-    command = np.array([item.velocity for item in record.ticks])[tick]
+    tick = np.searchsorted(record.column("ticks", "time"), time + begin, side="right") - 1
+    tick = np.clip(tick, 0, None)
+    command = record.column("ticks", "velocity")[tick]
     position, velocity = course.at(time + begin)
     heading = np.unwrap(wrap_angle(heading_angle(states["quaternion"][index]) - course.heading))
     # A drive sets its torque by the speed of the state before; speed and torque belong together.
@@ -162,7 +161,7 @@ def _trajectory(
         heading=heading,
         joint_position=states["joint_position"][index],
         joint_velocity=joint_velocity,
-        joint_target=np.array([item.targets for item in record.ticks])[tick],
+        joint_target=record.column("ticks", "targets")[tick],
         joint_torque=states["joint_torque"][index],
         **_motor_side(record, robot, states, index),
         foot_contact=np.zeros(feet, dtype=bool),

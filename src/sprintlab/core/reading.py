@@ -10,8 +10,9 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Callable
-from typing import Any, cast
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import IO, Any, cast
 
 from sprintlab.core.errors import SprintlabError
 
@@ -29,6 +30,39 @@ _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
 _LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
 
 ErrorType = Callable[[str], SprintlabError]
+
+
+@contextmanager
+def open_regular(
+    path: str | os.PathLike[str],
+    limit: int,
+    *,
+    what: str = "file",
+    error: ErrorType = SprintlabError,
+) -> Generator[IO[bytes], None, None]:
+    """A regular file to read from; arguments and errors as those of ``read_bytes``."""
+    try:
+        # Asked before it is opened too: to open some devices does something.
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise error(f"cannot read {what} {printable(path)}: it is no regular file")
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (OSError, ValueError) as reason:  # ValueError: a zero byte in the name
+        raise _unreadable(path, what, error, reason) from reason
+    with open(handle, "rb") as file:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise error(f"cannot read {what} {printable(path)}: it is no regular file")
+        if status.st_size > limit:
+            raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
+        try:
+            yield file
+        except OSError as reason:
+            raise _unreadable(path, what, error, reason) from reason
+
+
+def _unreadable(path: object, what: str, error: ErrorType, reason: Exception) -> SprintlabError:
+    said = getattr(reason, "strerror", None) or str(reason)
+    return error(f"cannot read {what} {printable(path)}: {said}")
 
 
 def read_bytes(
@@ -50,20 +84,9 @@ def read_bytes(
         SprintlabError: or what ``error`` makes: missing, unreadable, no regular file (a folder, a pipe, a
             device), or larger than ``limit``.
     """
-    try:
-        # Asked before it is opened too: to open some devices does something.
-        if not stat.S_ISREG(os.stat(path).st_mode):
-            raise error(f"cannot read {what} {printable(path)}: it is no regular file")
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise error(f"cannot read {what} {printable(path)}: it is no regular file")
-            large = status.st_size > limit
-            content = b"" if large else file.read(limit + 1)  # it may grow meanwhile
-    except (OSError, ValueError) as reason:  # ValueError: a zero byte in the name
-        said = getattr(reason, "strerror", None) or str(reason)
-        raise error(f"cannot read {what} {printable(path)}: {said}") from reason
-    if large or len(content) > limit:
+    with open_regular(path, limit, what=what, error=error) as file:
+        content = file.read(limit + 1)  # it may grow meanwhile
+    if len(content) > limit:
         raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
     return content
 

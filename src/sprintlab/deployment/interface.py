@@ -19,7 +19,8 @@ Duties of the robot's end, whatever robot it is:
    ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
    ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
 4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in ``session``
-   and ``command_sequence`` whose command it accepted last, and which.
+   and ``command_sequence`` whose command it accepted last, and which, and in ``command_digest`` what stood
+   in it (``command_digest``): numbers alone could be another's.
 5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires.
    It drops commands of every other session and counts them in ``foreign_commands``.
 """
@@ -40,7 +41,7 @@ from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MAGIC = b"SPRT"
 MOST_JOINTS = 32
 """Joints that a message has room for."""
@@ -95,6 +96,8 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         status: ``RobotStatus`` flags.
         session: of the controller that sent the last accepted command; 0 before the first.
         foreign_commands: dropped so far because they belonged to another session.
+        command_digest: of the last accepted command's content, as ``command_digest`` makes it; 0 before the
+            first, and of a robot that does not say.
     """
 
     sequence: int
@@ -109,6 +112,7 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     status: int = 0
     session: int = 0
     foreign_commands: int = 0
+    command_digest: int = 0
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -197,6 +201,7 @@ class _Layout:
         fixed = sum(max(size, 1) for size in sizes if size != _PER_JOINT)
         self.fixed_size = self.head.size + 8 * fixed + 4
         self.joint_size = 8 * sizes.count(_PER_JOINT)
+        self.start = struct.pack("<4sHH", MAGIC, FORMAT_VERSION, kind)
 
     def size(self, joints: int) -> int:
         """Bytes of a message of a robot with so many joints."""
@@ -240,7 +245,13 @@ _LAYOUTS = (
     _Layout(
         1,
         RobotState,
-        {"command_sequence": int, "status": int, "session": int, "foreign_commands": int},
+        {
+            "command_sequence": int,
+            "status": int,
+            "session": int,
+            "foreign_commands": int,
+            "command_digest": int,
+        },
         {
             "joint_position": _PER_JOINT,
             "joint_velocity": _PER_JOINT,
@@ -265,6 +276,25 @@ _BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
 def message_size(kind: type[Message], joints: int = MOST_JOINTS) -> int:
     """Bytes of a message of this type, of a robot with so many joints."""
     return _BY_TYPE[kind].size(joints)
+
+
+def message_start(kind: type[Message]) -> bytes:
+    """The first bytes of every message of this type."""
+    return _BY_TYPE[kind].start
+
+
+def message_layout(kind: type[Message], joints: int) -> np.dtype[np.void]:
+    """The bytes of a message as a structure of NumPy, by the names of its fields."""
+    layout = _BY_TYPE[kind]
+    sizes = {name: joints if size == _PER_JOINT else size for name, size in layout.doubles.items()}
+    return np.dtype(
+        [
+            ("start", "S8"),
+            *((name, "<u8") for name in ("sequence", "timestamp", *layout.whole)),
+            *((name, "<f8", (size,)) if size else (name, "<f8") for name, size in sizes.items()),
+            ("checksum", "<u4"),
+        ]
+    )
 
 
 def encode(message: Message) -> bytes:
@@ -322,6 +352,12 @@ def check_command(command: JointCommand, joints: int) -> None:
             )
 
 
+def command_digest(command: JointCommand) -> int:
+    """A number that tells what a command asks of the joints: its CRC-32, and a bit so that it is not 0."""
+    content = b"".join(getattr(command, field).tobytes() for field in COMMAND_BOUNDS)
+    return 1 << 32 | zlib.crc32(content, int(command.mode))
+
+
 MOST_DAMAGED = 16
 """Damaged messages that one look at a bus passes over: a flood of them must not hold a loop."""
 
@@ -364,8 +400,8 @@ class RobotEndpoint(Protocol):
         """The next command in order of arrival; None if there is none left."""
         ...
 
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
+    def publish(self, state: RobotState) -> bool:
+        """Send a state; whether it was sent, since a bus may carry fewer states than a robot has."""
         ...
 
     def publish_fix(self, fix: PositionFix) -> None:

@@ -48,7 +48,7 @@ def own_origin_only(served_at: str) -> Generator[None, None, None]:
     def guarded(*arguments: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
         def judge(connection: Any, request: Any) -> Any:
             headers = request.headers
-            if headers.get("Upgrade", "").lower() == "websocket":
+            if headers.get_all("Upgrade"):
                 origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
                 if not (len(origins) == len(hosts) == 1 and is_own_origin(origins[0], hosts[0], served_at)):
                     return connection.respond(403, "This page takes its own connections only.\n")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -247,3 +248,90 @@ def test_a_chunk_of_zeros_is_refused_before_it_is_taken_apart(path):
     path.write_bytes(b"\x89MCAP0\r\n" + builder.end())
     with pytest.raises(LogError, match="unknown kind"):
         read_log(path)
+
+
+def test_an_hour_at_1_khz_is_within_the_limits(path):
+    """Its size from that of a real log: nothing but this log's length keeps it from being read."""
+    from sprintlab.deployment.log import reader as limits
+
+    write(path, 300)
+    spent = limits._Reader()
+    with path.open("rb") as file:
+        spent.read(file)
+    steps = 3_600_000
+    assert steps <= limits.MOST_MESSAGES and limits.LONGEST_RUN >= 3600.0
+    assert (limits.UNPACKED_LIMIT - spent._room) / 300 * steps < limits.UNPACKED_LIMIT
+    assert spent._records / 300 * steps < limits._MOST_RECORDS
+    assert path.stat().st_size / 300 * steps < limits.LOG_LIMIT
+
+
+def test_more_messages_than_an_hour_has_are_refused(path, monkeypatch):
+    write(path, 300)
+    monkeypatch.setattr("sprintlab.deployment.log.reader.MOST_MESSAGES", 299)
+    with pytest.raises(LogError, match="more than 299 messages of one kind"):
+        read_log(path)
+
+
+def mcap_file(path, *records):
+    """A file of these records: kind and content."""
+    body = b"".join(struct.pack("<BQ", kind, len(content)) + content for kind, content in records)
+    path.write_bytes(b"\x89MCAP0\r\n" + body)
+
+
+def chunk(content, compression=b"", checksum=0):
+    head = struct.pack("<QQQII", 0, 0, len(content), checksum, len(compression)) + compression
+    return 6, head + struct.pack("<Q", len(content)) + content
+
+
+MESSAGE = struct.pack("<BQ", 5, 22) + bytes(22)
+
+
+def test_a_flood_of_records_ends(path, monkeypatch):
+    monkeypatch.setattr("sprintlab.deployment.log.reader._MOST_RECORDS", 1000)
+    for records in (
+        [(1, b"")] * 1001,
+        [chunk(MESSAGE * 1001)],
+        [chunk(MESSAGE)] * 501,
+        [(5, bytes(22))] * 1001,
+    ):
+        mcap_file(path, *records)
+        with pytest.raises(LogError, match="more than 1000 records"):
+            read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("records", "match"),
+    [
+        ([(6, bytes(20))], "shorter than its kind"),
+        ([(5, bytes(3))], "shorter than its kind"),
+        ([chunk(MESSAGE[:-1])], "a part of one"),
+        ([chunk(b"\x05\x01")], "shorter than its kind"),
+        ([chunk(struct.pack("<BQ", 5, 2**64 - 1))], "a part of one"),
+        ([chunk(MESSAGE, checksum=1)], "checksum of a chunk"),
+        ([chunk(MESSAGE, b"lz4")], "packed with zstd, not with lz4"),
+        ([chunk(MESSAGE, b"zstd")], "cannot be unpacked"),
+        ([(4, struct.pack("<HHI", 1, 0, 2**32 - 1))], "longer than its record"),
+        ([(12, struct.pack("<I", 9) + b"sprintlab" + struct.pack("<I", 2**32 - 1))], "shorter than its kind"),
+        ([(9, bytes(5 << 20))], "more than 4 MB"),
+        ([(12, struct.pack("<I", 2) + b"\xff\xff" + bytes(4))], "utf-8"),
+    ],
+)
+def test_records_that_no_log_holds(path, records, match):
+    mcap_file(path, *records)
+    with pytest.raises(LogError, match=match) as refusal:
+        read_log(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_columns_and_messages_are_the_same(path):
+    write(path, 40)
+    record = read_log(path)
+    for topic in ("states", "commands", "fixes", "ticks"):
+        messages = getattr(record, topic)
+        for field in type(messages[0]).__struct_fields__ if len(messages) else ():
+            if field == "faults":
+                continue
+            np.testing.assert_array_equal(
+                record.column(topic, field), [getattr(message, field) for message in messages]
+            )
+    assert record.ticks[-1].time == 0.04 and record.states[-2:][0].sequence == 39

@@ -257,35 +257,49 @@ def _create(path: Path) -> IO[bytes] | None:
 
     It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it.
     """
+    name, file = "", None
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         file = os.fdopen(handle, "rb+")
         _lock(file)
-        file.truncate(_size())
+        _take_room(file)
         file.write(struct.pack("=Q", _MAGIC))
         file.flush()
-    except OSError as error:
-        raise BusError(f"cannot make shared memory in {path.parent}: {error.strerror or error}") from error
-    try:
         os.link(name, path)
-    except FileExistsError:
-        file.close()
-        return None
+    except OSError as error:
+        if file is not None:
+            file.close()
+        if isinstance(error, FileExistsError):
+            return None
+        raise BusError(f"cannot make shared memory in {path.parent}: {error.strerror or error}") from error
     finally:
-        os.unlink(name)
+        with contextlib.suppress(OSError):
+            os.unlink(name)
     return file
+
+
+def _take_room(file: IO[bytes]) -> None:
+    """All of the memory now: without room, a write to a mapped file would end the process without a word."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file.fileno(), 0, _size())
+    else:
+        file.write(bytes(_size()))
+        file.seek(0)
 
 
 def _open_running(path: Path, name: str) -> IO[bytes]:
     """The file of a robot that runs.
 
     Raises:
-        BusError: there is none, or the robot behind it has crashed.
+        BusError: there is none, it is another account's, or the robot behind it has crashed.
     """
     try:
-        file = path.open("rb+")
+        file = open(path, "rb+", opener=_private)  # noqa: SIM115
     except OSError as error:
         raise BusError(f"no robot named {name!r} runs on this machine; start it first") from error
+    if os.fstat(file.fileno()).st_uid != os.geteuid():
+        file.close()
+        raise BusError(f"{path} is another account's: who made it may pose as the robot {name!r}")
     if _lock(file):
         file.close()
         raise BusError(f"the robot {name!r} has crashed and left its memory behind; start it again")

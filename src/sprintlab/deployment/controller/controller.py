@@ -244,7 +244,7 @@ class Controller:
             self._answer, self._answered_at = state.command_sequence, time
 
     def _obeyed_by(self, state: RobotState) -> bool:
-        return self._commands.has_sent(state.session, state.command_sequence)
+        return self._commands.has_sent(state)
 
     def _take_fix(self, fix: PositionFix | None, time: float) -> None:
         if fix is not None and not self._fix.take(fix, time):

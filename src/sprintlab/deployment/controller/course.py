@@ -9,6 +9,9 @@ import numpy as np
 from sprintlab.commands import heading_angle, wrap_angle
 from sprintlab.deployment.interface import FloatArray, PositionFix, RobotState
 
+_FARTHEST = 1e8  # m: beyond the coordinates of every map
+_FASTEST = 100.0  # m/s
+
 
 class Course:
     """The line along which a run began: what heading, offset and speed are relative to."""
@@ -46,9 +49,9 @@ class LastFix:
         self._taken_at = 0.0
 
     def take(self, fix: PositionFix, time: float) -> bool:
-        """Keep a fix that arrived at ``time`` [s]; False if it is not finite or not newer than the last."""
-        finite = np.isfinite(fix.position).all() and np.isfinite(fix.velocity).all()
-        if not finite or (self._fix is not None and fix.sequence <= self._fix.sequence):
+        """Keep a fix that arrived at ``time`` [s]; False if it is absurd or not newer than the last."""
+        near = (np.abs(fix.position) <= _FARTHEST).all() and (np.abs(fix.velocity) <= _FASTEST).all()
+        if not near or (self._fix is not None and fix.sequence <= self._fix.sequence):
             return False
         self._fix, self._taken_at = fix, time
         return True

@@ -1,28 +1,36 @@
-"""Reading a log file back as arrays."""
+"""Reading a log file back as arrays.
+
+Messages stay the bytes that they are until somebody asks for a field: an hour of them takes some four
+gigabytes, and no longer than to unpack it.
+"""
 
 from __future__ import annotations
 
 import struct
+import zlib
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, Generic, TypeVar, cast, overload
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import printable, read_bytes
+from sprintlab.core.extras import require_package
+from sprintlab.core.reading import open_regular, printable
 from sprintlab.deployment.interface import (
     JointCommand,
+    JointMode,
     MessageError,
     PositionFix,
     RobotState,
     decode,
+    message_layout,
+    message_size,
+    message_start,
 )
-from sprintlab.deployment.log.schemas import MESSAGE_TYPES
 from sprintlab.deployment.log.topics import (
     COMMAND,
     CONTRACT_NAME,
@@ -36,19 +44,25 @@ from sprintlab.deployment.log.topics import (
 )
 
 FloatArray = NDArray[np.float64]
+Message = TypeVar("Message", RobotState, JointCommand, PositionFix)
 
-LOG_LIMIT = 1 << 30
+LOG_LIMIT = 4 << 30
 """Largest log that is read [bytes]."""
-UNPACKED_LIMIT = 2 << 30
+UNPACKED_LIMIT = 8 << 30
 """Most bytes to which the chunks of a log may unpack."""
-MOST_MESSAGES = 500_000
-"""Most messages of one kind: eight minutes at 1 kHz; all kinds together have four times as many."""
-LONGEST_RUN = 3600.0
+MOST_MESSAGES = 3_700_000
+"""Most messages of one kind: an hour at 1 kHz."""
+LONGEST_RUN = 3700.0
 """Longest log that is read [s]."""
 
+_MAGIC = b"\x89MCAP0\r\n"
+_MOST_RECORDS = 3 * MOST_MESSAGES + 1_000_000  # of all kinds: states, commands, control steps, and the rest
 _LARGEST_WINDOW = 64 << 20
 _LARGEST_CHUNK = 64 << 20
-_CHUNK_RECORDS = {3, 4, 5}  # schema, channel, message
+_LARGEST_NOTE = 4 << 20  # facts, contract
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = 3, 4, 5, 6, 9, 12
+_NOTES = {_CHANNEL, _ATTACHMENT, _METADATA}
+_IN_CHUNKS = {_SCHEMA, _CHANNEL, _MESSAGE}
 _LARGEST = 1e9  # of any number, in its SI unit
 _NUMBERS = (
     *(("states", name) for name in ("joint_position", "joint_velocity", "joint_torque", "bus_voltage")),
@@ -56,6 +70,126 @@ _NUMBERS = (
     *(("fixes", name) for name in ("position", "velocity")),
     *(("ticks", name) for name in ("velocity", "targets", "compute_time")),
 )
+
+
+class Messages(Sequence[Message], Generic[Message]):
+    """Messages of one kind, kept as the bus's bytes.
+
+    Attributes:
+        joints: of the robot that they are of; 0 where a message holds none.
+    """
+
+    def __init__(self, kind: type[Message]) -> None:
+        self._kind, self._start = kind, message_start(kind)
+        self._size, self.joints = 0, 0
+        self._content, self._times = bytearray(), array("Q")
+
+    def add(self, time: int, content: bytes) -> None:
+        """Keep one message.
+
+        Raises:
+            MessageError: it is damaged, of another version, or of a robot with other joints than the first.
+        """
+        sound = len(content) == self._size and content.startswith(self._start)
+        if not sound or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+            self._begin(content)
+        self._content += content
+        self._times.append(time)
+
+    def _begin(self, content: bytes) -> None:
+        """Take the number of joints from the first message; refuse any other that differs."""
+        decode(self._kind, content)
+        if len(self):
+            raise MessageError("its messages do not all have the same number of joints")
+        self._size = len(content)
+        none, one = (message_size(self._kind, joints) for joints in (0, 1))
+        self.joints = (self._size - none) // (one - none) if one > none else 0
+
+    @property
+    def time(self) -> FloatArray:
+        """When each message was noted [s] ``(n,)``."""
+        return np.frombuffer(self._times, dtype=np.uint64).astype(np.float64) * 1e-9
+
+    def column(self, field: str) -> NDArray[Any]:
+        """One field of all messages ``(n,)`` or ``(n, k)``."""
+        return np.frombuffer(self._content, dtype=message_layout(self._kind, self.joints))[field]
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @overload
+    def __getitem__(self, index: int) -> Message: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Message]: ...
+    def __getitem__(self, index: int | slice) -> Message | Sequence[Message]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        start = range(len(self))[index] * self._size
+        return decode(self._kind, bytes(self._content[start : start + self._size]))
+
+
+class Ticks(Sequence[TickRecord]):
+    """What the controller noted of its steps, as columns.
+
+    Attributes:
+        joints: that have targets.
+        faults: of the steps that had some, by their number.
+    """
+
+    def __init__(self) -> None:
+        self._decoder = msgspec.json.Decoder(TickRecord)
+        self._numbers = array("d")
+        self._modes, self._names = array("H"), dict[str, int]()
+        self._policy_steps = bytearray()
+        self.joints = 0
+        self.faults: dict[int, tuple[str, ...]] = {}
+
+    def add(self, content: bytes) -> None:
+        """Keep one step. Raises ``msgspec.DecodeError`` or ``LogError``."""
+        tick = self._decoder.decode(content)
+        self.joints = self.joints or len(tick.targets)
+        if len(tick.velocity) != 3 or len(tick.targets) != self.joints:
+            raise LogError(
+                f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
+            )
+        if tick.faults:
+            self.faults[len(self)] = tick.faults
+        if tick.mode not in self._names and len(self._names) == 1000:
+            raise LogError("its control steps have more than 1000 modes")
+        self._modes.append(self._names.setdefault(tick.mode, len(self._names)))
+        self._policy_steps.append(tick.policy_step)
+        self._numbers.extend((tick.time, *tick.velocity, *tick.targets, tick.compute_time))
+
+    def column(self, field: str) -> NDArray[Any]:
+        """One field of all steps: ``(n,)``, ``(n, 3)`` or ``(n, joints)``; of ``mode`` the names."""
+        if field == "mode":
+            return np.array(list(self._names))[np.frombuffer(self._modes, dtype=np.uint16)]
+        if field == "policy_step":
+            return np.frombuffer(self._policy_steps, dtype=bool)
+        table = np.frombuffer(self._numbers).reshape(-1, 5 + self.joints)
+        places = {"time": 0, "velocity": slice(1, 4), "targets": slice(4, -1), "compute_time": -1}
+        return table[:, places[field]]
+
+    def __len__(self) -> int:
+        return len(self._modes)
+
+    @overload
+    def __getitem__(self, index: int) -> TickRecord: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[TickRecord]: ...
+    def __getitem__(self, index: int | slice) -> TickRecord | Sequence[TickRecord]:
+        if isinstance(index, slice):
+            return [self[place] for place in range(*index.indices(len(self)))]
+        place = range(len(self))[index]
+        return TickRecord(
+            time=float(self.column("time")[place]),
+            mode=list(self._names)[self._modes[place]],
+            velocity=tuple(self.column("velocity")[place].tolist()),
+            targets=tuple(self.column("targets")[place].tolist()),
+            policy_step=bool(self._policy_steps[place]),
+            faults=self.faults.get(place, ()),
+            compute_time=float(self.column("compute_time")[place]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,32 +200,41 @@ class RunRecord:
         facts: what the log says of its run; ``robot`` is always there, ``ticks dropped`` unless the
             controller did not come to its end.
         contract: the policy's contract, JSON.
-        state_time: ``(S,)`` when each state was accepted.
-        states: the accepted states.
-        command_time: ``(C,)`` when each command was sent.
+        states: the accepted states; their time is when each was accepted.
         commands: what was sent.
-        fix_time: ``(F,)`` when each position fix came.
         fixes: the position fixes.
         ticks: what else the controller noted, one a command.
     """
 
     facts: dict[str, str]
     contract: str
-    state_time: FloatArray
-    states: tuple[RobotState, ...]
-    command_time: FloatArray
-    commands: tuple[JointCommand, ...]
-    fix_time: FloatArray
-    fixes: tuple[PositionFix, ...]
-    ticks: tuple[TickRecord, ...]
+    states: Messages[RobotState]
+    commands: Messages[JointCommand]
+    fixes: Messages[PositionFix]
+    ticks: Ticks
 
-    def column(self, topic: str, field: str) -> FloatArray:
+    @property
+    def state_time(self) -> FloatArray:
+        """When each state was accepted ``(S,)``."""
+        return self.states.time
+
+    @property
+    def command_time(self) -> FloatArray:
+        """When each command was sent ``(C,)``."""
+        return self.commands.time
+
+    @property
+    def fix_time(self) -> FloatArray:
+        """When each position fix came ``(F,)``."""
+        return self.fixes.time
+
+    def column(self, topic: str, field: str) -> NDArray[Any]:
         """One field of every message of ``"states"``, ``"commands"``, ``"fixes"`` or ``"ticks"``.
 
         Returns:
             ``(messages,)`` or ``(messages, n)``.
         """
-        return np.array([getattr(message, field) for message in getattr(self, topic)])
+        return getattr(self, topic).column(field)
 
 
 def read_log(path: Path) -> RunRecord:
@@ -99,30 +242,17 @@ def read_log(path: Path) -> RunRecord:
 
     Raises:
         LogError: there is no such file, it is no log of sprintlab, it is damaged, larger or longer than what
-            is read, or the package ``mcap`` is missing.
+            is read, or the package ``zstandard`` is missing.
     """
-    found: dict[str, list[tuple[float, Any]]] = {STATE: [], COMMAND: [], FIX: [], TICK: []}
+    require_package("zstandard", extra="log", use="reading a log")
+    reader = _Reader()
     try:
-        facts, contract = _read_into(path, found)
-    except (MessageError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise LogError(f"{printable(path)} is damaged: {printable(error)}") from error
-    if not found[STATE] or not found[TICK]:
-        raise LogError(f"{printable(path)} holds no run: no state or no control step was logged")
-    state_time, states = _columns(found[STATE])
-    command_time, commands = _columns(found[COMMAND])
-    fix_time, fixes = _columns(found[FIX])
-    record = RunRecord(
-        facts=facts,
-        contract=contract,
-        state_time=state_time,
-        states=states,
-        command_time=command_time,
-        commands=commands,
-        fix_time=fix_time,
-        fixes=fixes,
-        ticks=_columns(found[TICK])[1],
-    )
-    wrong = _impossible(record)
+        with open_regular(path, LOG_LIMIT, what="log", error=LogError) as file:
+            reader.read(file)
+        record = reader.record()
+        wrong = _impossible(record)
+    except (LogError, MessageError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise LogError(f"{printable(path)} is damaged or no log of sprintlab: {printable(error)}") from error
     if wrong:
         raise LogError(f"{printable(path)} is damaged: {wrong}")
     return record
@@ -130,121 +260,177 @@ def read_log(path: Path) -> RunRecord:
 
 def _impossible(record: RunRecord) -> str:
     """What no run can have logged; empty where there is nothing of the kind."""
-    ticks = np.array([tick.time for tick in record.ticks])
-    for name, time in (("states", record.state_time), ("fixes", record.fix_time), ("control steps", ticks)):
+    joints = {record.states.joints, record.ticks.joints, record.commands.joints or record.states.joints}
+    if len(joints) > 1:
+        return "its messages do not all have the same number of joints"
+    times = {
+        "states": record.state_time,
+        "fixes": record.fix_time,
+        "control steps": record.ticks.column("time"),
+    }
+    for name, time in times.items():
         if not np.isfinite(time).all() or (np.diff(time) < 0.0).any():
             return f"the times of its {name} do not rise"
         if len(time) and not time[-1] - time[0] <= LONGEST_RUN:
             return f"its {name} span more than {LONGEST_RUN:g} s"
-    joints = len(record.states[0].joint_position)
-    if any(len(state.joint_position) != joints for state in record.states) or any(
-        len(command.target_position) != joints for command in record.commands
-    ):
-        return "its messages do not all have the same number of joints"
-    for tick in record.ticks:
-        if len(tick.velocity) != 3 or len(tick.targets) != joints:
-            return f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
     for topic, field in _NUMBERS:
         values = record.column(topic, field)
-        if not np.isfinite(values).all() or np.abs(values, out=values).max(initial=0.0) > _LARGEST:
+        if not np.isfinite(values).all() or np.abs(values).max(initial=0.0) > _LARGEST:
             return f"{field} holds what no robot measures"
     if (np.linalg.norm(record.column("states", "quaternion"), axis=1) < 0.5).any():
         return "an orientation is no unit quaternion"
+    if (record.column("commands", "mode") > max(JointMode)).any():
+        return "a command has an unknown mode"
     return ""
 
 
-def _read_into(path: Path, found: dict[str, list[tuple[float, Any]]]) -> tuple[dict[str, str], str]:
-    """Sort every message of the file under its topic; returns facts and contract."""
-    records = _modules()
-    facts: dict[str, str] = {}
-    contract, topics = "", {}
-    decoder = msgspec.json.Decoder(TickRecord)
-    for record in _records(path):
-        if isinstance(record, records.Channel):
-            topics[record.id] = record.topic
-        elif isinstance(record, records.Metadata) and record.name in (FACTS_NAME, END_NAME):
-            facts |= {name: printable(value) for name, value in record.metadata.items()}
-        elif isinstance(record, records.Attachment) and record.name == CONTRACT_NAME:
-            contract = record.data.decode()
-        elif isinstance(record, records.Message) and (topic := topics.get(record.channel_id)) in found:
-            message = (
-                decoder.decode(record.data) if topic == TICK else decode(MESSAGE_TYPES[topic], record.data)
+class _Reader:
+    """Takes an MCAP file apart, record by record, within bounds: https://mcap.dev/spec."""
+
+    def __init__(self) -> None:
+        self._states = Messages(RobotState)
+        self._commands = Messages(JointCommand)
+        self._fixes = Messages(PositionFix)
+        self._ticks = Ticks()
+        self._stores = {STATE: self._states, COMMAND: self._commands, FIX: self._fixes}
+        self._topics: dict[int, str] = {}
+        self._facts: dict[str, str] = {}
+        self._contract = ""
+        self._records, self._room = 0, UNPACKED_LIMIT
+
+    def record(self) -> RunRecord:
+        """What was read. Raises ``LogError`` where that is no run."""
+        if "robot" not in self._facts:
+            raise LogError("it says nothing of a robot")
+        if not len(self._states) or not len(self._ticks):
+            raise LogError("it holds no run: no state or no control step was logged")
+        return RunRecord(
+            facts=self._facts,
+            contract=self._contract,
+            states=self._states,
+            commands=self._commands,
+            fixes=self._fixes,
+            ticks=self._ticks,
+        )
+
+    def read(self, file: IO[bytes]) -> None:
+        """Every record of a file, up to where it is cut off."""
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise LogError("it does not begin as an MCAP file")
+        while len(head := file.read(9)) == 9:
+            kind, length = struct.unpack("<BQ", head)
+            self._count()
+            if kind in (_CHUNK, _MESSAGE, *_NOTES):
+                limit = 2 * _LARGEST_CHUNK if kind == _CHUNK else _LARGEST_NOTE
+                content = file.read(min(length, limit + 1))
+                if len(content) > limit:
+                    raise LogError(f"a record has more than {limit >> 20} MB")
+                if len(content) < length:
+                    return
+                self._take(kind, content)
+            elif length >= 1 << 63:
+                return
+            else:
+                file.seek(length, 1)
+
+    def _count(self) -> None:
+        self._records += 1
+        if self._records > _MOST_RECORDS:
+            raise LogError(f"it holds more than {_MOST_RECORDS} records")
+
+    def _take(self, kind: int, content: bytes) -> None:
+        try:
+            if kind == _CHUNK:
+                self._take_chunk(content)
+            elif kind == _MESSAGE:
+                channel, _, time = struct.unpack_from("<HIQ", content)
+                self._take_message(self._topics.get(channel, ""), time, content[22:])
+            else:
+                self._take_note(kind, content)
+        except struct.error:
+            raise LogError("a record is shorter than its kind") from None
+
+    def _take_chunk(self, content: bytes) -> None:
+        """The records of a chunk, which holds them whole."""
+        data = self._unpacked(content)
+        self._room -= len(data)
+        at = 0
+        while at < len(data):
+            kind, length = struct.unpack_from("<BQ", data, at)
+            begin, at = at + 9, at + 9 + length
+            self._count()
+            if kind not in _IN_CHUNKS or at > len(data):
+                raise LogError("a chunk holds a record of an unknown kind, or a part of one")
+            if kind == _MESSAGE:
+                channel, _, time = struct.unpack_from("<HIQ", data, begin)
+                self._take_message(self._topics.get(channel, ""), time, data[begin + 22 : at])
+            elif kind == _CHANNEL:
+                self._take_note(kind, data[begin:at])
+
+    def _unpacked(self, content: bytes) -> bytes:
+        """A chunk's records; never unpacks more than there is room for."""
+        _, _, _, checksum, length = struct.unpack_from("<QQQII", content)
+        compression = content[32 : 32 + length]
+        packed = content[32 + length + 8 :]
+        limit = min(self._room, _LARGEST_CHUNK)
+        data = packed if compression == b"" else _unpacked(compression, packed, limit)
+        if len(data) > limit:
+            raise LogError(
+                f"it, or a chunk of it, unpacks to more than {UNPACKED_LIMIT >> 20} or "
+                f"{_LARGEST_CHUNK >> 20} MB, the most that is read"
             )
-            found[topic].append((1e-9 * record.log_time, message))
-            if len(found[topic]) > MOST_MESSAGES:
-                raise LogError(f"{printable(path)} holds more than {MOST_MESSAGES} messages of one kind")
-    if "robot" not in facts:
-        raise LogError(f"{printable(path)} is no log of sprintlab")
-    return facts, contract
+        if checksum and zlib.crc32(data) != checksum:
+            raise LogError("the checksum of a chunk does not fit")
+        return data
+
+    def _take_message(self, topic: str, time: int, content: bytes) -> None:
+        if topic == TICK:
+            self._ticks.add(content)
+            count = len(self._ticks)
+        elif topic in self._stores:
+            self._stores[topic].add(time, content)
+            count = len(self._stores[topic])
+        else:
+            return
+        if count > MOST_MESSAGES:
+            raise LogError(f"it holds more than {MOST_MESSAGES} messages of one kind, an hour at 1 kHz")
+
+    def _take_note(self, kind: int, content: bytes) -> None:
+        if kind == _CHANNEL:
+            (number,) = struct.unpack_from("<H", content)
+            self._topics[number], _ = _text(content, 4)
+        elif kind == _ATTACHMENT:
+            name, at = _text(content, 16)
+            _, at = _text(content, at)
+            if name == CONTRACT_NAME:
+                self._contract = content[at + 8 : at + 8 + struct.unpack_from("<Q", content, at)[0]].decode()
+        else:
+            name, at = _text(content, 0)
+            end = at + 4 + struct.unpack_from("<I", content, at)[0]
+            at += 4
+            while name in (FACTS_NAME, END_NAME) and at < end:
+                key, at = _text(content, at)
+                value, at = _text(content, at)
+                self._facts[key] = printable(value)
 
 
-def _modules() -> Any:
-    try:
-        from mcap import records
-    except ModuleNotFoundError as error:
-        raise LogError("reading a log needs the package mcap: pip install 'sprintlab[log]'") from error
-    return records
+def _text(content: bytes, at: int) -> tuple[str, int]:
+    """A text with its length before it, and where it ends."""
+    (length,) = struct.unpack_from("<I", content, at)
+    if at + 4 + length > len(content):
+        raise LogError("a text is longer than its record")
+    return content[at + 4 : at + 4 + length].decode(), at + 4 + length
 
 
-def _records(path: Path) -> Any:
-    """Every record of the file in order, up to where it is cut off; chunks unpacked within bounds."""
-    from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
-    from mcap.records import Chunk
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    content = read_bytes(path, LOG_LIMIT, what="log", error=LogError)
-    reader = StreamReader(BytesIO(content), emit_chunks=True, record_size_limit=len(content))
-    room, records = UNPACKED_LIMIT, 0
-    try:
-        for record in reader.records:
-            if not isinstance(record, Chunk):
-                yield record
-                continue
-            plain = _unpacked(record, min(room, _LARGEST_CHUNK))
-            room -= len(plain.data)
-            records += _counted(plain.data)
-            if records > 4 * MOST_MESSAGES:
-                raise LogError(f"{printable(path)} holds more than {4 * MOST_MESSAGES} records")
-            yield from breakup_chunk(plain)
-    except (EndOfFile, RecordLengthLimitExceeded, struct.error):  # a record that the file does not hold whole
-        return
-    except (SprintlabError, msgspec.DecodeError, UnicodeDecodeError):
-        raise
-    except Exception as error:  # of the library and of its decompressors
-        raise LogError(f"{printable(path)} is no MCAP file, or damaged ({type(error).__name__})") from error
-
-
-def _counted(data: bytes) -> int:
-    """Number of records in a chunk; the first that is none of a chunk's ends the count with ``LogError``."""
-    count, at = 0, 0
-    while at + 9 <= len(data):
-        kind, length = struct.unpack_from("<BQ", data, at)
-        if kind not in _CHUNK_RECORDS:
-            raise LogError("the log is damaged: a chunk holds a record of an unknown kind")
-        count, at = count + 1, at + 9 + length
-    return count
-
-
-def _unpacked(chunk: Any, room: int) -> Any:
-    """A chunk without compression; never unpacks more than ``room`` bytes. Raises ``LogError``."""
-    from dataclasses import replace
-
-    if chunk.compression == "":
-        return chunk
-    if chunk.compression != "zstd":
-        raise LogError(f"a log of sprintlab is packed with zstd, not with {printable(chunk.compression, 20)}")
+def _unpacked(compression: bytes, packed: bytes, limit: int) -> bytes:
+    if compression != b"zstd":
+        named = printable(compression.decode(errors="replace"), 20)
+        raise LogError(f"a log of sprintlab is packed with zstd, not with {named}")
     import zstandard
 
     unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
-    with unpacker.stream_reader(chunk.data) as stream:
-        data = stream.read(room + 1)
-    if len(data) > room:
-        raise LogError(
-            f"the log, or a chunk of it, unpacks to more than {UNPACKED_LIMIT >> 20} or "
-            f"{_LARGEST_CHUNK >> 20} MB, the most that is read"
-        )
-    return replace(chunk, compression="", data=data)
-
-
-def _columns(messages: Sequence[tuple[float, Any]]) -> tuple[FloatArray, tuple[Any, ...]]:
-    return np.array([time for time, _ in messages]), tuple(message for _, message in messages)
+    try:
+        with unpacker.stream_reader(packed) as stream:
+            return cast("bytes", stream.read(limit + 1))
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise LogError("a chunk cannot be unpacked") from error

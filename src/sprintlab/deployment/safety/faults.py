@@ -29,6 +29,7 @@ class Fault(str, Enum):
     STATE_STALE = "state-stale"
     STATE_FROZEN = "state-frozen"
     ENCODER_STUCK = "encoder-stuck"
+    INERTIAL_STUCK = "inertial-stuck"
     JOINT_LIMIT = "joint-limit"
     OVERSPEED = "overspeed"
     OVERTORQUE = "overtorque"
@@ -79,6 +80,9 @@ RESPONSES: dict[Fault, Response] = {
     Fault.STATE_STALE: Response(_S, 0.032, "no usable state for 30 ms"),
     Fault.STATE_FROZEN: Response(_S, 0.022, "states go on, but their content does not change for 20 ms"),
     Fault.ENCODER_STUCK: Response(_S, 0.022, "a joint moves, but its position does not change for 20 ms"),
+    Fault.INERTIAL_STUCK: Response(
+        _S, 0.022, "joints move, but orientation and gyro do not change for 20 ms"
+    ),
     Fault.JOINT_LIMIT: Response(_S, 0.007, "a joint is far beyond its stop for 5 ms"),
     Fault.OVERSPEED: Response(_S, 0.007, "a joint turns far above its motor's no-load speed for 5 ms"),
     Fault.OVERTORQUE: Response(_S, 0.012, "a drive gives far more than its peak torque for 10 ms"),
@@ -96,7 +100,7 @@ RESPONSES: dict[Fault, Response] = {
     Fault.LOOP_STALLED: Response(_S, TICK, "the control loop itself stood still for 40 ms"),
     Fault.STAND_FAILED: Response(_S, 2 * TICK, "the legs do not reach the standing pose"),
     Fault.BRAKE_FAILED: Response(_S, 2 * TICK, "braking takes longer than it can"),
-    Fault.FIX_INVALID: Response(_D, TICK, "a position fix is not finite, or old"),
+    Fault.FIX_INVALID: Response(_D, TICK, "a position fix is not finite, absurd or old"),
     Fault.SOURCE_INVALID: Response(_D, 0.021, "a velocity command is not finite, or old"),
     Fault.SOURCE_LOST: Response(_B, 0.222, "the command source is silent for 0.2 s"),
 }

@@ -41,6 +41,8 @@ class StateMonitor:
         self._accepted_at: float | None = None
         self._content: bytes = b""
         self._frozen = Persistence(self._settings.frozen_time)
+        self._inertial: bytes = b""
+        self._inertial_stuck = Persistence(self._settings.frozen_time)
         self._stuck_since: FloatArray = np.full(len(self._lower), np.inf)
 
     def age(self, time: float) -> float | None:
@@ -110,11 +112,14 @@ class StateMonitor:
     def _sensor_faults(self, state: RobotState, time: float) -> list[Fault]:
         faults: list[Fault] = []
         content = state.joint_position.tobytes() + state.joint_velocity.tobytes()
-        content += state.angular_velocity.tobytes()
-        moving = np.abs(state.joint_velocity).max() > self._settings.stuck_velocity
-        if self._frozen.update(content == self._content and bool(moving), time):
+        inertial = state.quaternion.tobytes() + state.angular_velocity.tobytes()
+        moving = bool(np.abs(state.joint_velocity).max() > self._settings.stuck_velocity)
+        same = inertial == self._inertial and moving
+        if self._frozen.update(same and content == self._content, time):
             faults.append(Fault.STATE_FROZEN)
-        self._content = content
+        if self._inertial_stuck.update(same and content != self._content, time):
+            faults.append(Fault.INERTIAL_STUCK)
+        self._content, self._inertial = content, inertial
         if self._stuck(state, time):
             faults.append(Fault.ENCODER_STUCK)
         return faults

@@ -17,6 +17,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     RobotStatus,
     check_command,
+    command_digest,
 )
 from sprintlab.deployment.simulator.options import SimulatorOptions
 from sprintlab.motors import DriveOutput
@@ -135,6 +136,7 @@ class SimulatedRobot:
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
             session=0 if self._command is None else self._command.session,
             foreign_commands=self.foreign,
+            command_digest=0 if self._command is None else command_digest(self._command),
         )
 
     def fix(self, timestamp: int) -> PositionFix | None:
