@@ -11,8 +11,11 @@ from sprintlab.core.errors import SprintlabError
 from studies.paper.compare import Compare
 from studies.paper.draw import Figures
 from studies.paper.network import Network
+from studies.paper.page import Page
+from studies.paper.plan import Plan
 from studies.paper.publish import Publish
 from studies.paper.stride import Strides
+from studies.paper.variants import Variants
 
 REFUSED = 2
 
@@ -22,6 +25,9 @@ Command = (
     | Annotated[Publish, tyro.conf.subcommand(name="publish")]
     | Annotated[Network, tyro.conf.subcommand(name="network")]
     | Annotated[Strides, tyro.conf.subcommand(name="stride")]
+    | Annotated[Plan, tyro.conf.subcommand(name="plan")]
+    | Annotated[Variants, tyro.conf.subcommand(name="variants")]
+    | Annotated[Page, tyro.conf.subcommand(name="page")]
 )
 
 

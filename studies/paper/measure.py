@@ -7,7 +7,7 @@ import json
 import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from importlib import metadata
 from pathlib import Path
@@ -23,8 +23,9 @@ from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, search_speeds
 from sprintlab.evaluation.results import SprintResult
 from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.motors import MotorModel
 from sprintlab.robots import RobotDescription, robot_fingerprint
-from studies.paper.paper import PAPER_TABLE
+from sprintlab.training.methods import ALL_METHODS
 from studies.paper.record import (
     ClockRecord,
     EvaluationRecord,
@@ -81,6 +82,13 @@ class EvaluationPlan:
     workers: int | None = None
     command_line: str = ""
 
+    def for_method(self, method: str) -> EvaluationPlan:
+        """The plan for a method's policies: with the drive that they were trained for where it is another."""
+        if method not in OWN_DRIVES:
+            return self
+        plant = replace(self.protocol.plant, motor_model=OWN_DRIVES[method])
+        return replace(self, protocol=replace(self.protocol, plant=plant))
+
     def protocol_numbers(self) -> dict[str, Any]:
         """Every setting that decides the numbers, JSON-ready."""
         return {**asdict(self.protocol), "friction": list(self.protocol.friction), "distance": self.distance}
@@ -96,6 +104,8 @@ class EvaluationPlan:
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:20]
 
 
+OWN_DRIVES: dict[str, MotorModel] = {"flux-weakening": "flux-weakening"}
+"""Methods whose drive differs in evaluation, too; all others run with the refined motor."""
 _PATH_ONLY = ("start", "top", "first_step")
 """These decide which speeds are tried, not what comes out at one of them."""
 
@@ -188,6 +198,7 @@ class _Evaluation:
         processes: WorkerProcesses,
         step: Step,
     ) -> None:
+        plan = plan.for_method(candidate.method)
         self._candidate, self._plan, self._step = candidate, plan, step
         self._sha256 = policy_digest(candidate.policy)
         self._pool = TrialPool(candidate.policy, plan.robot, processes=processes)
@@ -265,13 +276,13 @@ class _Evaluation:
 
 
 def check_origin(candidate: Candidate, contract: PolicyContract) -> None:
-    """Refuse a policy of one of the paper's methods that lies in the place of another method or seed.
+    """Refuse a policy of a known method that lies in the place of another method or seed.
 
     Raises:
         SprintlabError: names both.
     """
     trained = contract.training
-    if trained.method not in PAPER_TABLE or candidate.method not in PAPER_TABLE:
+    if trained.method not in ALL_METHODS or candidate.method not in ALL_METHODS:
         return
     if (trained.method, trained.seed) != (candidate.method, candidate.seed):
         raise SprintlabError(
@@ -321,6 +332,7 @@ def evaluation_record(
 
 def answers(record: EvaluationRecord, candidate: Candidate, plan: EvaluationPlan) -> bool:
     """Whether a record is what evaluating this candidate by this plan would give again."""
+    plan = plan.for_method(candidate.method)
     return (
         (record.method, record.seed) == (candidate.method, candidate.seed)
         and record.policy_sha256 == policy_digest(candidate.policy)

@@ -70,5 +70,15 @@ PAPER_TABLE = {
 }
 """The six methods in the paper's order."""
 
+REPORTED = (
+    ("WildCat (Boston Dynamics)", None, 8.89),
+    ("RLvRL (Mini Cheetah)", 5.7, 3.9),
+    ("HACL (Go1)", 6.7, 4.1),
+    ("Hound", 6.5, 5.9),
+    ("Spot (Miller et al. 2025)", None, 5.2),
+    ("BP2 (the paper's Ours)", 12.4, 11.65),
+)
+"""The paper's Table III, as reported there: robot, speed in simulation and outdoors [m/s]."""
+
 REFERENCE_METHOD = "sprint"
 """The method whose J is 1."""

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from sprintlab.commands import CurriculumSchedule
 from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.estimates import merge_bands
 from sprintlab.evaluation.results import EstimateBand
 from sprintlab.evaluation.tables import number_text
+from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import (
     COLLAPSE_SPEED,
@@ -49,6 +51,8 @@ class MethodRow:
         audit_passed: how many seeds passed the exploit audit at their best speed.
         honest: how many did, or failed in nothing but a policy clock that is harmless.
         duty_factor: mean share of time that a foot is on the ground, at the max velocity, raw.
+        hip_limited: share of time that a hip's motor is on its limit, mean of four, at the max velocity, raw.
+        knee_limited: the same of the knees.
     """
 
     method: str
@@ -68,6 +72,8 @@ class MethodRow:
     audit_passed: int
     honest: int
     duty_factor: Interval
+    hip_limited: Interval
+    knee_limited: Interval
 
 
 def collapsed(record: EvaluationRecord) -> bool:
@@ -141,13 +147,15 @@ def _row(
         falls=interquartile_mean([speed.falls for speed in best]),
         audit_passed=sum(record.raw.audit_passed for record in running),
         honest=sum(record.honest for record in running),
-        duty_factor=interquartile_mean([_mean_duty(speed.duty_factor) for speed in best]),
+        duty_factor=interquartile_mean([_mean(speed.duty_factor) for speed in best]),
+        hip_limited=interquartile_mean([_mean(speed.envelope_share[1::3]) for speed in best]),
+        knee_limited=interquartile_mean([_mean(speed.envelope_share[2::3]) for speed in best]),
     )
 
 
-def _mean_duty(feet: Numbers) -> float:
-    """Over the feet; ``nan`` where it is not defined."""
-    return sum(number(foot) for foot in feet) / len(feet) if feet else math.nan
+def _mean(values: Numbers) -> float:
+    """Over feet or joints; ``nan`` where it is not defined."""
+    return sum(number(value) for value in values) / len(values) if values else math.nan
 
 
 def _cost_at(record: EvaluationRecord, top_speed: float | None) -> float:
@@ -180,10 +188,11 @@ TABLE_COLUMNS = (
 def table_cells(row: MethodRow) -> tuple[str, ...]:
     """A row of the paper's Table II beside ours, as text under ``TABLE_COLUMNS``."""
     paper = PAPER_TABLE.get(row.method)
+    actuator, commands = switches(row.method) if paper is None else (paper.actuator, paper.commands)
     return (
         row.method,
-        "-" if paper is None else paper.actuator,
-        "-" if paper is None else paper.commands,
+        actuator,
+        commands,
         "-" if paper is None else _paper_text(paper.max_velocity, 1),
         velocity_text(row, row.max_velocity),
         "-" if row.method == REFERENCE_METHOD else row.reference_faster.text(2),
@@ -195,6 +204,31 @@ def table_cells(row: MethodRow) -> tuple[str, ...]:
         str(row.seeds),
         _audit_text(row),
     )
+
+
+_ACTUATORS = {"simplified-dc": "v_d = 0", "flux-weakening": "flux weakening"}
+_COMMANDS = {
+    "AdaptiveSchedule": "adaptive",
+    "UniformSchedule": "uniform",
+    "FixedAccelerationSchedule": "fixed acceleration",
+    "RampedSchedule": "uniform, ramp of 1 s",
+    "BoxGrid": "box-adaptive grid",
+    "ProgressGrid": "learning progress",
+    "PredictionGrid": "predicted reward",
+}
+
+
+def switches(method: str) -> tuple[str, str]:
+    """Motor in training and commands of a method outside the paper's table; dashes of an unknown one."""
+    found = ALL_METHODS.get(method)
+    if found is None:
+        return "-", "-"
+    motor = _ACTUATORS.get(found.actuator_model, found.actuator_model)
+    motor = "network" if found.network else motor + ("" if found.saturation else ", no saturation")
+    motor += "" if found.battery is None else " + battery"
+    curriculum = isinstance(found.schedule, CurriculumSchedule)
+    commands = _COMMANDS[type(found.schedule.targets.grid if curriculum else found.schedule).__name__]
+    return motor, commands + (", literal" if method == LITERAL_ACS else "")
 
 
 def _audit_text(row: MethodRow) -> str:
@@ -245,6 +279,8 @@ DETAIL_COLUMNS = (
     "cost of transport",
     "duty factor",
     "falls of 10",
+    "hip on its limit",
+    "knee on its limit",
 )
 """Headings of ``detail_cells``; all with the raw command."""
 
@@ -259,6 +295,8 @@ def detail_cells(row: MethodRow) -> tuple[str, ...]:
         row.cost_of_transport.text(2),
         row.duty_factor.text(2),
         row.falls.text(1),
+        row.hip_limited.text(2),
+        row.knee_limited.text(2),
     )
 
 

@@ -184,6 +184,7 @@ class _Fit:
         seen = {name for channel in self._channels for name in channel.depends_on}
         self._free = [name for name in self._names if name in seen and name not in held]
         guess = self._guess()
+        self._flux = guess["flux_linkage"]
         self._start = np.array([guess[name] for name in self._free])
         self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
 
@@ -387,7 +388,7 @@ class _Fit:
         current = float(np.max(np.abs(bench.current)))
         torque = _SMALL_EFFECT * float(np.max(np.abs(bench.torque)))
         speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
-        voltage = _SMALL_EFFECT * self._largest_voltage(self._start[self._free.index("flux_linkage")], speed)
+        voltage = _SMALL_EFFECT * self._largest_voltage(self._flux, speed)
         return {
             "stator_resistance": voltage / current,
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),

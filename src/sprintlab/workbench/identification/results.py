@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
+from sprintlab.workbench.identification.model import (
+    NEUTRAL,
+    OPTIONAL_UNITS,
+    PARAMETER_UNITS,
+    shaft_torque,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -87,6 +93,15 @@ class Identification:
         """Torque per ampere before saturation, ``1.5 N psi`` [N m/A]."""
         flux = self.estimates["flux_linkage"].value
         return 1.5 * self.pole_pairs * (flux or 0.0)
+
+    def torque(self, bench: Bench) -> FloatArray:
+        """Torque on the shaft [N m] ``(n,)`` that the fit predicts for the rows of another bench.
+
+        Friction is left out where the fit could not tell it.
+        """
+        values = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)}
+        known = {name: found.value for name, found in self.estimates.items() if found.value is not None}
+        return shaft_torque(values | known, self.pole_pairs, self.peak_current, bench)
 
     def motor(self, base: PmsmParameters | None = None, rotor_inertia: float | None = None) -> PmsmParameters:
         """The identified motor; what the bench does not determine comes from ``base``.

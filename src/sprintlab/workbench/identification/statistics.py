@@ -19,6 +19,8 @@ LOAD_LOSS = "difference of driving and braking"
 """The torque lacks a loss with the load."""
 ZERO = "zero of a sensor"
 """The torque lacks a constant."""
+LARGE = 0.3
+"""Share of the largest current from which torque over current shows a gear's loss."""
 LACKING = 4.0
 """Standard deviations of a term's share in the residuals beyond which the model lacks it."""
 
@@ -165,10 +167,10 @@ def _terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]
 
 def _torque_terms(bench: Bench, row: NDArray[np.int64]) -> list[tuple[str, FloatArray]]:
     """Faults of benches, not of motors: a gear that loses with the load, and sensors with a wrong zero."""
-    return [
-        (LOAD_LOSS, np.abs(bench.current[row]) * directions(bench)[row]),
-        (ZERO, np.ones(len(row))),
-    ]
+    way, size = directions(bench)[row], np.abs(bench.current[row])
+    drives = (np.sign(bench.current[row]) * way)[size > LARGE * float(np.max(np.abs(bench.current)))]
+    both = bool((drives > 0.0).any() and (drives < 0.0).any())
+    return [*([(LOAD_LOSS, size * way)] if both else []), (ZERO, np.ones(len(row)))]
 
 
 def _shapes(values: FloatArray) -> tuple[FloatArray, ...]:

@@ -12,7 +12,7 @@ from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import BOUNDS, directions, turns
 from sprintlab.workbench.identification.results import ChannelFit, Estimate
-from sprintlab.workbench.identification.statistics import LOAD_LOSS, ZERO
+from sprintlab.workbench.identification.statistics import LARGE, LOAD_LOSS, ZERO
 
 _MANY_OUTLIERS = 0.2
 _NEAR_BASE = {"stator_resistance": (0.6, 1.6), "q_axis_inductance": (0.6, 1.6), "flux_linkage": (0.9, 1.1)}
@@ -22,7 +22,6 @@ _CHANCE = 1e-5  # probability that residuals which only scatter pass for a patte
 _LEVEL = 0.2  # share of the range of current or speed that makes one group
 _FEWEST_IN_GROUP = 10  # rows, to know the mean and the spread of a group
 _FEWEST_GROUPS = 3
-_LARGE = 0.3  # share of the largest current from which torque over current shows a gear's loss
 _SMALL_ERROR = 1e-4  # share of a channel's range: a pattern this small does not matter
 
 
@@ -116,7 +115,7 @@ def patterns(
 
 
 def _load_loss(bench: Bench, kept: NDArray[np.bool_]) -> str:
-    large = kept & (np.abs(bench.current) > _LARGE * float(np.max(np.abs(bench.current))))
+    large = kept & (np.abs(bench.current) > LARGE * float(np.max(np.abs(bench.current))))
     drives = np.sign(bench.current) * directions(bench)
     driving, braking = (
         float(np.median(bench.torque[rows] / bench.current[rows]))

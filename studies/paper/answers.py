@@ -1,0 +1,146 @@
+"""The study's five questions, answered in plain sentences from the evaluations that there are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
+from studies.paper.statistics import Interval
+from studies.paper.table import MethodRow, velocity_text
+from studies.paper.variants import VARIANTS
+
+Rows = Mapping[str, MethodRow]
+Speeds = Mapping[str, Mapping[str, float]]
+"""Method to variant to max velocity of the kept policy [m/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What the answers are made from.
+
+    Attributes:
+        rows: method to its row, only of those with evaluations.
+        literal: the same of the trainings with the paper's preset.
+        variants: speeds of the kept policies on other editions, in Drake, with flux weakening.
+        comparators: names of other papers' methods.
+    """
+
+    rows: Rows
+    literal: Rows
+    variants: Speeds
+    comparators: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A question and what the data say."""
+
+    question: str
+    text: str
+
+
+def verdict(faster: Interval) -> str:
+    """Whether a probability of improvement settles an order."""
+    if not math.isfinite(faster.low):
+        return "open"
+    return "settled" if faster.low > 0.5 or faster.high < 0.5 else "open"
+
+
+def comparison(rows: Rows, other: str) -> str:
+    """``sprint`` against another method in one sentence; that it is not trained where it is not."""
+    missing = [name for name in (REFERENCE_METHOD, other) if name not in rows]
+    if missing:
+        return f"Not trained yet: {' and '.join(f'`{name}`' for name in missing)}."
+    ours, theirs = rows[REFERENCE_METHOD], rows[other]
+    text = (
+        f"`{REFERENCE_METHOD}` holds {velocity_text(ours, ours.max_velocity)} m/s, "
+        f"`{other}` {velocity_text(theirs, theirs.max_velocity)}"
+    )
+    gain = ours.max_velocity.center / theirs.max_velocity.center - 1.0
+    if math.isfinite(gain):
+        text += f": {100 * gain:+.1f} %"
+    faster = theirs.reference_faster
+    text += f"; a seed of `{REFERENCE_METHOD}` is the faster with probability {faster.text(2)}"
+    return f"{text}: {verdict(faster)}."
+
+
+def confirmed(rows: Rows) -> str:
+    """Which of the paper's orders the seeds confirm, contradict or leave open, in its first lines."""
+    groups: dict[str, list[str]] = {"Confirmed": [], "Not confirmed": [], "Open": []}
+    if REFERENCE_METHOD not in rows:
+        return f"Not trained yet: `{REFERENCE_METHOD}`, with which all methods are compared."
+    for method in PAPER_TABLE:
+        if method == REFERENCE_METHOD or method not in rows:
+            continue
+        faster = rows[method].reference_faster
+        settled = verdict(faster) == "settled"
+        name = "Open" if not settled else "Confirmed" if faster.center > 0.5 else "Not confirmed"
+        groups[name].append(f"`{method}`")
+    parts = [f"{name}: faster than {', '.join(found)}." for name, found in groups.items() if found]
+    lead = f"The paper finds `{REFERENCE_METHOD}` faster than each of five others; on this robot:"
+    return f"{lead} {' '.join(parts)}" if parts else "No other method of the paper is trained yet."
+
+
+def answers(evidence: Evidence) -> list[Answer]:
+    """All five."""
+    made: dict[str, Callable[[Evidence], str]] = {
+        "Does the d-axis voltage matter, by how much, and for which motors?": _d_axis,
+        "Does saturation matter?": lambda known: comparison(known.rows, "no-saturation"),
+        "Does ACS help, for speed and for sureness?": _scheduling,
+        "Does fixed acceleration collapse?": _collapse,
+        "What does the best method of others reach on this robot?": _others,
+    }
+    return [Answer(question=question, text=make(evidence)) for question, make in made.items()]
+
+
+def _d_axis(known: Evidence) -> str:
+    text = comparison(known.rows, "simplified-dc")
+    for name in ("bp2-weak", "bp2-strong"):
+        ours, theirs = (
+            known.variants.get(method, {}).get(name, math.nan)
+            for method in (REFERENCE_METHOD, "simplified-dc")
+        )
+        if math.isfinite(ours - theirs):
+            text += (
+                f" On the {VARIANTS[name].title} the median policies, trained on the nominal robot, hold "
+                f"{ours:.2f} and {theirs:.2f} m/s."
+            )
+        else:
+            text += f" Not evaluated yet on the {VARIANTS[name].title}."
+    return text
+
+
+def _scheduling(known: Evidence) -> str:
+    text = comparison(known.rows, "uniform-commands")
+    pair = [known.rows.get(name) for name in (REFERENCE_METHOD, "uniform-commands")]
+    sure = [
+        f"`{row.method}`: {row.collapsed} of {row.seeds} seeds collapsed, {row.falls.text(1)} falls of 10"
+        for row in pair
+        if row is not None
+    ]
+    return f"For speed: {text} For sureness: {'; '.join(sure)}." if sure else text
+
+
+def _collapse(known: Evidence) -> str:
+    parts = []
+    for rows, preset in ((known.rows, "our reward"), (known.literal, "the paper's reward to the letter")):
+        row = rows.get("fixed-acceleration")
+        if row is None:
+            parts.append(f"With {preset} it is not trained yet.")
+        else:
+            held = f", the others hold {row.max_velocity.text(2)} m/s" if row.collapsed < row.seeds else ""
+            parts.append(f"With {preset} {row.collapsed} of {row.seeds} seeds collapse{held}.")
+    return " ".join(parts)
+
+
+def _others(known: Evidence) -> str:
+    found = [known.rows[name] for name in known.comparators if name in known.rows]
+    running = [row for row in found if math.isfinite(row.max_velocity.center)]
+    if not running:
+        return "Not trained yet."
+    best = max(running, key=lambda row: row.max_velocity.center)
+    text = f"`{best.method}` is the fastest of {len(found)}. {comparison(known.rows, best.method)}"
+    missing = [f"`{name}`" for name in known.comparators if name not in known.rows]
+    return f"{text} Not trained yet: {', '.join(missing)}." if missing else text

@@ -1,0 +1,168 @@
+"""``python -m studies.paper page``: the study's page, whole, from the committed results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from studies.paper.plan import PAPER_PRESET, RESULTS
+
+if TYPE_CHECKING:
+    from studies.paper.answers import Evidence
+    from studies.paper.record import EvaluationRecord
+
+    Grouped = dict[str, list[EvaluationRecord]]
+
+FIGURES = ("methods", "learning", "envelopes", "sprint")
+"""Pictures that the page shows where they were drawn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """Write the study's page from the results that there are; what is not trained is left out by name.
+
+    Attributes:
+        results: folder of the committed results, with the paper's preset in a folder of its own.
+        out: the page.
+        figures: folder of the pictures, made by ``python -m studies.paper figures``.
+    """
+
+    results: Path = RESULTS
+    out: Path = Path("docs/study.md")
+    figures: Path = Path("docs/figures")
+
+    def run(self) -> int:
+        """Read, write.
+
+        Raises:
+            SprintlabError: a result is damaged, or the disk refuses.
+        """
+        from sprintlab.core.files import atomic_write_text
+
+        atomic_write_text(self.out, page_text(self.results, self._pictures()))
+        print(self.out)
+        return 0
+
+    def _pictures(self) -> list[str]:
+        """The pictures that there are, as seen from the page."""
+        found = [self.figures / f"{name}.png" for name in FIGURES]
+        return [Path(os.path.relpath(path, self.out.parent)).as_posix() for path in found if path.is_file()]
+
+
+def page_text(results: Path, pictures: Sequence[str] = ()) -> str:
+    """The whole page in Markdown; errors as in ``read_evaluation``."""
+    from studies.paper.answers import answers, confirmed
+    from studies.paper.pages import markdown_table, result_tables
+
+    grouped, literal = _grouped(results), _grouped(results / PAPER_PRESET)
+    known = evidence(results, grouped, literal)
+    main, *others = result_tables(grouped)
+    titled = [f"**{item.question}** {item.text}" for item in answers(known)]
+    parts = ["# The study", confirmed(known.rows), *titled, _missing(known)]
+    if grouped:
+        parts += ["## Methods", markdown_table(main.columns, main.rows), main.note]
+    parts += ["## The paper's Table III and ours", reported_table(known)]
+    parts += [f"![{Path(picture).stem}]({picture})" for picture in pictures]
+    if literal:
+        table = result_tables(literal)[0]
+        title = "The paper's reward table to the letter"
+        parts.append(_folded(title, f"{markdown_table(table.columns, table.rows)}\n\n{table.note}"))
+    if known.variants:
+        parts.append(_folded("Other editions, Drake, flux weakening", variants_table(known)))
+    parts += [
+        _folded(table.title, f"{markdown_table(table.columns, table.rows)}\n\n{table.note}")
+        for table in others
+        if table.rows
+    ]
+    parts += ["## Again", AGAIN]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+AGAIN = """```sh
+python -m studies.paper plan          # the trainings that are missing, as commands
+python -m studies.paper table runs/study
+python -m studies.paper publish runs/study
+python -m studies.paper variants      # median policies on other editions, in Drake, with flux weakening
+python -m studies.paper figures --results studies/paper/results
+python -m studies.paper page
+```"""
+
+
+def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
+    """What the answers are made from."""
+    from sprintlab.training.methods import COMPARATORS
+    from studies.paper.answers import Evidence
+    from studies.paper.runs import find_runs
+    from studies.paper.table import method_rows
+    from studies.paper.variants import variant_speeds
+
+    return Evidence(
+        rows={row.method: row for row in method_rows(grouped)},
+        literal={row.method: row for row in method_rows(literal)},
+        variants=variant_speeds(find_runs(results)) if grouped else {},
+        comparators=tuple(COMPARATORS),
+    )
+
+
+def reported_table(known: Evidence) -> str:
+    """The paper's Table III, reported numbers marked, and our row below; in Markdown."""
+    from studies.paper.pages import markdown_table
+    from studies.paper.paper import REFERENCE_METHOD, REPORTED
+
+    rows = [
+        [name, *("-" if speed is None else f"{speed:g}" for speed in speeds), "reported"]
+        for name, *speeds in REPORTED
+    ]
+    ours = known.rows.get(REFERENCE_METHOD)
+    if ours is not None:
+        speed = ours.max_velocity.text(2)
+        rows.append([f"surrogate of BP2, `{REFERENCE_METHOD}`", speed, "-", "measured by us"])
+    return markdown_table(("robot", "simulation [m/s]", "outdoors [m/s]", ""), rows)
+
+
+def variants_table(known: Evidence) -> str:
+    """Max velocity of the kept policy of each method in every variant, in Markdown."""
+    from sprintlab.evaluation.tables import number_text
+    from studies.paper.pages import markdown_table
+    from studies.paper.variants import VARIANTS
+
+    rows = [
+        [method, *(number_text(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
+        for method, speeds in known.variants.items()
+    ]
+    note = (
+        "Max velocity [m/s] of the median seed's policy with the raw command, trained on the nominal robot."
+    )
+    columns = ("method", *(variant.title for variant in VARIANTS.values()))
+    return f"{markdown_table(columns, rows)}\n\n{note}"
+
+
+def _grouped(folder: Path) -> Grouped:
+    """Records by method, the paper's first; methods without any are left out."""
+    from studies.paper.runs import by_method, committed_records, find_runs
+
+    if not folder.is_dir() or not any(folder.glob("*/seed-*/evaluation.json")):
+        return {}
+    grouped = by_method(committed_records(find_runs(folder)))
+    return {method: records for method, records in grouped.items() if records}
+
+
+def _missing(known: Evidence) -> str:
+    """Names of the study's methods that have no row yet."""
+    from studies.paper.plan import study_trainings
+
+    trainings = study_trainings()
+    lacking: dict[str, list[str]] = {}
+    for rows, preset in ((known.rows, "sprintlab"), (known.literal, PAPER_PRESET)):
+        names = dict.fromkeys(each.method for each in trainings if each.preset == preset)
+        lacking[preset] = [f"`{name}`" for name in names if name not in rows]
+    parts = [f"with preset `{preset}` {', '.join(names)}" for preset, names in lacking.items() if names]
+    return f"Not trained yet: {'; '.join(parts)}." if parts else ""
+
+
+def _folded(title: str, body: str) -> str:
+    """A part that a reader opens."""
+    return f"<details markdown>\n<summary>{title}</summary>\n\n{body}\n\n</details>"

@@ -1,0 +1,171 @@
+"""The study's page, plan and variants: what is trained is told with numbers, what is not by name."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+import msgspec
+import pytest
+from studies.paper.answers import verdict
+from studies.paper.page import page_text
+from studies.paper.plan import Training, study_trainings
+from studies.paper.record import (
+    AuditRecord,
+    EvaluationRecord,
+    SearchRecord,
+    SpeedRecord,
+    write_evaluation,
+)
+from studies.paper.statistics import Interval
+from studies.paper.table import DETAIL_COLUMNS, detail_cells, method_rows, switches
+from studies.paper.variants import VariantRecord, moved_policy
+
+from sprintlab.control import load_policy
+from sprintlab.control.contract import check_contract
+from sprintlab.core.errors import SprintlabError
+from sprintlab.robots import load_robot
+
+
+def search(held: float) -> SearchRecord:
+    speed = SpeedRecord(
+        top_speed=held,
+        trials=10,
+        falls=1,
+        passed=True,
+        held_speed=held,
+        peak_speed=held,
+        angular_cost=1.0,
+        lateral_deviation=0.0,
+        cost_of_transport=1.0,
+        electrical_power=1.0,
+        stride_frequency=3.0,
+        duty_factor=(),
+        envelope_share=(0.0, 0.2, 0.5) * 4,
+        audit=AuditRecord(items=()),
+    )
+    return SearchRecord(speeds=(speed,))
+
+
+def record(method: str, seed: int, held: float) -> EvaluationRecord:
+    return EvaluationRecord(
+        method=method,
+        seed=seed,
+        actuator_model="refined",
+        training={},
+        policy_sha256="",
+        robot="bp2",
+        robot_fingerprint="",
+        protocol={},
+        command_line="",
+        date="",
+        versions={},
+        machine="",
+        raw=search(held),
+        self_paced=search(held),
+        sprint=None,
+        sprint_self_paced=None,
+    )
+
+
+SPEEDS = {
+    "sprint": (12.0, 12.2, 12.4, 12.3, 12.1),
+    "simplified-dc": (11.0, 11.1, 11.2, 11.3, 11.4),
+    "uniform-commands": (12.1, 12.2, 12.3, 12.2, 1.0),
+    "fixed-acceleration": (1.0, 1.1, 13.0),
+    "rlvrl": (9.0, 9.5, 10.0),
+    "after-hacl": (8.0, 8.5, 8.2),
+}
+
+
+@pytest.fixture
+def results(tmp_path):
+    folder = tmp_path / "results"
+    for method, speeds in SPEEDS.items():
+        for seed, held in enumerate(speeds):
+            write_evaluation(folder / method / f"seed-{seed}" / "evaluation.json", record(method, seed, held))
+    write_evaluation(
+        folder / "paper" / "fixed-acceleration" / "seed-0" / "evaluation.json",
+        record("fixed-acceleration", 0, 1.5),
+    )
+    for method, held in (("sprint", 11.25), ("simplified-dc", 10.75)):
+        found = VariantRecord(
+            variant="bp2-weak", policy_sha256="", robot_fingerprint="", protocol={}, date="", versions={},
+            raw=search(held),
+        )  # fmt: skip
+        (folder / method / "seed-1" / "bp2-weak.json").write_bytes(msgspec.json.encode(found))
+    return folder
+
+
+def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None:
+    text = page_text(results, ["figures/learning.png"])
+    assert "Confirmed: faster than `simplified-dc`" in text.split("\n\n")[1]
+    assert "Open: faster than" in text and "`sprint` holds 12.20" in text and "+8.9 %" in text
+    assert "1.00 [1.00, 1.00]: settled" in text
+    assert "trained on the nominal robot, hold 11.25 and 10.75 m/s" in text
+    assert "Not evaluated yet on the strong edition" in text
+    assert "Not trained yet: `no-saturation`" in text
+    assert "`uniform-commands`: 1 of 5 seeds collapsed" in text
+    assert "With our reward 2 of 3 seeds collapse, the others hold 13.00 m/s." in text
+    assert "to the letter 1 of 1 seeds collapse." in text
+    assert "`rlvrl` is the fastest of 2" in text and "`lp-acrl`" in text
+    assert "| rlvrl | refined | box-adaptive grid |" in text
+    assert "![learning](figures/learning.png)" in text and "| Hound | 6.5 | 5.9 | reported |" in text
+    assert "| baseline |" not in text and "`baseline`" in text
+
+
+def test_a_page_of_nothing_says_so(tmp_path) -> None:
+    text = page_text(tmp_path)
+    assert text.count("Not trained yet") >= 5 and "## Methods" not in text
+
+
+def test_an_order_is_settled_where_its_interval_leaves_out_one_half() -> None:
+    assert verdict(Interval(center=0.9, low=0.6, high=1.0)) == "settled"
+    assert verdict(Interval(center=0.1, low=0.0, high=0.4)) == "settled"
+    assert verdict(Interval(center=0.7, low=0.4, high=0.9)) == verdict(Interval(center=0.9)) == "open"
+
+
+def test_hips_and_knees_on_their_limit_are_told_apart() -> None:
+    (row,) = method_rows({"sprint": [record("sprint", 0, 12.0)]})
+    cells = dict(zip(DETAIL_COLUMNS, detail_cells(row), strict=True))
+    assert (cells["hip on its limit"], cells["knee on its limit"]) == ("0.20", "0.50")
+
+
+def test_methods_are_told_by_their_switches() -> None:
+    assert switches("hound") == ("v_d = 0", "uniform, ramp of 1 s")
+    assert switches("spot-battery") == ("refined + battery", "adaptive")
+    assert switches("actuator-network")[0] == "network" and switches("literal-acs")[1] == "adaptive, literal"
+    assert switches("no-saturation")[0] == "refined, no saturation" and switches("mine") == ("-", "-")
+
+
+def test_the_plan_lists_what_is_missing_as_commands_that_train_it(call, results, tmp_path) -> None:
+    everything = study_trainings()
+    assert len(set(everything)) == len(everything) == 6 * 5 + 9 * 3 + 7 * 3
+    outcome = call("plan", tmp_path / "runs", "--results", results, "--json")
+    missing = json.loads(outcome.out)["missing"]
+    finished = sum(map(len, SPEEDS.values())) + 1
+    assert len(missing) == len(everything) - finished
+    assert not any("train sprint" in line and "--preset" not in line for line in missing)
+
+
+@pytest.mark.parametrize("method", ["actuator-network", "stride-prior", "literal-acs"])
+def test_a_line_of_the_plan_is_what_the_trainer_reads(method, tmp_path) -> None:
+    pytest.importorskip("mujoco_warp")
+    from sprintlab.cli.train import parse_training
+
+    preset = "paper" if method == "literal-acs" else "sprintlab"
+    words = shlex.split(shlex.join(Training(method=method, seed=2, preset=preset).words(tmp_path)))
+    options = parse_training(words[2:])
+    settings = options.full_settings()
+    assert (settings.method, settings.seed, options.preset) == (method, 2, preset)
+    assert (settings.simulation.actuator_network is None) == (method != "actuator-network")
+    assert (settings.prior is None) == (method != "stride-prior")
+
+
+def test_a_policy_moves_to_an_edition_of_its_robot_and_to_no_other(policy, tmp_path) -> None:
+    weak = load_robot("bp2-weak")
+    contract = load_policy(moved_policy(policy, weak, tmp_path)).contract
+    check_contract(contract, weak)
+    assert contract.training == load_policy(policy).contract.training
+    with pytest.raises(SprintlabError, match="no policy of an edition of go1"):
+        moved_policy(policy, load_robot("go1"), tmp_path)
