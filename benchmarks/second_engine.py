@@ -3,9 +3,9 @@
     python benchmarks/second_engine.py sprint --top-speed 14 --workers 2 --store
 
 One 100 m and ten seeded trials of the raw profile in each engine at the headline speed, with the same draws,
-and with ``--ladder`` one nominal trial at two lower speeds. A policy of 14 m/s takes about 6 minutes of one core,
-most of it Drake's. ``--store`` keeps a policy's numbers in the package and in results/second_engine as soon as it
-is through; the rows of other policies of the package stay, those of policies that have left go.
+and with ``--ladder`` one nominal trial at two lower speeds. A policy of 14 m/s takes about 6 minutes of one
+core, most of it Drake's. ``--store`` keeps a policy's numbers in the package and in results/second_engine as
+soon as it is through; rows of other policies of the package stay, those of policies that have left go.
 """
 
 from __future__ import annotations
