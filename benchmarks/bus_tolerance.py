@@ -125,7 +125,7 @@ def summary(condition: Condition, runs: Sequence[dict[str, Any]]) -> dict[str, A
 
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """The table that ``docs/robot-bus.md`` shows."""
+    """The table that ``docs/deployment.md`` shows."""
 
     def cell(value: float | None, digits: int) -> str:
         return "-" if value is None else f"{value:.{digits}f}"

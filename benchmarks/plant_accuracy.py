@@ -2,7 +2,7 @@
 
     python benchmarks/plant_accuracy.py
 
-Prints the tables of docs/accuracy.md; a few minutes on one core.
+Prints the tables of docs/evaluation.md; a few minutes on one core.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Train the shipped Go1 policy: BP2's recipe at the Go1's size.
 
     python recipes/go1_sprint.py --output runs/go1-sprint
-    sprintlab export runs/go1-sprint/checkpoint.pt runs/go1-sprint/go1-sprint.onnx
-    sprintlab race runs/go1-sprint/go1-sprint.onnx --robot go1
+    sprintlab race runs/go1-sprint/policy.onnx
 
 Lengths are scaled by leg length, masses by mass, speeds by the Froude number; all else is as BP2's
 defaults were that day: without a reward for the speed itself, quiet robots and commands to brake.

@@ -1,4 +1,4 @@
-"""Hooks of the documentation site: the generated page of commands, and formulas as MathML."""
+"""Hooks of the documentation site: generated commands, tables of results, and formulas as MathML."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import html
 import json
 import re
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 from command_reference import command_reference
+from result_tables import tables
 
 from sprintlab.motors import library_motors, load_library_motor
 
 COMMANDS_PAGE = "commands.md"
+_TABLE = re.compile(r"^( *)\{\{ (\w+) \}\}$", re.MULTILINE)
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL)
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 
@@ -46,6 +49,14 @@ def motor_library() -> str:
         for actuator in map(load_library_motor, library_motors())
     ]
     return f"const motorLibrary = {json.dumps(entries)};\n"
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put the tables of the committed results where a page asks for them, as deep as it asks."""
+    if not _TABLE.search(markdown):
+        return markdown
+    found = tables()
+    return _TABLE.sub(lambda match: textwrap.indent(found[match[2]], match[1]), markdown)
 
 
 def on_page_content(content: str, **_: Any) -> str:

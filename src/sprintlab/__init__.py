@@ -4,7 +4,7 @@
 
     if __name__ == "__main__":
         run = sl.train(sl.method("sprint", environments=4096), "runs/mine")
-        race = sl.race(run.export())
+        race = sl.race(run.policy)
         print(race)
         race.report("runs/mine-race")
 

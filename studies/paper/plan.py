@@ -45,8 +45,8 @@ class Training:
         words = ["sprintlab", "train", self.method, "--seed", str(self.seed)]
         words += [] if self.preset == "sprintlab" else ["--preset", self.preset]
         words += ["--output", str(self.folder(root))]
-        words += ["--settings.simulation.actuator-network", NETWORK_FILE] if method.network else []
-        strides = ["settings.prior:stride-prior", "--settings.prior.file", STRIDES_FILE]
+        words += ["--simulation.actuator-network", NETWORK_FILE] if method.network else []
+        strides = ["prior:stride-prior", "--prior.file", STRIDES_FILE]
         return [*words, *strides] if method.prior else words
 
     def done(self, folders: Iterable[Path]) -> bool:

@@ -22,7 +22,7 @@ from studies.paper.record import EvaluationRecord, read_evaluation
 from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, find_runs
 
 LOG_NAME = "log.jsonl"
-KEPT = ("settings.json", "run.json", EVALUATION_NAME)
+KEPT = ("run.toml", "run.json", EVALUATION_NAME)
 CURVE_ROWS = 100
 """About so many rows of a learning curve are kept: whole, a run's has 350 kB."""
 

@@ -39,7 +39,7 @@ def answer(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     [
         (["train", "gallop"], "method"),
         (["train", "sprint", "--minutes", "-1"], "minutes"),
-        (["train", "sprint", "--settings.robot", "nodog"], "nodog"),
+        (["train", "sprint", "--robot", "nodog"], "nodog"),
         (["train", "sprint", "--resume", "--output", "none"], "nothing to resume"),
         (["train", "sprint", "--start-from", "none.pt"], "none.pt"),
         (["train", "sprint", "--start-from", "junk.pt"], "junk.pt"),

@@ -3,7 +3,6 @@
 import shlex
 from pathlib import Path
 
-from sprintlab.cli.export import Export
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.main import parse
 from sprintlab.cli.race import Race
@@ -11,10 +10,11 @@ from sprintlab.cli.train import next_steps
 
 
 def test_the_lines_can_be_copied_where_names_have_spaces():
-    text = next_steps(Path("my runs/one/checkpoint.pt")).removeprefix("next: ")
-    lines = [shlex.split(line) for line in text.splitlines()]
-    assert all(words[0] == "sprintlab" for words in lines)
-    learning, export, race = (parse(words[1:]) for words in lines)
-    assert isinstance(learning, Learning) and isinstance(export, Export) and isinstance(race, Race)
+    first, *lines = next_steps(Path("my runs/one/checkpoint.pt")).splitlines()
+    assert first == "policy: my runs/one/policy.onnx"
+    words = [shlex.split(line.removeprefix("next:")) for line in lines]
+    assert all(each[0] == "sprintlab" for each in words)
+    learning, race = (parse(each[1:]) for each in words)
+    assert isinstance(learning, Learning) and isinstance(race, Race)
     assert learning.run_folder == Path("my runs/one")
     assert race.policy == "my runs/one/policy.onnx"

@@ -18,9 +18,10 @@ def test_help_is_a_page_and_names_where_the_rest_is(capsys):
     text = shown("--help", capsys)
     assert len(text.splitlines()) < 80
     assert "--method" in text and "--output" in text and "--help-all" in text
-    assert "--settings." not in text
+    assert "--ppo" not in text and "settings." not in text
+    assert "--robot" in text and "--config" in text
 
 
 def test_help_all_has_every_setting(capsys):
     text = shown("--help-all", capsys)
-    assert "--settings.ppo" in text and len(text.splitlines()) > 80
+    assert "--ppo.steps" in text and "settings." not in text and len(text.splitlines()) > 80

@@ -12,7 +12,7 @@ import pytest
 from sprintlab.cli.main import main
 from sprintlab.deployment.log import read_log
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "robot-bus.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "deployment.md"
 SPRINTLAB = [sys.executable, "-m", "sprintlab.cli.main"]
 
 

@@ -140,9 +140,9 @@ def test_what_the_profile_says_is_in_it(flowing):
 
 
 def test_motor_law_costs_what_the_page_says(flowing):
-    measured, text = result("motor_law"), page("docs/motors.md")
+    measured, text = result("motor_law"), page("docs/motor-law.md")
     warp, numpy = measured["warp"], measured["numpy"]
-    assert f"physics step itself ({1e6 * warp['physics_substep_s']:.0f} µs)" in flowing("docs/motors.md")
+    assert f"physics step itself ({1e6 * warp['physics_substep_s']:.0f} µs)" in flowing("docs/motor-law.md")
     assert f"{numpy['points']:,} points in NumPy" in text
     for name, seconds in warp["law_s"].items():
         share = warp["share_of_substep"][name]

@@ -7,15 +7,13 @@ from collections.abc import Callable
 from types import ModuleType
 
 import pytest
-import tyro
 
 pytest.importorskip("mujoco_warp")
 
 
-from sprintlab.cli.train import method_as_option
+from sprintlab.cli.train import parse_training
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
-from sprintlab.training.runs.run import TrainOptions
 
 COMMANDS = ("sprint", "sprint-fast")
 """Policies of ``sprintlab train``; the others have a script."""
@@ -29,7 +27,7 @@ def test_every_policy_of_the_package_has_its_command_or_recipe() -> None:
 def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
     contract = load_policy(shipped_policy(policy)).contract
     record, (_, train, *words) = contract.training, shlex.split(contract.training.command_line)
-    options = tyro.cli(TrainOptions, args=method_as_option(words))
+    options = parse_training(words)
     settings = options.full_settings()
     assert train == "train" and contract.robot_name == f"{settings.robot}-first"  # the edition of that time
     assert (record.iterations, record.seed) == (options.iterations, options.seed)
@@ -38,9 +36,9 @@ def test_the_shipped_policy_was_trained_by_its_command(policy: str) -> None:
 @pytest.mark.parametrize("policy", COMMANDS)
 def test_but_for_the_precision_it_was_trained_with_the_defaults(policy: str) -> None:
     words = shlex.split(load_policy(shipped_policy(policy)).contract.training.command_line)
-    trained = tyro.cli(TrainOptions, args=method_as_option(words[2:]))
-    short = ["--seed", str(trained.seed), "--settings.ppo.precision", "bfloat16"]
-    again = tyro.cli(TrainOptions, args=["--method", trained.method, *short])
+    trained = parse_training(words[2:])
+    short = ["--seed", str(trained.seed), "--ppo.precision", "bfloat16"]
+    again = parse_training([trained.method, *short])
     assert again.full_settings() == trained.full_settings() and again.iterations == trained.iterations
 
 

@@ -151,12 +151,11 @@ def test_the_plan_lists_what_is_missing_as_commands_that_train_it(call, results,
 @pytest.mark.parametrize("method", ["actuator-network", "stride-prior", "literal-acs"])
 def test_a_line_of_the_plan_is_what_the_trainer_reads(method, tmp_path) -> None:
     pytest.importorskip("mujoco_warp")
-    from sprintlab.cli.train import _parse, method_as_option
-    from sprintlab.training.runs.options import TrainOptions
+    from sprintlab.cli.train import parse_training
 
     preset = "paper" if method == "literal-acs" else "sprintlab"
     words = shlex.split(shlex.join(Training(method=method, seed=2, preset=preset).words(tmp_path)))
-    options = _parse(TrainOptions, method_as_option(words[2:]))
+    options = parse_training(words[2:])
     settings = options.full_settings()
     assert (settings.method, settings.seed, options.preset) == (method, 2, preset)
     assert (settings.simulation.actuator_network is None) == (method != "actuator-network")

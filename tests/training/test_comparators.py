@@ -29,6 +29,8 @@ from sprintlab.training.methods import (
     method_settings,
     preset_settings,
 )
+from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.runs.run_file import read_run_file, run_text
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import (
     EstimatorSettings,
@@ -70,6 +72,14 @@ def test_nothing_but_its_switches_sets_a_method_apart_from_sprint(name: str) -> 
     ours, theirs = (vars(method_settings(each, base(name))) for each in ("sprint", name))
     assert {field for field in ours if ours[field] != theirs[field]} - {"method"} == SWITCHES[name]
     assert COMPARATORS[name].source
+
+
+@pytest.mark.parametrize("name", COMPARATORS)
+def test_a_runs_file_trains_the_same_again(name: str, tmp_path: Path) -> None:
+    settings = method_settings(name, base(name))
+    options = TrainOptions(method=name, environments=16, settings=base(name))
+    (tmp_path / "run.toml").write_text(run_text(options, settings, "typed"))
+    assert read_run_file(tmp_path / "run.toml").full_settings() == settings
 
 
 def test_a_battery_leaves_the_rest_of_the_simulation() -> None:

@@ -35,8 +35,8 @@ TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,))
 SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY)
 FLAGS = (
     "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
-    "--settings.ppo.steps", "2", "--settings.ppo.epochs", "1", "--settings.ppo.mini-batches", "2",
-    "--settings.ppo.hidden", "16", "--no-tensorboard", "--no-cloud",
+    "--ppo.steps", "2", "--ppo.epochs", "1", "--ppo.mini-batches", "2",
+    "--ppo.hidden", "16", "--no-tensorboard", "--no-cloud",
 )  # fmt: skip
 TIMING = {"seconds", "steps_per_second"}
 
@@ -117,11 +117,8 @@ def test_killed_twenty_times_the_run_is_the_run_that_was_never_killed(tmp_path: 
     assert finish(start(*FLAGS, *limit, "--output", str(killed), "--resume")) == 0
     assert rows(killed) == rows(straight)
     assert {path.name for path in killed.iterdir()} == {
-        "checkpoint.pt",
-        "log.jsonl",
-        "settings.json",
-        ".lock",
-    }
+        "checkpoint.pt", "log.jsonl", "run.toml", "policy.onnx", ".lock",
+    }  # fmt: skip
     first, second = (read_checkpoint(folder / "checkpoint.pt") for folder in (straight, killed))
     for name, value in first["learner"]["actor"].items():
         assert torch.equal(value, second["learner"]["actor"][name]), name
@@ -162,11 +159,8 @@ def test_a_full_disk_stops_with_the_last_checkpoint_intact(
     assert message.startswith("sprintlab: training stopped at iteration")
     assert "No space left on device" in message
     assert {path.name for path in tmp_path.iterdir()} == {
-        "checkpoint.pt",
-        "log.jsonl",
-        "settings.json",
-        ".lock",
-    }
+        "checkpoint.pt", "log.jsonl", "run.toml", "policy.onnx", ".lock",
+    }  # fmt: skip
     if fitting < 2:  # the third write is the log, after a checkpoint that fitted
         assert (tmp_path / "checkpoint.pt").read_bytes() == before
     train(options(tmp_path, iterations=3, resume=True))

@@ -25,6 +25,7 @@ from sprintlab.training.settings import TrainingSettings
         (["sprint", "--device", "gpu7"], "device = 'gpu7' is not allowed: choose one of auto, cpu"),
         (["sprint", "--device", "cuda:99"], "cuda:99"),
         (["sprint", "--settings.seed", "3"], "use --seed"),
+        (["sprint", "--simulation.environments", "3"], "use --environments"),
         (["sprint", "--settings.method=baseline"], "use --method"),
         (["sprint", "--resume"], "there is nothing to resume"),
     ],

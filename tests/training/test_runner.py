@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from sprintlab.robots import load_robot
 from sprintlab.robots.importing import write
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
+from sprintlab.training.runs.run_file import read_run_file
 from sprintlab.training.runs.runner import Runner, read_checkpoint
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -153,19 +153,20 @@ def test_the_steady_stage_begins_where_it_is_told_to_and_in_a_resumed_run(tmp_pa
         replace(SETTINGS.stages, steady_iteration=-1)
 
 
-def test_a_run_writes_its_settings_and_says_where_it_ends_before_its_steady_stage(
+def test_a_run_writes_file_and_policy_and_says_where_it_ends_before_its_steady_stage(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
     options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "iterations": 1}
     train(TrainOptions(output=tmp_path / "short", settings=short, **options))
-    assert "before its steady stage (settings.stages.steady_iteration, 2750)" in " ".join(
+    assert "before its steady stage (stages.steady_iteration, 2750)" in " ".join(
         capsys.readouterr().err.split()
     )
-    written = json.loads((tmp_path / "short" / "settings.json").read_text())
+    again = read_run_file(tmp_path / "short" / "run.toml")
     state = read_checkpoint(tmp_path / "short" / "checkpoint.pt")
-    assert written["config_hash"] == state["settings"].digest()
-    assert written["ppo"]["steps"] == 2 and written["schedule_kind"] == "AdaptiveSchedule"
+    assert again.full_settings() == state["settings"]
+    assert again.full_settings().digest() in (tmp_path / "short" / "run.toml").read_text()
+    assert load_policy(tmp_path / "short" / "policy.onnx").contract.training.iterations == 1
     from_the_start = replace(short, stages=replace(short.stages, steady_iteration=0))
     train(TrainOptions(output=tmp_path / "whole", settings=from_the_start, **options))
     assert "before its" not in capsys.readouterr().err

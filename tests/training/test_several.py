@@ -122,7 +122,7 @@ def test_one_checkpoint_holds_every_process(folder: Path) -> None:
         state["others"][0]["environment"]["action"], read(folder, "straight-1")["robots"]["action"]
     )
     assert {path.name for path in (folder / "straight").iterdir()} == {
-        "checkpoint.pt", "log.jsonl", "settings.json", ".lock",
+        "checkpoint.pt", "log.jsonl", "run.toml", "policy.onnx", ".lock",
     }  # fmt: skip
 
 

@@ -28,7 +28,7 @@ MISSING = "training needs packages that are not installed ({names}): pip install
 
 @dataclass(frozen=True, kw_only=True)
 class Training(Printed):
-    """A training run; prints how far it has come, draws its curves, exports its policy."""
+    """A training run; prints how far it has come, draws its curves, names its policy."""
 
     folder: Path
     """Of the run: checkpoint, log, settings."""
@@ -37,6 +37,11 @@ class Training(Printed):
     def checkpoint(self) -> Path:
         """The newest checkpoint."""
         return self.folder / "checkpoint.pt"
+
+    @property
+    def policy(self) -> Path:
+        """The policy file that the training wrote at its end."""
+        return self.folder / "policy.onnx"
 
     def log(self) -> list[dict[str, float]]:
         """One row per iteration: speeds [m/s], reward, falls, seconds.
@@ -73,7 +78,9 @@ class Training(Printed):
         return in_notebook(learning_curve(self.log()))
 
     def export(self, output: Path | str | None = None) -> Path:
-        """The policy as one ONNX file with its contract, compared with PyTorch before it counts.
+        """The policy of the newest checkpoint as one ONNX file, compared with PyTorch before it counts.
+
+        A training does this by itself at its end; one that was stopped has not.
 
         Args:
             output: the file; ``policy.onnx`` in the run's folder when left out.
@@ -81,7 +88,7 @@ class Training(Printed):
         Raises:
             SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
         """
-        return export(self.checkpoint, self.folder / "policy.onnx" if output is None else output)
+        return export(self.checkpoint, self.policy if output is None else output)
 
 
 def method(
@@ -105,7 +112,7 @@ def method(
         SprintlabError: an unknown method or setting, or a value that is not allowed.
     """
     from sprintlab.training.methods import method_settings
-    from sprintlab.training.runs.sweep_plan import override
+    from sprintlab.training.runs.named_settings import override
     from sprintlab.training.scaling import scaled_settings
     from sprintlab.training.settings import TrainingSettings
 
@@ -130,7 +137,7 @@ def train(
     resume: bool = False,
     **options: Any,
 ) -> Training:
-    """Train a policy until the iterations or the time are used up.
+    """Train a policy until the iterations or the time are used up, and export it.
 
     Args:
         settings: of the run, from ``method``; or a method's name.

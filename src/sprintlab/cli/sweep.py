@@ -102,7 +102,8 @@ class Sweep:
     def _plans(self) -> list[RunPlan]:
         from sprintlab.core.checks import check_range
         from sprintlab.training.methods import METHODS
-        from sprintlab.training.runs.sweep_plan import parse_assignments, parse_variations, plan_sweep
+        from sprintlab.training.runs.named_settings import parse_assignments
+        from sprintlab.training.runs.sweep_plan import parse_variations, plan_sweep
 
         check_range("seeds", self.seeds, 1, 1000)
         return plan_sweep(

@@ -6,17 +6,21 @@ import contextlib
 import io
 import itertools
 import os
+import re
 import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import tyro
 
 from sprintlab.api.training import require_training
 from sprintlab.core.errors import SprintlabError
+
+if TYPE_CHECKING:
+    from sprintlab.training.runs.options import TrainOptions
 
 DECIDED = {
     "--settings.method": "--method",
@@ -24,6 +28,10 @@ DECIDED = {
     "--settings.simulation.environments": "--environments",
 }
 """Settings that an option of the run decides, and that option."""
+
+DESCRIPTION = """Train a policy. The first word may be the method: sprintlab train sprint.
+--config RUN.TOML takes every option and setting from a file, such as the run.toml that each run leaves in its
+folder; what is typed beside it wins."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,15 +56,12 @@ def run_training(arguments: Sequence[str]) -> int:
         arguments: what follows ``sprintlab train``; a first word without dash is the method.
 
     Raises:
-        SprintlabError: the extra is missing, or an option is refused.
+        SprintlabError: the extra is missing, or an option or the configuration file is refused.
     """
     require_training()
-    for word in (argument.partition("=")[0] for argument in arguments):
-        if word in DECIDED:
-            raise SprintlabError(f"{word} is decided by the run: use {DECIDED[word]}")
-    from sprintlab.training.runs.options import TrainOptions, check_places
+    from sprintlab.training.runs.options import check_places
 
-    options = _parse(TrainOptions, method_as_option(arguments))
+    options = parse_training(arguments)
     check_places(options)  # before PyTorch is imported, which takes many seconds
     from sprintlab.training.runs.run import train
 
@@ -66,13 +71,67 @@ def run_training(arguments: Sequence[str]) -> int:
     return 0
 
 
+def parse_training(arguments: Sequence[str]) -> TrainOptions:
+    """The options of a training run: what is typed, else what the configuration file says, else the defaults.
+
+    Raises:
+        SprintlabError: an option or the configuration file is refused.
+        SystemExit: help was printed, or an option is unknown.
+    """
+    from sprintlab.training.runs.options import TrainOptions
+    from sprintlab.training.runs.run_file import read_run_file
+
+    words, config = without_config(method_as_option(arguments))
+    words = [internal_word(word) for word in words]
+    for word in (word.partition("=")[0] for word in words):
+        if word in DECIDED:
+            raise SprintlabError(f"{public_text(word)} is decided by the run: use {DECIDED[word]}")
+    return _parse(TrainOptions() if config is None else read_run_file(config), words)
+
+
+def without_config(words: Sequence[str]) -> tuple[list[str], Path | None]:
+    """The words without ``--config FILE`` or ``--config=FILE``, and the file.
+
+    Raises:
+        SprintlabError: the file is not named, or named twice.
+    """
+    rest, files, each = list[str](), list[str](), iter(words)
+    for word in each:
+        name, equals, value = word.partition("=")
+        if name != "--config":
+            rest.append(word)
+            continue
+        files.append(value if equals else next(each, ""))
+    if len(files) > 1 or not all(files):
+        raise SprintlabError("--config takes one file, e.g. --config runs/train/run.toml")
+    return rest, Path(files[0]) if files else None
+
+
+def internal_word(word: str) -> str:
+    """``--ppo.steps`` as the parser has it, ``--settings.ppo.steps``; other words as they are."""
+    from sprintlab.training.runs.run_file import SETTINGS
+
+    dashes = "--" * word.startswith("--")
+    name = word.removeprefix(dashes).replace("-", "_")
+    first = re.split(r"[.=:]", name.removeprefix("no_"))[0]
+    is_setting = first in SETTINGS and (bool(dashes) or ":" in word)
+    return f"{dashes}settings.{word.removeprefix(dashes)}" if is_setting else word
+
+
+def public_text(text: str) -> str:
+    """Help and refusals of the parser with the names that people type."""
+    for inner, shown in (("settings.", ""), ("SETTINGS.", ""), ("``", "`"), ("in sprintlab --help", "")):
+        text = text.replace(inner, shown)
+    return "\n".join(line.rstrip() for line in text.split("\n"))
+
+
 def next_steps(checkpoint: Path) -> str:
     """What to do with a training that has ended, as lines to copy."""
-    policy = shlex.quote(str(checkpoint.with_name("policy.onnx")))
+    policy = checkpoint.with_name("policy.onnx")
     return (
+        f"policy: {policy}\n"
         f"next: sprintlab learning {shlex.quote(str(checkpoint.parent))}\n"
-        f"      sprintlab export {shlex.quote(str(checkpoint))} {policy}\n"
-        f"      sprintlab race {policy}"
+        f"      sprintlab race {shlex.quote(str(policy))}"
     )
 
 
@@ -89,26 +148,40 @@ def short_help(text: str) -> str:
     return "\n".join([*kept, "Every setting of training, by group: sprintlab train --help-all"])
 
 
-def _parse(options: Any, arguments: list[str]) -> Any:
-    """Parse a dataclass; a refusal by its own checks is raised as it is, not as a usage error."""
-    if "--help-all" in arguments:
-        return tyro.cli(options, prog="sprintlab train", args=["--help"])
-    if {"-h", "--help"} & set(arguments):
-        shown = io.StringIO()
-        with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
-            tyro.cli(options, prog="sprintlab train", args=["--help"])
-        print(short_help(shown.getvalue()))
-        raise SystemExit(0)
-    usage = io.StringIO()
+def without_decided(text: str) -> str:
+    """The help without the settings that an option of the run decides."""
+    kept, hidden = list[str](), False
+    for line in text.splitlines():
+        word = line.split()[0] if line.split() else ""
+        if word.startswith("--") or not word:
+            hidden = word in {*DECIDED, "--settings.robot"}
+        if not hidden:
+            kept.append(line)
+    return "\n".join(kept)
+
+
+def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
+    """Parse; a refusal by the options' own checks is raised as it is, not as a usage error."""
+    asked = {"-h", "--help", "--help-all"} & set(words)
+    said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(usage):
-            return tyro.cli(options, prog="sprintlab train", args=arguments)
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            return tyro.cli(
+                type(default),
+                prog="sprintlab train",
+                description=DESCRIPTION,
+                default=default,
+                args=["--help"] if asked else words,
+            )
     except SystemExit as stop:
-        refusal = _refusal(stop)
-        if refusal is not None:
+        if refusal := _refusal(stop):
             raise refusal from None
-        print(usage.getvalue(), end="", file=sys.stderr)
-        raise
+        text = public_text(without_decided(said.getvalue()))
+        if not asked:
+            print(text, end="", file=sys.stderr)
+            raise
+    print(text if "--help-all" in asked else short_help(text))
+    raise SystemExit(0)
 
 
 def _refusal(error: BaseException | None) -> SprintlabError | None:

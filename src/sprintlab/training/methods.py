@@ -232,9 +232,9 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
     simulation, rewards = base.simulation, method.rewards or base.rewards
     if method.network and simulation.actuator_network is None:
         made = "a file made by python -m studies.paper network"
-        raise InvalidValueError("settings.simulation.actuator_network", None, made)
+        raise InvalidValueError("simulation.actuator_network", None, made)
     if method.prior and base.prior is None:
-        raise InvalidValueError("settings.prior", None, "a file made by python -m studies.paper stride")
+        raise InvalidValueError("prior", None, "a file made by python -m studies.paper stride")
     if method.load_balance:
         weight = RewardWeight(first=method.load_balance, second=method.load_balance)
         rewards = replace(rewards, load_balance=weight)

@@ -33,7 +33,7 @@ class SimulationSettings:
     Attributes:
         environments: simulated side by side.
         timestep: physics step [s]; the knee spring rings at 36 Hz and wants 2.5 ms or less. These defaults
-            are the cheapest whose running agrees with finer physics: docs/accuracy.md.
+            are the cheapest whose running agrees with finer physics: docs/evaluation.md.
         substeps: physics steps in one policy step; ``timestep * substeps`` is 0.02 s.
         solver_iterations: Newton iterations a step.
         line_search_iterations: of the solver's line search.
@@ -356,7 +356,7 @@ class StridePrior:
         InvalidValueError: a number that is not positive, or an unordered interval.
     """
 
-    file: str
+    file: str = "studies/paper/strides.npz"
     weight: float = 0.5
     fade: tuple[int, int] = (800, 1600)
     position_scale: float = 0.4

@@ -73,7 +73,7 @@ _TEMPLATE = '''"""Train a sprint policy for {name}.
 
     pip install 'sprintlab[train]'
     python train.py --minutes 8 --output runs/{name}
-    sprintlab export runs/{name}/checkpoint.pt {name}.onnx
+    sprintlab race runs/{name}/policy.onnx
 
 Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a run can be set here, with
 ``dataclasses.replace``.

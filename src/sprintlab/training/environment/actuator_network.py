@@ -38,7 +38,7 @@ SHAPES = {
 """Arrays of a network file, each with a first axis of one row a kind of drive."""
 _Hidden = wp.types.vector(length=WIDTH, dtype=float)
 
-Networks = dict[str, NDArray[np.float32]]
+Networks = dict[str, NDArray[Any]]
 
 
 def read_networks(path: str | os.PathLike[str], joints: int) -> Networks:

@@ -20,7 +20,7 @@ _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """How to train.
+    """What to train, how long, and where to.
 
     Attributes:
         method: sprint, baseline, no-envelope, simplified-dc, fixed-acceleration, uniform-commands;
@@ -28,12 +28,11 @@ class TrainOptions:
             papers: rlvrl, lp-acrl, after-hacl, hound, spot-battery, actuator-network, stride-prior,
             flux-weakening.
         robot: name, folder or table of the robot to train; lengths, speeds and masses of the settings are
-            scaled to it where they are BP2's. Without it ``settings.robot`` is trained, nothing scaled.
+            scaled to it where they are BP2's. bp2 when left out.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
-        output: folder of the run: ``checkpoint.pt``, ``log.jsonl``, ``settings.json``, ``cloud.npz``,
-            ``tensorboard/``.
+        output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
         minutes: stop after this much time in this sitting.
-        iterations: stop at this iteration of the run; some 450 after ``settings.stages.steady_iteration``.
+        iterations: stop at this iteration of the run; some 450 after ``stages.steady_iteration``.
         environments: robots side by side.
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
@@ -42,8 +41,8 @@ class TrainOptions:
         save_seconds: time between checkpoints.
         milestones: keep the policy as it is at every multiple of this training time [s], as
             ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
-        keep_schedule: take the command schedule from ``settings`` instead of the method's default.
-        keep_motor_model: take the motor model from ``settings`` instead of the method's, e.g. flux weakening.
+        keep_schedule: take the command schedule from the settings instead of the method's default.
+        keep_motor_model: take the motor model from the settings instead of the method's.
         keep_robots: put the state of every robot into the checkpoint (2 kB each): the run can then go on as
             if it had not stopped. Without, robots start from standing when it is taken up.
         fused: graphs and compiled kernels on a GPU; without them the same code runs plainly, and slowly.
@@ -51,7 +50,7 @@ class TrainOptions:
         wandb: project on Weights & Biases that gets the same curves (needs the extra ``wandb``).
         figures: at the end, pictures of the learning curve, the curriculum and the speeds in ``output``.
         cloud: at the end, two more seconds of the robots for ``cloud.npz``: where their motors work.
-        settings: everything else; ``method`` and ``environments`` are put into it.
+        settings: everything else; ``method``, ``environments`` and ``seed`` are put into it.
 
     Raises:
         InvalidValueError: an unknown method or a number out of range.

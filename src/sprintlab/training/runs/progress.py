@@ -141,9 +141,9 @@ def preparing(quiet: bool) -> Generator[None]:
 
 
 @contextmanager
-def recording() -> Generator[None]:
-    """Say on a terminal that the robots run on for the cloud of their motors."""
-    with Console(stderr=True).status("recording where the motors work"):
+def working(text: str) -> Generator[None]:
+    """Say on a terminal what a run still does after its last iteration."""
+    with Console(stderr=True).status(text):
         yield
 
 

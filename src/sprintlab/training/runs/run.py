@@ -13,17 +13,17 @@ import torch
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
-from sprintlab.core.files import atomic_write_json
+from sprintlab.core.files import atomic_write_text
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
-from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, recording
+from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
+from sprintlab.training.runs.run_file import RUN_FILE, run_text
 from sprintlab.training.runs.runner import Runner, command_line, read_checkpoint
-from sprintlab.training.settings import TrainingSettings
 
-SETTINGS_NAME = "settings.json"
+POLICY_NAME = "policy.onnx"
 
 
 def pick_device(wanted: str) -> str:
@@ -42,7 +42,7 @@ def pick_device(wanted: str) -> str:
 
 
 def train(options: TrainOptions, restartable: bool = False, typed: str | None = None) -> Path:
-    """Train until the time or the iterations are used up; returns the checkpoint's path.
+    """Train until the time or the iterations are used up, then export; returns the checkpoint's path.
 
     Args:
         options: what to train, where to and for how long.
@@ -72,17 +72,27 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         try:
             if workers.leads:
                 with _stopping_cleanly(runner, options):
-                    _write_settings(options.output / SETTINGS_NAME, runner.settings)
+                    text = run_text(options, runner.settings, runner.command_line)
+                    atomic_write_text(options.output / RUN_FILE, text)
             spent = runner.progress.seconds if restartable else 0.0
             _sit(options, runner, 60.0 * options.minutes - spent)
         finally:
             runner.learner.release_graphs()
+        if workers.leads:
+            _export(checkpoint)
     return checkpoint
 
 
-def _write_settings(path: Path, settings: TrainingSettings) -> None:
-    """Every setting of the run, for people and other programs; the checkpoint has its own."""
-    atomic_write_json(path, {"config_hash": settings.digest(), **settings.as_dict()})
+def _export(checkpoint: Path) -> None:
+    """The policy beside its checkpoint; what the export refuses does not undo the training."""
+    from sprintlab.training.runs.export import export_checkpoint
+
+    policy = checkpoint.with_name(POLICY_NAME)
+    try:
+        with working("exporting the policy"):
+            export_checkpoint(checkpoint, policy)
+    except SprintlabError as error:
+        raise SprintlabError(f"{checkpoint} is trained and kept, but not exported: {error}") from error
 
 
 def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) -> Runner:
@@ -140,7 +150,7 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
 
         learning_figures(options.output / "checkpoint.pt", options.output)
     if options.cloud and leads:  # last of all: the robots run on, and the run could not
-        with recording():
+        with working("recording where the motors work"):
             write_cloud(runner, options.output / CLOUD_NAME)
 
 
@@ -150,8 +160,8 @@ def _never_steady(options: TrainOptions, runner: Runner) -> str:
     if first is None or options.iterations > first:
         return ""
     return (
-        f"the run ends at iteration {options.iterations}, before its steady stage (settings.stages."
-        f"steady_iteration, {first}): the policy may fall where it brakes or stands without action noise"
+        f"the run ends at iteration {options.iterations}, before its steady stage (stages.steady_"
+        f"iteration, {first}): the policy may fall where it brakes or stands without action noise"
     )
 
 
@@ -210,6 +220,6 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 def _remove_halves(folder: Path) -> None:
     """Delete what writes that were killed have left; nobody else writes here."""
-    for name in ("checkpoint.pt", "log.jsonl", SETTINGS_NAME, CLOUD_NAME):
+    for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, CLOUD_NAME, POLICY_NAME):
         for half in folder.glob(f".{name}.*"):
             half.unlink(missing_ok=True)

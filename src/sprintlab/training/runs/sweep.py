@@ -52,7 +52,6 @@ def train_run(plan: RunPlan) -> None:
     Raises:
         SprintlabError: training or the export is refused, or the disk is.
     """
-    from sprintlab.training.runs.export import export_checkpoint
     from sprintlab.training.runs.run import TrainOptions, train
 
     if plan.finished():
@@ -69,7 +68,6 @@ def train_run(plan: RunPlan) -> None:
         settings=plan.base_settings(),
     )
     checkpoint = train(options, restartable=True, typed=plan.command_line())
-    export_checkpoint(checkpoint, plan.folder / "policy.onnx")
     _write_record(plan, checkpoint)
 
 

@@ -9,16 +9,22 @@ import itertools
 import json
 import re
 import shlex
-import types
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.training.methods import ALL_METHODS, method_settings, preset_settings
+from sprintlab.training.runs.named_settings import (
+    choices,
+    dashed,
+    override,
+    read_value,
+    split_assignment,
+)
 from sprintlab.training.settings import TrainingSettings
 
 RECORD_NAME = "run.json"
@@ -191,25 +197,11 @@ def _word(value: Any) -> str:
     return json.dumps(value).replace(" ", "").replace('"', "").replace("/", "_")
 
 
-def parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
-    """``["ppo.steps=16"]`` as a mapping; a value is read as JSON, else as text.
-
-    Raises:
-        SprintlabError: an assignment without ``=``.
-    """
-    return {name: _value(text) for name, text in map(_split, assignments)}
-
-
 def parse_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
     """``["ppo.steps=8,16"]`` as a mapping to lists; errors as in ``parse_assignments``."""
-    return {name: [_value(each) for each in _pieces(text)] for name, text in map(_split, variations)}
-
-
-def _split(assignment: str) -> tuple[str, str]:
-    name, equals, text = assignment.partition("=")
-    if not (equals and name and text):
-        raise SprintlabError(f"{assignment!r} is no assignment; expected e.g. ppo.steps=16")
-    return name, text
+    return {
+        name: [read_value(each) for each in _pieces(text)] for name, text in map(split_assignment, variations)
+    }
 
 
 def _pieces(text: str) -> list[str]:
@@ -224,90 +216,12 @@ def _pieces(text: str) -> list[str]:
     return pieces
 
 
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
-
-
-def override(settings: Any, name: str, value: Any) -> Any:
-    """``settings`` with the setting of a dotted name replaced.
-
-    A part such as the battery, ``None`` by default, begins with its own defaults where one of its settings is
-    named; a mapping sets several, and an empty one none: the part is then there as it comes.
-
-    Raises:
-        SprintlabError: there is no such setting, or the value is of another kind.
-        InvalidValueError: the settings refuse the value.
-    """
-    for part in reversed(name.split(".")):
-        value = {part: value}
-    return _replaced(settings, value)
-
-
-def _replaced(settings: Any, values: Mapping[str, Any]) -> Any:
-    """All at once: what belongs together is checked together."""
-    return replace(settings, **{name: _replacement(settings, name, each) for name, each in values.items()})
-
-
-def _replacement(settings: Any, name: str, value: Any) -> Any:
-    known = [field.name for field in fields(settings)]
-    if name not in known:
-        raise SprintlabError(f"there is no setting {name!r} here (there is: {', '.join(known)})")
-    present, kinds = getattr(settings, name), _kinds(get_type_hints(type(settings))[name])
-    if not isinstance(value, dict):
-        return _same_kind(name, present, value, kinds)
-    part = _begun(kinds) if present is None else present
-    if not is_dataclass(part):
-        raise SprintlabError(f"setting {name!r} is {present!r}: it has no parts to become {value!r}")
-    return _replaced(part, value)
-
-
-def _begun(kinds: Sequence[Any]) -> Any:
-    """A part that may stand there, as it comes; ``None`` where there is none of its kind."""
-    return next((kind() for kind in kinds if isinstance(kind, type) and is_dataclass(kind)), None)
-
-
-def _kinds(hint: Any) -> tuple[Any, ...]:
-    """The types that a type hint allows."""
-    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-
-
-def _same_kind(name: str, present: Any, value: Any, kinds: Sequence[Any]) -> Any:
-    """``value`` as the kind of number, text or tuple that stands there now, or could stand there."""
-    if value is None and types.NoneType in kinds:
-        return None
-    if isinstance(value, list):
-        value = tuple(value)
-    if isinstance(present, float) and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    fits = any(_fits(value, kind) for kind in kinds) if present is None else type(value) is type(present)
-    if is_dataclass(present) or not fits:
-        expected = type(present).__name__ if present is not None else " or ".join(map(_described, kinds))
-        raise SprintlabError(f"setting {name!r} is {present!r} ({expected}) and cannot become {value!r}")
-    return value
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    if get_origin(kind) is tuple and isinstance(value, tuple):
-        return [type(each) for each in value] == list(get_args(kind))
-    return type(value) is kind
-
-
-def _described(kind: Any) -> str:
-    """A type as it is written in an assignment."""
-    if kind is types.NoneType:
-        return "null"
-    return f'{{"{fields(kind)[0].name}": ...}}' if is_dataclass(kind) else str(kind)
-
-
 def _typed(settings: Any, overrides: Mapping[str, Any]) -> list[Any]:
     """Overrides as words of ``sprintlab train``: options, then each chosen part with its own options."""
     named = list(_flattened(overrides))
-    chosen = {"": None, **{n: v for n, v in _choices(settings) if any(_within(name, n) for name, _ in named)}}
+    chosen = {"": None, **{n: v for n, v in choices(settings) if any(_within(name, n) for name, _ in named)}}
     words: dict[str, list[Any]] = {
-        name: [f"settings.{name}:{_dashed(type(part).__name__) if part else 'none'}"] if name else []
+        name: [f"{name}:{dashed(type(part).__name__) if part else 'none'}"] if name else []
         for name, part in chosen.items()
     }
     for name, value in named:
@@ -319,8 +233,8 @@ def _typed(settings: Any, overrides: Mapping[str, Any]) -> list[Any]:
 
 def _option(name: str, value: Any) -> list[Any]:
     outer, _, last = name.replace("_", "-").rpartition(".")
-    option = ".".join(filter(None, ("--settings", outer, f"no-{last}" if value is False else last)))
-    return [option, *(value if isinstance(value, list) else [value] * (not isinstance(value, bool)))]
+    option = ".".join(filter(None, (outer, f"no-{last}" if value is False else last)))
+    return [f"--{option}", *(value if isinstance(value, list) else [value] * (not isinstance(value, bool)))]
 
 
 def _flattened(overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -332,19 +246,5 @@ def _flattened(overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _choices(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Parts that may be of several kinds, or none: dotted name, outer ones first, and what stands there."""
-    for name, hint in get_type_hints(type(settings)).items():
-        part = getattr(settings, name)
-        if len(_kinds(hint)) > 1 and any(is_dataclass(kind) for kind in _kinds(hint)):
-            yield f"{prefix}{name}", part
-        if is_dataclass(part):
-            yield from _choices(part, f"{prefix}{name}.")
-
-
 def _within(name: str, part: str) -> bool:
     return not part or f"{name}.".startswith(f"{part}.")
-
-
-def _dashed(name: str) -> str:
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()

@@ -1,0 +1,106 @@
+"""A run's file, ``run.toml``: every choice of a training, written into its folder, read by ``--config``.
+
+Options of the run and settings stand side by side under the names that ``sprintlab train`` has for them; a
+part of the settings is a table, ``[ppo]``. What a file leaves out keeps its default. Where a run is put, on
+which device, and whether it is taken up again is said anew each time, so it is not written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.reading import read_toml
+from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
+from sprintlab.training.runs.named_settings import plain, replaced, unknown_setting
+from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.scaling import scaled_settings
+from sprintlab.training.settings import TrainingSettings
+
+RUN_FILE = "run.toml"
+ENVIRONMENTS = "simulation.environments"
+_UNWRITTEN = ("output", "device", "resume", "preset", "settings")
+_REFUSED = {
+    "settings": "its parts stand in the file themselves, e.g. [ppo]",
+    "resume": "must be typed: --resume",
+}
+_OPTIONS = tuple(field.name for field in fields(TrainOptions) if field.name != "settings")
+SETTINGS = tuple(field.name for field in fields(TrainingSettings) if field.name not in _OPTIONS)
+"""First words of the settings' names; ``method`` and ``seed`` are options of the run."""
+
+
+def read_run_file(path: Path) -> TrainOptions:
+    """The options of a training as a file has them, everything else at its default.
+
+    Raises:
+        SprintlabError: the file cannot be read, or is not TOML.
+        InvalidValueError: a name is unknown, or a value is not allowed; both are named with the file.
+    """
+    document = read_toml(path, what="run file")
+    try:
+        return _options(document)
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+
+
+def run_text(options: TrainOptions, settings: TrainingSettings, command_line: str) -> str:
+    """The file of a run.
+
+    Args:
+        options: of the run.
+        settings: as the run has them, with method and preset applied.
+        command_line: as it was typed.
+    """
+    kept = {name: value for name, value in plain(options).items() if name not in _UNWRITTEN}
+    chosen = plain(settings)
+    environments = chosen["simulation"].pop("environments")
+    decided = method_settings(settings.method, settings) if settings.method in ALL_METHODS else settings
+    kept |= {
+        **{name: chosen[name] for name in ("method", "robot", "seed")},
+        "environments": environments,
+        "keep_schedule": decided.schedule != settings.schedule,
+        "keep_motor_model": decided.actuator_model != settings.actuator_model,
+    }
+    head = [
+        "Every choice of this training. To train it again:",
+        f"    sprintlab train --config {RUN_FILE} --output NEW_FOLDER",
+        *(f"typed: {line}" for line in command_line.splitlines()),
+        f"hash of the settings, as in the policy's contract: {settings.digest()}",
+    ]
+    settings_part = {name: chosen[name] for name in SETTINGS}
+    return "".join(f"# {line}\n" for line in head) + tomli_w.dumps({**kept, **settings_part})
+
+
+def _options(document: Mapping[str, Any]) -> TrainOptions:
+    for name, value in document.items():
+        if name in _REFUSED:
+            raise InvalidValueError(name, value, _REFUSED[name])
+        if name not in (*_OPTIONS, *SETTINGS):
+            raise InvalidValueError(name, value, unknown_setting(name, (*_OPTIONS, *SETTINGS)))
+    given = {name: value for name, value in document.items() if name in SETTINGS}
+    simulation = given.get("simulation")
+    if isinstance(simulation, Mapping) and "environments" in simulation:
+        raise InvalidValueError(ENVIRONMENTS, simulation["environments"], "write environments at the top")
+    asked = replaced(TrainOptions(), {name: document[name] for name in _OPTIONS if name in document})
+    base = preset_settings(asked.preset)
+    if asked.robot is not None:
+        base = scaled_settings(asked.robot, base, base)  # what the file says itself is not scaled
+    options = replace(asked, robot=None, preset=PRESETS[0], settings=replaced(base, given))
+    _check_kept(options, given)
+    return options
+
+
+def _check_kept(options: TrainOptions, given: Mapping[str, Any]) -> None:
+    """Refuse what the method would silently replace."""
+    decided = options.full_settings()
+    for name, switch in (("schedule", "keep_schedule"), ("actuator_model", "keep_motor_model")):
+        wanted = getattr(options.settings, name)
+        if name in given and getattr(decided, name) != wanted:
+            raise InvalidValueError(
+                name, given[name], f"method {options.method} decides it: write {switch} = true to keep yours"
+            )
