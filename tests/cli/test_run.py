@@ -27,7 +27,7 @@ def assert_refused(outcome, *words):
         (("no-such-policy",), ("no-such-policy", "there is: ")),
         (("missing.onnx",), ("missing.onnx", "No such file")),
         (("sprint", "shm://nobody-is-here"), ("no robot named 'nobody-is-here'",)),
-        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, dds")),
+        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, unitree")),
         (("sprint", "bp2"), ("an address like shm://bp2",)),
         (("--robot", "bp3"), ("bp3",)),
         (("--source", "telepathy"), ("telepathy", "choose one of sprint")),
@@ -60,6 +60,21 @@ def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
     monkeypatch.setattr(control, "load_policy", lambda path: opened.append(path.name) or load(path))
     assert_refused(call("run", "go1-sprint", "shm://nobody-is-here", "--no-log"), "nobody-is-here")
     assert opened == ["go1-sprint.onnx"]
+
+
+def test_beyond_this_machine_a_policy_is_audited_before_the_bus_is_opened(call, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "sprintlab.api.clearance.require_clearance", lambda name, *_, **how: asked.append((name, how))
+    )
+    address = "zenoh://nobody@192.0.2.7:7447"
+    outcome = call(
+        "run", "sprint", address, "--no-log", "--source", "sprint-raw", "--despite-audit", "sprint"
+    )
+    assert outcome.status == 2 and "is not this machine" in outcome.err
+    assert asked == [("sprint", {"self_paced": False, "despite": "sprint"})]
+    call("run", "sprint", "shm://nobody-is-here", "--no-log")
+    assert len(asked) == 1
 
 
 def test_a_log_that_exists_is_not_overwritten(call, tmp_path):

@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 import os
 import time as clock
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import Any
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from sprintlab.commands import heading_command
 from sprintlab.control import Policy, load_policy, shipped_policy
 from sprintlab.deployment.bus import open_bus, open_endpoint
 from sprintlab.deployment.bus.ends import COMMAND, STATE
+from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.interface import (
     ControlTick,
@@ -27,7 +31,6 @@ from sprintlab.deployment.interface import (
     Request,
     RobotState,
     SourceView,
-    encode,
 )
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 from sprintlab.motors import torque_limits
@@ -158,7 +161,7 @@ class Rig:
         arrived: list[RobotState] = []
         refused = interface.malformed
         for state in states:
-            endpoint._put(STATE, self.on_bytes(encode(state)))
+            endpoint._put(STATE, self.on_bytes(endpoint._encode(state)))
         deadline = clock.monotonic() + 10.0
         while len(arrived) + interface.malformed - refused < len(states):
             state = interface.receive()
@@ -174,7 +177,7 @@ class Rig:
             return
         interface, endpoint = self.bus
         dropped = endpoint.malformed + endpoint.foreign
-        interface._put(COMMAND, self.on_command_bytes(encode(command)))
+        interface._put(COMMAND, self.on_command_bytes(interface._encode(command)))
         deadline = clock.monotonic() + 10.0
         while endpoint.malformed + endpoint.foreign == dropped:
             arrived = endpoint.receive_command()
@@ -292,17 +295,99 @@ def gallop(sprint_robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     return Snapshot.take(rig, sprint_policy)
 
 
-@pytest.fixture(scope="module", params=["shm", "zenoh"])
+class _LoopbackEnd:
+    """Carries bytes through queues of this process."""
+
+    def __init__(self, wires: dict[str, deque[bytes]], reads: str, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._wires, self._reads = wires, reads
+
+    def _take(self, channel: str) -> bytes | None:
+        name = channel if channel == self._reads else f"others' {channel}"
+        waiting = self._wires.get(name)
+        return waiting.popleft() if waiting else None
+
+    def _put(self, channel: str, content: bytes) -> None:
+        self._wires.setdefault(channel, deque()).append(content)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class LoopbackController(_LoopbackEnd, UnitreeControllerEnd):
+    """The controller's end that speaks Unitree's messages without a DDS library."""
+
+
+class LoopbackRobot(_LoopbackEnd, UnitreeRobotEnd):
+    """The robot's end of it."""
+
+
+def _unitree_loopback(session: int) -> tuple[LoopbackController, LoopbackRobot]:
+    wires: dict[str, deque[bytes]] = {}
+    return LoopbackController(wires, STATE, session), LoopbackRobot(wires, COMMAND)
+
+
+@pytest.fixture
+def unitree_loopback() -> Callable[[int], tuple[LoopbackController, LoopbackRobot]]:
+    """Makes both ends for a session; what is put under ``others' command`` comes from a stranger."""
+    return _unitree_loopback
+
+
+@pytest.fixture
+def continue_on_unitree() -> Callable[[Rig, Any, Any], None]:
+    """Makes both ends as if they had carried a rig's gallop from its start."""
+    return _continue_on_unitree
+
+
+@pytest.fixture(scope="module", params=["shm", "zenoh", "unitree"])
 def bus_ends(request: pytest.FixtureRequest, gallop: Snapshot) -> Iterator[tuple[Any, Any]]:
     """Both ends of a bus, opened in the name of the controller that gallops."""
+    session = gallop.controller.session
+    if request.param == "unitree" and find_spec("cyclonedds") is None:
+        yield _unitree_loopback(session)
+        return
     if request.param == "zenoh":
         pytest.importorskip("zenoh")
-    address = f"{request.param}://matrix-{os.getpid()}"
+    place = f"@:{100 + os.getpid() % 100}" if request.param == "unitree" else ""
+    address = f"{request.param}://matrix-{os.getpid()}{place}"
     endpoint = open_endpoint(address)
-    interface = open_bus(address, session=gallop.controller.session)
+    interface = open_bus(address, session=session)
+    if request.param == "unitree":
+        _meet(interface, endpoint, gallop)
     yield interface, endpoint
     interface.close()
     endpoint.close()
+
+
+def _meet(interface: Any, endpoint: Any, gallop: Snapshot) -> None:
+    """Wait until both ends of a DDS bus have found each other."""
+    deadline = clock.monotonic() + 10.0
+    state, command = gallop.rig.last_state, gallop.rig.ticks[-1].command
+    heard = answered = False
+    while not (heard and answered):
+        endpoint._put(STATE, endpoint._encode(state))
+        interface._put(COMMAND, interface._encode(command))
+        clock.sleep(0.01)
+        heard = heard or interface.receive() is not None
+        answered = answered or endpoint.receive_command() is not None
+        assert clock.monotonic() < deadline, "the ends do not find each other"
+    for _ in range(2):  # what is still on its way
+        clock.sleep(0.05)
+        while interface.receive() is not None or endpoint.receive_command() is not None:
+            pass
+
+
+def _continue_on_unitree(rig: Rig, interface: Any, endpoint: Any) -> None:
+    """Both ends as if they had carried the gallop from its start: their messages have no numbers."""
+    state, numbers = rig.controller.state, interface._numbers
+    milliseconds = state.timestamp // MILLISECOND
+    numbers._last, numbers._time, numbers._number = milliseconds % 2**32, milliseconds, state.sequence
+    interface._sent.extend(sorted(rig.sent.items())[-interface._sent.maxlen :])
+    interface._answered, interface._suspicious = rig.controller._answer, False
+    simulated = rig.simulated
+    simulated._command = msgspec.structs.replace(
+        simulated._command, session=endpoint._author, sequence=endpoint._received
+    )
 
 
 @pytest.fixture
@@ -317,4 +402,6 @@ def running(gallop: Snapshot) -> Rig:
 def running_on_bus(running: Rig, bus_ends: tuple[Any, Any]) -> Rig:
     """The gallop, continued with a bus between controller and robot."""
     running.bus = bus_ends
+    if isinstance(bus_ends[0], UnitreeControllerEnd):
+        _continue_on_unitree(running, *bus_ends)
     return running

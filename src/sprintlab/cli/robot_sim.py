@@ -27,7 +27,7 @@ class RobotSim(DriveOptions):
     has left.
 
     Attributes:
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
+        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
         bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
             TLS, or user and password.
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left

@@ -34,7 +34,7 @@ class Run:
 
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or dds://NAME[@DOMAIN].
+        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
         bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
             TLS, or user and password.
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
@@ -48,6 +48,8 @@ class Run:
         core: of the processor, on which the control loop stays: one that is kept free of other work.
         no_real_time: keep the normal scheduler.
         lock_step: take time from a simulated robot and answer each of its steps.
+        despite_audit: name of the policy, to let it drive a robot beyond this machine although it falls or
+            overloads feet or gears in a simulated trial at --top-speed; that trial is not run then.
         json: print JSON only.
     """
 
@@ -65,6 +67,7 @@ class Run:
     core: int | None = None
     no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
     lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
+    despite_audit: str | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
@@ -74,7 +77,7 @@ class Run:
             SprintlabError: an option, the policy, the source, the bus or the log is refused.
         """
         from sprintlab.control import check_contract, load_policy
-        from sprintlab.deployment.bus import open_bus
+        from sprintlab.deployment.bus import leaves_this_machine, open_bus
         from sprintlab.deployment.controller import Controller, LoopOptions
         from sprintlab.deployment.safety import VelocityLimits
         from sprintlab.deployment.sources import open_source
@@ -92,6 +95,8 @@ class Run:
         robot = load_robot(robot_of(policy, path.name) if self.robot is None else self.robot)
         check_contract(policy.contract, robot)
         limits = VelocityLimits(forward=self.top_speed)
+        if leaves_this_machine(self.bus):
+            self._clear(policy, robot)
         with ExitStack() as stack:
             source = open_source(self.source, top_speed=self.top_speed, distance=self.distance)
             stack.enter_context(closing(source))
@@ -106,6 +111,21 @@ class Run:
             report = self._drive(controller, bus, options, log)
         self._show(controller, report, _sprint_time(controller, source), complaints)
         return 0 if _in_order(controller, report) else 1
+
+    def _clear(self, policy: Any, robot: Any) -> None:
+        """Refuse a policy that would break a robot that may be real."""
+        from sprintlab.api.clearance import require_clearance
+
+        if self.despite_audit is None:
+            stderr_console().print(f"auditing {self.policy} at {self.top_speed:g} m/s in simulation first")
+        require_clearance(
+            self.policy,
+            policy,
+            robot,
+            self.top_speed,
+            self_paced=self.source == "sprint",
+            despite=self.despite_audit,
+        )
 
     def _log(self, path: Path, policy: Any, robot: str) -> Any:
         from sprintlab.control import encode_contract

@@ -400,8 +400,8 @@ class RobotEndpoint(Protocol):
         """The next command in order of arrival; None if there is none left."""
         ...
 
-    def publish(self, state: RobotState) -> None:
-        """Send a state."""
+    def publish(self, state: RobotState) -> bool:
+        """Send a state; whether it was sent, since a bus may carry fewer states than a robot has."""
         ...
 
     def publish_fix(self, fix: PositionFix) -> None:

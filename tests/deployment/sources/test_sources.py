@@ -320,10 +320,48 @@ def test_the_dead_zone_is_zero_and_the_turn_has_the_sign_of_the_stick(pad):
 def test_buttons_make_requests_but_not_their_first_report(pad):
     writing, source = pad
     os.write(writing, event(0x81, 2, 1))
-    assert source.read(view(1.0)).request == Request.NONE
+    assert source.read(view(1.0, mode="stand")).request == Request.NONE
     os.write(writing, event(1, 2, 1))
-    assert source.read(view(1.1)).request == Request.STOP
+    assert source.read(view(1.1, mode="stand")).request == Request.STOP
+    assert source.read(view(1.2, mode="stand")).request == Request.NONE
+
+
+RUN_BUTTON, LIE_BUTTON, SWITCH = 7, 1, 5
+
+
+def test_a_run_begins_and_goes_on_only_while_the_dead_man_switch_is_held(pad):
+    writing, source = pad
+    os.write(writing, event(1, RUN_BUTTON, 1))
+    assert source.read(view(1.0, mode="stand")).request == Request.NONE
+    os.write(writing, event(1, SWITCH, 1) + event(1, RUN_BUTTON, 1))
+    assert source.read(view(1.1, mode="stand")).request == Request.RUN
     assert source.read(view(1.2)).request == Request.NONE
+    os.write(writing, event(1, SWITCH, 0))
+    assert [source.read(view(moment)).request for moment in (1.3, 1.4)] == [Request.STAND] * 2
+    os.write(writing, event(1, LIE_BUTTON, 1))
+    assert source.read(view(1.5)).request == Request.LIE_DOWN
+
+
+def test_a_switch_that_is_down_from_the_start_does_not_count(pad):
+    writing, source = pad
+    os.write(writing, event(0x81, SWITCH, 1) + event(2, 1, -32767))
+    assert settled(source, 1.0).velocity[0] == 0.0
+    assert source.read(view(2.0)).request == Request.STAND
+    os.write(writing, event(1, SWITCH, 0) + event(1, SWITCH, 1))
+    assert settled(source, 3.0).velocity[0] == pytest.approx(10.0)
+
+
+def test_letting_go_of_the_switch_brings_a_gallop_to_a_stand(pad, running):
+    writing, source = pad
+    os.write(writing, event(1, SWITCH, 1) + event(2, 1, -32767))
+    running.controller._source, source._sequence = source, 10**6  # goes on where the other source was
+    assert running.run(0.3).mode == "run" and not running.controller.braking
+    os.write(writing, event(1, SWITCH, 0))
+    running.run_until(lambda tick: running.controller.braking, 0.021)
+    os.write(writing, event(1, SWITCH, 1))  # held again: the stand is finished all the same
+    running.run_until(lambda tick: tick.mode == "stand", 6.0)
+    running.run(0.5)
+    assert running.controller.mode.value == "stand" and running.simulated.fall_reason == ""
 
 
 def test_an_unplugged_pad_falls_silent(pad):

@@ -5,8 +5,8 @@
 | ``shm://NAME`` | shared memory of this machine |
 | ``zenoh://NAME`` | zenoh on this machine, at a port that follows from the name (extra ``zenoh``) |
 | ``zenoh://NAME@HOST:PORT`` | zenoh; the robot listens there, the controller connects |
-| ``dds://NAME`` | DDS domain 0 through Cyclone DDS (extra ``dds``) |
-| ``dds://NAME@DOMAIN`` | the same in another DDS domain |
+| ``unitree://NAME@INTERFACE`` | Unitree's messages over DDS at a network interface (extra ``unitree``) |
+| ``unitree://NAME@INTERFACE:DOMAIN`` | the same in another DDS domain; without interface, on this machine |
 
 What is not this machine needs zenoh's TLS, or user and password (``zenoh_session``). DDS has no such check
 here: everybody in a DDS network can drive a robot in it.
@@ -14,6 +14,7 @@ here: everybody in a DDS network can drive a robot in it.
 
 from __future__ import annotations
 
+import ipaddress
 import os
 import re
 from importlib import import_module
@@ -24,9 +25,9 @@ from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.deployment.interface import RobotEndpoint, RobotInterface, new_session
 
-_CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "dds": "dds_bus"}
+_CARRIERS = {"shm": "shared_memory", "zenoh": "zenoh_bus", "unitree": "unitree_bus"}
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
-_FORM = "an address like shm://bp2, zenoh://bp2@127.0.0.1:7447 or dds://bp2"
+_FORM = "an address like shm://bp2, zenoh://bp2@127.0.0.1:7447 or unitree://go2@enp2s0"
 
 
 class BusError(SprintlabError):
@@ -37,7 +38,7 @@ class BusAddress(NamedTuple):
     """A parsed address.
 
     Attributes:
-        carrier: ``"shm"``, ``"zenoh"`` or ``"dds"``.
+        carrier: ``"shm"``, ``"zenoh"`` or ``"unitree"``.
         name: of the robot.
         place: what follows ``@``; empty if nothing does.
     """
@@ -58,6 +59,26 @@ def parse_address(address: str) -> BusAddress:
         raise InvalidValueError("bus", address, _FORM)
     check_choice("bus carrier", match["carrier"], tuple(_CARRIERS))
     return BusAddress(match["carrier"], match["name"], match["place"] or "")
+
+
+def leaves_this_machine(address: str) -> bool:
+    """Whether a robot at this address may be anything but a simulation on this machine.
+
+    Raises:
+        InvalidValueError: the address makes no sense.
+    """
+    parsed = parse_address(address)
+    host = parsed.place.rpartition(":")[0].strip("[]") if parsed.carrier == "zenoh" else ""
+    if parsed.carrier == "unitree":
+        return parsed.place.partition(":")[0] not in ("", "lo")
+    return bool(host) and host != "localhost" and not _is_loopback(host)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def open_bus(

@@ -9,6 +9,7 @@ import msgspec
 from sprintlab.deployment.interface import (
     MOST_DAMAGED,
     JointCommand,
+    Message,
     MessageError,
     MessageType,
     PositionFix,
@@ -46,10 +47,18 @@ class BusEnd(ABC):
             if content is None:
                 return None
             try:
-                return decode(kind, content)
+                return self._decode(kind, content)
             except MessageError:
                 self.malformed += 1
         return None
+
+    def _encode(self, message: Message) -> bytes:
+        """A message's bytes on this bus."""
+        return encode(message)
+
+    def _decode(self, kind: type[MessageType], content: bytes) -> MessageType:
+        """The message of these bytes; raises ``MessageError`` where they are none."""
+        return decode(kind, content)
 
 
 class ControllerEnd(BusEnd):
@@ -77,7 +86,7 @@ class ControllerEnd(BusEnd):
 
     def send(self, command: JointCommand) -> None:
         """Hand a command to the robot."""
-        self._put(COMMAND, encode(command))
+        self._put(COMMAND, self._encode(command))
 
 
 class RobotEnd(BusEnd):
@@ -103,12 +112,17 @@ class RobotEnd(BusEnd):
             self.foreign += 1
         return None
 
-    def publish(self, state: RobotState) -> None:
-        """Send a state; the commands that this end dropped count as those that the robot did."""
+    def publish(self, state: RobotState) -> bool:
+        """Send a state; the commands that this end dropped count as those that the robot did.
+
+        Returns:
+            Whether it was sent: a bus may carry fewer states than the robot has.
+        """
         if self.foreign:
             foreign = state.foreign_commands + self.foreign
             state = msgspec.structs.replace(state, foreign_commands=foreign)
-        self._put(STATE, encode(state))
+        self._put(STATE, self._encode(state))
+        return True
 
     def _admitted(self, session: int) -> bool:
         """Whether a controller of this session was let in; a bus that lets nobody in knows none."""
@@ -117,4 +131,4 @@ class RobotEnd(BusEnd):
 
     def publish_fix(self, fix: PositionFix) -> None:
         """Send a position fix."""
-        self._put(FIX, encode(fix))
+        self._put(FIX, self._encode(fix))

@@ -176,12 +176,12 @@ class _Run:
         return bool(getattr(self._endpoint, "peer_left", False))
 
     def _publish(self, timestamp: int) -> int:
-        """Send what arrives now; returns the newest state's sequence, 0 if none arrived."""
+        """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
         newest = 0
         for message in self._world.messages(timestamp):
             if isinstance(message, RobotState):
-                self._endpoint.publish(message)
-                newest = max(newest, message.sequence)
+                if self._endpoint.publish(message):
+                    newest = max(newest, message.sequence)
             else:
                 self._endpoint.publish_fix(message)
         return newest

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from sprintlab.core.checks import check_positive
 from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError, StickMapping
-from sprintlab.deployment.interface import FloatArray, Request
+from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 from sprintlab.deployment.sources.operator import OperatorSource
 from sprintlab.deployment.sources.slew import SlewLimits, SourceError
 
@@ -19,7 +20,7 @@ class GamepadMapping(StickMapping):
     """Which axis and which button does what.
 
     Attributes:
-        alive_button: no speed unless it is held down (right shoulder).
+        alive_button: the dead-man switch (right shoulder): a run begins and goes on only while it is held.
         buttons: number of a button to the request it makes: A stand, Start run, B lie down, X stop, Back
             passive.
     """
@@ -35,7 +36,11 @@ class GamepadMapping(StickMapping):
 
 
 class GamepadSource(OperatorSource):
-    """A gamepad. When it is unplugged or its radio is gone, the source falls silent.
+    """A gamepad with a dead-man switch. When it is unplugged or its radio is gone, the source falls silent.
+
+    Letting go of the switch in a run asks for a stand: the robot brakes, and stays there until somebody holds
+    the switch and asks for a run again. A switch that is down when the pad is opened does not count: it may
+    be stuck.
 
     Args:
         device: the joystick device.
@@ -59,6 +64,7 @@ class GamepadSource(OperatorSource):
         super().__init__(limits)
         self._mapping, self._top_speed = mapping or GamepadMapping(), top_speed
         self._requests = dict(self._mapping.buttons)
+        self._gripped = False
         try:
             self._pad = Joystick(device)
         except JoystickError as error:
@@ -66,16 +72,30 @@ class GamepadSource(OperatorSource):
 
     def poll(self) -> FloatArray | None:
         """Take the events since the last look; None once the pad is gone."""
+        switch = self._mapping.alive_button
         for button in self._pad.poll():
             self._request = self._requests.get(button, self._request)
+            self._gripped = self._gripped or button == switch
+        self._gripped = self._gripped and switch in self._pad.held
         return self._wish() if self._pad.connected else None
+
+    def read(self, view: SourceView) -> OperatorCommand | None:
+        """The present wish, a stand while nobody holds the switch in a run; None once the device is gone."""
+        command = super().read(view)
+        if command is None or self._gripped:
+            return command
+        if view.mode == "run" and command.request in (Request.NONE, Request.RUN):
+            return msgspec.structs.replace(command, request=Request.STAND)
+        if command.request == Request.RUN:
+            return msgspec.structs.replace(command, request=Request.NONE)
+        return command
 
     def close(self) -> None:
         """Let go of the device; a second call does nothing."""
         self._pad.close()
 
     def _wish(self) -> FloatArray:
-        if self._mapping.alive_button not in self._pad.held:
+        if not self._gripped:
             return np.zeros(3)
         push, turn = self._mapping.sticks(self._pad)
         speed = self._top_speed * (push if push > 0.0 else 0.2 * push)

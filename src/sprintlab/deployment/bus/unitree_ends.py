@@ -1,0 +1,186 @@
+"""Both ends of a bus that speaks Unitree's messages, whatever carries their bytes.
+
+Those messages have no numbers, no sessions and no answers, so that some of the controller's checks rest on
+other facts here, and one on an assumption:
+
+- a state's number and time come from the robot's clock (``tick``): duplicates, old states, gaps and a reboot
+  show as on every bus;
+- a command of somebody else is heard on the topic itself, and the controller stops: the robot may obey it;
+- motors that are not in servo mode are a robot that damps its joints by itself (all), or a failed drive;
+- nobody can tell that a robot drops commands silently. The last command counts as obeyed ``RESPONSE_TIME``
+  after it was sent, as long as somebody reads the topic; the envelope allows for states of that age.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, cast
+
+import msgspec
+
+from sprintlab.deployment.bus.ends import COMMAND, ControllerEnd, RobotEnd
+from sprintlab.deployment.bus.unitree_messages import (
+    decode_command,
+    decode_state,
+    encode_command,
+    encode_state,
+)
+from sprintlab.deployment.interface import (
+    MOST_DAMAGED,
+    JointCommand,
+    JointMode,
+    Message,
+    MessageType,
+    PositionFix,
+    RobotState,
+)
+
+PERIOD = 2_000_000
+"""Between two messages of one end [ns]: 500 a second."""
+RESPONSE_TIME = 4_000_000
+"""From a command to the state that shows it, assumed [ns]: two periods of the robot."""
+_SLACK = 500_000  # [ns] by which a message may come early
+_MILLISECOND = 1_000_000
+_TICKS = 1 << 32
+_REMEMBERED = 64  # commands
+
+
+class TickNumbers:
+    """Numbers states by the robot's clock, which counts milliseconds in 32 bits and starts at zero."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._number = self._time = 0
+
+    def number(self, tick: int) -> tuple[int, int]:
+        """Sequence and time [ns] of a state: as before for the same tick, lower for an older one."""
+        if self._last is None:
+            self._last, self._number, self._time = tick, 1, tick
+            return self._number, self._time * _MILLISECOND
+        passed = (tick - self._last + _TICKS // 2) % _TICKS - _TICKS // 2
+        periods = round(passed * _MILLISECOND / PERIOD)
+        if passed <= 0:
+            return self._number + min(periods, -(passed < 0)), (self._time + passed) * _MILLISECOND
+        self._last, self._number = tick, self._number + max(periods, 1)
+        self._time += passed
+        return self._number, self._time * _MILLISECOND
+
+
+class UnitreeControllerEnd(ControllerEnd):
+    """The controller's end: sends ``LowCmd_``, hears ``LowState_`` and the ``LowCmd_`` of others.
+
+    Args:
+        session: of the controller; it is not sent, and tells its commands from those of others.
+
+    Attributes:
+        overheard: commands of others, damaged ones among them.
+    """
+
+    def __init__(self, session: int) -> None:
+        self.session = session
+        self.overheard = 0
+        self._numbers = TickNumbers()
+        self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
+        self._answered = 0
+        self._last_mode: JointMode | None = None
+        self._suspicious = False
+
+    @property
+    def read_by_robot(self) -> bool:
+        """Whether anybody reads the commands."""
+        return True
+
+    def receive(self) -> RobotState | None:
+        """The next state in order of arrival; None if there is none left.
+
+        The first one after a command of somebody else says that the robot obeys another session.
+        """
+        self._overhear()
+        state = super().receive()
+        if state is None or not self._suspicious:
+            return state
+        self._suspicious = False
+        return msgspec.structs.replace(state, session=self.session ^ 1)
+
+    def receive_fix(self) -> PositionFix | None:
+        """None: the messages have no position."""
+        return None
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the robot, 500 a second at most; one of another mode goes at once."""
+        early = command.timestamp - self._sent[-1][1] < PERIOD - _SLACK
+        if not early or command.mode != self._last_mode:
+            super().send(command)
+
+    def _encode(self, message: Message) -> bytes:
+        command = cast(JointCommand, message)
+        self._sent.append((command.sequence, command.timestamp))
+        self._last_mode = command.mode
+        return encode_command(command)
+
+    def _decode(self, kind: type[MessageType], content: bytes) -> MessageType:
+        tick, state = decode_state(content)
+        sequence, timestamp = self._numbers.number(tick)
+        answered = self._answer()
+        found: Any = msgspec.structs.replace(
+            state,
+            sequence=sequence,
+            timestamp=timestamp,
+            command_sequence=answered,
+            session=self.session if answered else 0,
+            foreign_commands=self.overheard,
+        )
+        return found
+
+    def _answer(self) -> int:
+        """The newest command that the robot has had time to obey, by the times at which they were sent."""
+        if self.read_by_robot:
+            newest = self._sent[-1][1]
+            due = (number for number, sent in self._sent if newest - sent >= RESPONSE_TIME)
+            self._answered = max([self._answered, *due])
+        return self._answered
+
+    def _overhear(self) -> None:
+        """Count the commands of others since the last look, whole or not."""
+        for _ in range(MOST_DAMAGED):
+            if self._take(COMMAND) is None:
+                return
+            self.overheard += 1
+            self._suspicious = True
+
+
+class UnitreeRobotEnd(RobotEnd):
+    """The robot's end: hears ``LowCmd_``, sends ``LowState_`` 500 times a second.
+
+    Commands are numbered as they come, and all answer the newest state: the messages do not say.
+    """
+
+    def __init__(self) -> None:
+        self._author = 1
+        self._received = self._newest_state = 0
+        self._last: RobotState | None = None
+
+    def publish(self, state: RobotState) -> bool:
+        """Send a state if one is due; whether it was sent."""
+        last = self._last
+        changed = last is None or last.status != state.status or state.timestamp < last.timestamp
+        if last is not None and not changed and state.timestamp - last.timestamp < PERIOD - _SLACK:
+            return False
+        self._last = state
+        return super().publish(state)
+
+    def publish_fix(self, fix: PositionFix) -> None:
+        """Nothing: the messages have no position."""
+        del fix
+
+    def _encode(self, message: Message) -> bytes:
+        state = cast(RobotState, message)
+        self._newest_state = state.sequence
+        return encode_state(state)
+
+    def _decode(self, kind: type[MessageType], content: bytes) -> MessageType:
+        command: Any = decode_command(
+            content, sequence=self._received + 1, session=self._author, state_sequence=self._newest_state
+        )
+        self._received += 1
+        return command

@@ -1,0 +1,94 @@
+"""Who may drive a robot that is not a simulation on this machine."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from sprintlab.api.clearance import HARMFUL, ClearanceError, require_clearance
+from sprintlab.control import load_policy, shipped_policy
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.bus import leaves_this_machine
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.robots import load_robot
+
+
+@pytest.mark.parametrize(
+    ("address", "leaves"),
+    [
+        ("shm://bp2", False),
+        ("zenoh://bp2", False),
+        ("zenoh://bp2@127.0.0.1:7447", False),
+        ("zenoh://bp2@[::1]:7447", False),
+        ("zenoh://bp2@localhost:7447", False),
+        ("zenoh://bp2@192.0.2.7:7447", True),
+        ("zenoh://bp2@robot.lab:7447", True),
+        ("unitree://go2", False),
+        ("unitree://go2@:7", False),
+        ("unitree://go2@lo:7", False),
+        ("unitree://go2@enp2s0", True),
+    ],
+)
+def test_what_leaves_this_machine(address, leaves):
+    assert leaves_this_machine(address) == leaves
+
+
+def judged(monkeypatch, *, failed=(), fall_time=None):
+    """What is said of a policy whose trial ended like that."""
+    items = [
+        SimpleNamespace(name=name, value=9.0, unit="x", threshold=3.0, bound="at most") for name in failed
+    ]
+    trial = SimpleNamespace(
+        audit=SimpleNamespace(failed=items), fall_time=fall_time, fall_reason="tilt" if fall_time else ""
+    )
+    monkeypatch.setattr("sprintlab.evaluation.trial.run_trial", lambda *_: trial)
+    require_clearance("fast", None, None, 5.0, self_paced=False, despite=None)
+
+
+@pytest.mark.parametrize("item", HARMFUL)
+def test_what_breaks_a_robot_is_refused_and_says_how_to_insist(monkeypatch, item):
+    with pytest.raises(
+        ClearanceError, match=f"at up to 5 m/s: in simulation {item} 9.* --despite-audit fast"
+    ):
+        judged(monkeypatch, failed=[item])
+
+
+def test_a_fall_is_refused(monkeypatch):
+    with pytest.raises(ClearanceError, match=r"it fell after 3\.2 s \(tilt\)"):
+        judged(monkeypatch, fall_time=3.2)
+
+
+def test_other_items_of_the_audit_break_nothing(monkeypatch):
+    judged(monkeypatch, failed=["stance", "foot slip per step"])
+
+
+def test_the_items_are_those_of_the_audit():
+    assert set(HARMFUL) <= {item.name for item in audit_trials([TRIAL]).items}
+
+
+TRIAL = SimpleNamespace(
+    stance_time=0.1,
+    touchdowns_per_stride=1.0,
+    foot_force=2.0,
+    gear_torque_ratio=(1.0,),
+    joint_speed_ratio=(1.0,),
+    line_winding_temperature=30.0,
+    pad_deflection=0.001,
+    smallest_leg_distance=0.1,
+    slip_per_step=0.0,
+    lane_excursion=0.1,
+    final_speed=0.0,
+    stride_frequency=3.3,
+)
+
+
+def test_only_the_policy_s_own_name_lets_it_drive_all_the_same():
+    require_clearance("fast", None, None, 5.0, self_paced=False, despite="fast")
+    with pytest.raises(SprintlabError, match="names 'slow', but the policy is 'fast'"):
+        require_clearance("fast", None, None, 5.0, self_paced=False, despite="slow")
+
+
+def test_a_real_trial_is_judged():
+    """The Go1's policy of the first edition hits the ground too hard, even at 2 m/s."""
+    policy = load_policy(shipped_policy("go1-sprint"))
+    with pytest.raises(ClearanceError, match="foot force 4"):
+        require_clearance("go1-sprint", policy, load_robot("go1"), 2.0, self_paced=False, despite=None)

@@ -1,0 +1,253 @@
+"""A bus that speaks Unitree's messages: how states are numbered, who is overheard, 500 messages a second."""
+
+import os
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
+from sprintlab.deployment.bus.unitree_ends import RESPONSE_TIME, TickNumbers
+from sprintlab.deployment.bus.unitree_messages import encode_command
+from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
+
+MILLISECOND = 1_000_000
+SESSION = 77
+
+
+@pytest.fixture
+def ends(unitree_loopback):
+    return unitree_loopback(SESSION)
+
+
+@pytest.fixture
+def state_at(make_state):
+    """A state at a time of the robot's clock [ms]."""
+
+    def build(milliseconds, **changes):
+        return msgspec.structs.replace(
+            make_state(milliseconds), timestamp=milliseconds * MILLISECOND, **changes
+        )
+
+    return build
+
+
+@pytest.fixture
+def command_at(make_joint_command):
+    """A command at a time of the controller's clock [ms]."""
+
+    def build(sequence, milliseconds, mode=JointMode.SERVO):
+        whole = make_joint_command(sequence)
+        return msgspec.structs.replace(whole, timestamp=milliseconds * MILLISECOND, mode=mode)
+
+    return build
+
+
+@pytest.mark.parametrize(
+    ("ticks", "expected"),
+    [
+        ([10, 12, 14], [1, 2, 3]),
+        ([10, 11, 13, 14], [1, 2, 3, 4]),
+        ([10, 12, 12], [1, 2, 2]),
+        ([10, 12, 20], [1, 2, 6]),
+        ([10, 14, 12, 16], [1, 3, 2, 4]),
+        ([10, 12, 11], [1, 2, 1]),
+        ([2**32 - 2, 0, 2], [1, 2, 3]),
+    ],
+)
+def test_states_are_numbered_by_the_robots_clock(ticks, expected):
+    numbers = TickNumbers()
+    assert [numbers.number(tick)[0] for tick in ticks] == expected
+
+
+def test_a_reboot_shows_as_old_states_until_somebody_forgets_the_robot():
+    numbers = TickNumbers()
+    before = [numbers.number(tick) for tick in (90_000, 90_002)][-1]
+    after = [numbers.number(tick) for tick in (0, 2, 4)]
+    assert all(number < before[0] and stamp < before[1] for number, stamp in after)
+    assert after == sorted(after)
+
+
+def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends, state_at, command_at):
+    interface, endpoint = ends
+    states = commands = 0
+    for moment in range(1, 101):
+        assert endpoint.publish(state_at(moment)) == (moment % 2 == 1)
+        interface.send(command_at(moment, moment))
+        states += interface.receive() is not None
+        commands += endpoint.receive_command() is not None
+    assert states == commands == 50
+
+
+def test_a_change_of_mode_or_status_goes_at_once(ends, state_at, command_at):
+    interface, endpoint = ends
+    interface.send(command_at(1, 1))
+    interface.send(command_at(2, 2, JointMode.DAMPING))
+    modes = [endpoint.receive_command().mode, endpoint.receive_command().mode]
+    assert modes == [JointMode.SERVO, JointMode.DAMPING]
+    endpoint.publish(state_at(1))
+    assert endpoint.publish(state_at(2, status=int(RobotStatus.WATCHDOG_EXPIRED)))
+
+
+def test_a_command_counts_as_obeyed_after_the_response_time(ends, state_at, command_at):
+    interface, endpoint = ends
+    for number in range(1, 11):
+        interface.send(command_at(number, 2 * number))
+        endpoint.publish(state_at(2 * number))
+        state = interface.receive()
+        assert state.command_sequence == max(number - RESPONSE_TIME // (2 * MILLISECOND), 0)
+        assert state.session == (SESSION if state.command_sequence else 0)
+
+
+def test_the_robot_numbers_commands_and_answers_with_its_newest_state(ends, state_at, command_at):
+    interface, endpoint = ends
+    endpoint.publish(state_at(41))
+    interface.send(command_at(900, 2))
+    interface.send(command_at(901, 4))
+    got = [endpoint.receive_command(), endpoint.receive_command()]
+    assert [command.sequence for command in got] == [1, 2]
+    assert {command.state_sequence for command in got} == {41}
+
+
+def test_positions_are_not_sent(ends, make_fix):
+    interface, endpoint = ends
+    endpoint.publish_fix(make_fix(1))
+    assert interface.receive_fix() is None and interface.receive() is None
+
+
+def stranger_sends(interface, content):
+    interface._put("others' command", content)
+
+
+def test_a_strangers_command_makes_the_next_state_one_of_another_session(ends, state_at, command_at):
+    interface, endpoint = ends
+    for content in (encode_command(command_at(1, 1)), b"not even a command"):
+        stranger_sends(interface, content)
+        endpoint.publish(state_at(10 * interface.overheard + 10))
+        state = interface.receive()
+        assert state.session not in (0, SESSION)
+    assert interface.overheard == 2
+    endpoint.publish(state_at(100))
+    assert interface.receive().foreign_commands == 2
+
+
+def test_a_stranger_stops_a_run(running, unitree_loopback, continue_on_unitree):
+    running.bus = unitree_loopback(running.controller.session)
+    continue_on_unitree(running, *running.bus)
+    assert running.run(0.1).mode == "run"
+    stranger_sends(running.bus[0], encode_command(running.ticks[-1].command))
+    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.0021)
+    assert running.controller.stop_reason == "commands-foreign"
+
+
+def test_commands_that_nobody_reads_stop_a_run(running, unitree_loopback, continue_on_unitree, monkeypatch):
+    running.bus = interface, endpoint = unitree_loopback(running.controller.session)
+    continue_on_unitree(running, interface, endpoint)
+    monkeypatch.setattr(type(interface), "read_by_robot", property(lambda end: False))
+    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.103)
+    assert running.controller.stop_reason == "commands-unanswered"
+
+
+def test_a_robot_that_nobody_speaks_to_is_woken_and_stands_up(make_rig, unitree_loopback):
+    """Through the messages from the first one on: stopped motors obey once a harmless command has come."""
+    rig = make_rig()
+    rig.bus = unitree_loopback(rig.controller.session)
+    first = rig.step()
+    assert first.state.status == RobotStatus.WATCHDOG_EXPIRED
+    rig.run_until(lambda tick: tick.mode == "stand", 6.0)
+    assert rig.simulated.fall_reason == "" and rig.controller.stop_reason == ""
+
+
+# ---- over DDS -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def address():
+    pytest.importorskip("cyclonedds")
+    return f"unitree://go2@:{100 + os.getpid() % 100}"
+
+
+def until(look):
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        if found := look():
+            return found
+        time.sleep(0.002)
+    raise AssertionError("nothing came")
+
+
+def test_a_stranger_on_the_network_is_overheard(address, state_at, command_at):
+    """Unitree's own motion service would be such a one."""
+    from sprintlab.deployment.bus.address import parse_address
+    from sprintlab.deployment.bus.unitree_bus import UnitreeInterface
+
+    class Stranger(UnitreeInterface):
+        def _greet(self, address):
+            """Look at nobody."""
+
+    endpoint = open_endpoint(address)
+    interface = open_bus(address, session=SESSION)
+    stranger = Stranger(parse_address(address), SESSION)
+    clock = iter(range(1, 10**6))
+    try:
+
+        def look():
+            moment = 2 * next(clock)
+            stranger.send(command_at(moment, moment))
+            interface.send(command_at(moment, moment))
+            endpoint.publish(state_at(moment))
+            state = interface.receive()
+            return state is not None and state.session not in (0, SESSION)
+
+        assert until(look)
+        assert interface.overheard > 0
+        authors = set()
+
+        def look_for_two():
+            look()
+            command = endpoint.receive_command()
+            if command is not None:
+                authors.add(command.session)
+            return len(authors) == 2
+
+        assert until(look_for_two)
+    finally:
+        for end in (stranger, interface, endpoint):
+            end.close()
+
+
+def test_its_own_commands_are_not_overheard(address, state_at, command_at):
+    endpoint, interface = open_endpoint(address), open_bus(address, session=SESSION)
+    heard = 0
+    try:
+        for number in range(1, 100):
+            interface.send(command_at(number, 2 * number))
+            endpoint.publish(state_at(2 * number))
+            until(lambda: interface.receive() is not None or interface.read_by_robot is False)
+            heard += endpoint.receive_command() is not None
+        assert heard > 50 and interface.overheard == 0
+    finally:
+        interface.close()
+        endpoint.close()
+
+
+@pytest.mark.parametrize("place", ["lo:x", "lo:231", "no-such-interface:230"])
+def test_a_place_that_is_none_is_refused(place):
+    pytest.importorskip("cyclonedds")
+    with pytest.raises(BusError, match="DDS domain"):
+        open_endpoint(f"unitree://go2@{place}")
+
+
+def test_strangers_cannot_be_kept_out_and_that_is_said(tmp_path):
+    pytest.importorskip("cyclonedds")
+    with pytest.raises(SprintlabError, match="cannot keep strangers out"):
+        open_bus("unitree://go2", config=tmp_path / "zenoh.json5")
+
+
+def test_a_command_of_another_sender_is_a_joint_command(ends, command_at):
+    interface, endpoint = ends
+    interface.send(command_at(3, 2))
+    command = endpoint.receive_command()
+    assert isinstance(command, JointCommand) and np.isfinite(command.target_position).all()

@@ -1,0 +1,202 @@
+"""Unitree's messages against bytes and checksums that Unitree's own code made (``unitree_vectors.json``)."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sprintlab.deployment.bus.unitree_messages import (
+    LOW_COMMAND,
+    LOW_STATE,
+    MOTOR_OF_JOINT,
+    checksum,
+    decode_command,
+    decode_state,
+    encode_command,
+    encode_state,
+    from_wire,
+    new_message,
+    to_wire,
+)
+from sprintlab.deployment.interface import (
+    JointCommand,
+    JointMode,
+    MessageError,
+    RobotState,
+    RobotStatus,
+    check_command,
+)
+
+VECTORS = json.loads((Path(__file__).parent / "unitree_vectors.json").read_text(encoding="utf-8"))["vectors"]
+CROUCH = [0.0, 1.36, -2.65, 0.0, 1.36, -2.65, -0.2, 1.36, -2.65, 0.2, 1.36, -2.65]
+"""``_targetPos_1`` of the SDK's stand example, in Unitree's order."""
+
+
+def command(mode=JointMode.SERVO, **fields):
+    values = {
+        "target_position": np.array(CROUCH)[MOTOR_OF_JOINT],
+        "stiffness": np.full(12, 60.0),
+        "damping": np.full(12, 5.0),
+        "feedforward_torque": np.zeros(12),
+    }
+    return JointCommand(sequence=4, timestamp=9, mode=mode, session=5, **(values | fields))
+
+
+def state(**fields):
+    values = {
+        "joint_position": np.linspace(-1.0, 1.0, 12),
+        "joint_velocity": np.linspace(-20.0, 20.0, 12),
+        "joint_torque": np.arange(12.0),
+        "quaternion": np.array([0.5, 0.5, -0.5, 0.5]),
+        "angular_velocity": np.array([0.1, 0.2, 0.3]),
+        "bus_voltage": 28.5,
+    }
+    return RobotState(sequence=1, timestamp=3_000_000_000, **(values | fields))
+
+
+def received(data):
+    return decode_command(data, sequence=1, session=2, state_sequence=3)
+
+
+def test_the_structs_have_the_sizes_that_the_sdk_states():
+    assert (LOW_COMMAND.itemsize, LOW_STATE.itemsize) == (812, 1180)
+
+
+@pytest.mark.parametrize("title", VECTORS)
+def test_bytes_and_checksums_are_unitrees(title):
+    vector = VECTORS[title]
+    record = from_wire(vector["message"], bytes.fromhex(vector["wire"]))
+    assert checksum(record) == vector["checksum"]
+    assert to_wire(vector["message"], record).hex() == vector["wire"]
+
+
+@pytest.mark.parametrize("title", ["random command", "random state"])
+def test_every_field_is_where_unitree_has_it(title):
+    vector = VECTORS[title]
+    record = from_wire(vector["message"], bytes.fromhex(vector["wire"]))
+    for words, expected in vector["says"].items():
+        value = record
+        for word in words.split():
+            value = value[int(word) if word.isdecimal() else word]
+        np.testing.assert_array_equal(value, expected)
+
+
+def test_nothing_to_do_is_what_the_sdks_example_sends_first():
+    assert encode_command(command(JointMode.OFF)).hex() == VECTORS["idle"]["wire"]
+
+
+def test_a_pose_is_what_the_sdks_example_sends():
+    assert encode_command(command()).hex() == VECTORS["crouch"]["wire"]
+
+
+def test_legs_are_exchanged_and_back():
+    np.testing.assert_array_equal(MOTOR_OF_JOINT[MOTOR_OF_JOINT], np.arange(12))
+    record = from_wire("LowCmd_", encode_command(command(target_position=np.arange(12.0))))
+    assert record["motor_cmd"]["q"][:12].tolist() == [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+
+
+@pytest.mark.parametrize("mode", list(JointMode))
+def test_a_command_comes_back_as_the_same_torque(mode):
+    sent = command(mode, feedforward_torque=np.linspace(-3.0, 3.0, 12))
+    back = received(encode_command(sent))
+    assert back.mode == mode and (back.sequence, back.session, back.state_sequence) == (1, 2, 3)
+    if mode == JointMode.SERVO:
+        np.testing.assert_allclose(back.target_position, sent.target_position, rtol=1e-6)
+        np.testing.assert_allclose(back.feedforward_torque, sent.feedforward_torque, rtol=1e-6)
+        np.testing.assert_array_equal(back.stiffness, sent.stiffness)
+    if mode != JointMode.OFF:
+        np.testing.assert_array_equal(back.damping, sent.damping)
+    check_command(back, 12)
+
+
+def test_a_wanted_velocity_becomes_torque():
+    record = from_wire("LowCmd_", encode_command(command()))
+    record["motor_cmd"]["dq"][3] = 2.0  # FL_abad
+    assert received(to_wire("LowCmd_", record)).feedforward_torque[0] == 10.0
+
+
+def test_stiffness_about_no_position_is_refused():
+    record = from_wire("LowCmd_", encode_command(command()))
+    record["motor_cmd"]["q"][0] = 2.146e9
+    with pytest.raises(MessageError, match="target_position"):
+        check_command(received(to_wire("LowCmd_", record)), 12)
+
+
+def test_a_state_comes_back_in_single_precision():
+    sent = state()
+    tick, back = decode_state(encode_state(sent))
+    assert tick == 3000 and back.status == RobotStatus.READY
+    for field in ("joint_position", "joint_velocity", "joint_torque", "quaternion", "angular_velocity"):
+        np.testing.assert_allclose(getattr(back, field), getattr(sent, field), rtol=1e-7)
+    assert back.bus_voltage == 28.5
+
+
+@pytest.mark.parametrize("status", [RobotStatus.WATCHDOG_EXPIRED, RobotStatus.DRIVE_FAULT])
+def test_motors_that_do_not_serve_are_told(status):
+    assert decode_state(encode_state(state(status=int(status))))[1].status == status
+
+
+def test_a_robot_with_another_number_of_joints_is_refused():
+    for build in (
+        lambda: encode_command(command(damping=np.ones(13))),
+        lambda: encode_state(state(joint_position=np.ones(13))),
+    ):
+        with pytest.raises(MessageError, match="12 joints, and this robot has 13"):
+            build()
+
+
+def test_what_is_not_finite_arrives_as_such():
+    sent = state(joint_position=np.full(12, np.nan), joint_velocity=np.full(12, 1e300))
+    _, back = decode_state(encode_state(sent))
+    assert np.isnan(back.joint_position).all() and np.isinf(back.joint_velocity).all()
+
+
+def test_every_bit_of_every_number_is_covered_by_the_checksum():
+    """But those of the gaps between numbers, which nobody reads."""
+    data = encode_state(state())
+    gaps = 0
+    for place in range(4, len(data)):
+        try:
+            decode_state(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :])
+            gaps += 1
+        except MessageError:
+            pass
+    used = new_message("LowState_").tobytes()
+    assert gaps == len(data) - 4 - sum(_sizes(LOW_STATE)) and len(used) == 1180
+
+
+def _sizes(type_):
+    if type_.subdtype is not None:
+        element, shape = type_.subdtype
+        return _sizes(element) * int(np.prod(shape))
+    return [size for name in type_.names for size in _sizes(type_[name])] if type_.names else [type_.itemsize]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda data: data[:-1], "has 812 bytes, but 811 came"),
+        (lambda data: data + bytes(4), "has 812 bytes, but 816 came"),
+        (lambda data: b"\x00\x00" + data[2:], "encoding 0000"),
+        (lambda data: bytes(len(data)), "encoding 0000"),
+        (lambda data: data[:60] + b"\xff" + data[61:], "checksum"),
+    ],
+)
+def test_what_is_no_message_is_refused(change, sentence):
+    with pytest.raises(MessageError, match=sentence):
+        received(change(encode_command(command())))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "sentence"),
+    [("level_flag", 0xEE, "no low-level"), ("head", (0, 0), "no low-level"), ("mode", 0x0A, "motor modes")],
+)
+def test_a_command_for_something_else_is_refused(field, value, sentence):
+    record = from_wire("LowCmd_", encode_command(command()))
+    if field == "mode":
+        record["motor_cmd"]["mode"][2] = value
+    else:
+        record[field] = value
+    with pytest.raises(MessageError, match=sentence):
+        received(to_wire("LowCmd_", record))
