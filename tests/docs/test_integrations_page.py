@@ -40,7 +40,7 @@ def run(heading):
 
 
 def test_every_framework_has_a_snippet():
-    headings = ("Plain MuJoCo", "MuJoCo callback", "MJCF export", "mjlab", "Isaac Lab")
+    headings = ("Plain MuJoCo", "MuJoCo callback", "MJCF export", "mjlab", "Newton", "Isaac Lab")
     assert PAGE.read_text("utf-8").count("```python") == len(headings)
     assert all(snippet(heading) for heading in headings)
 
@@ -94,6 +94,15 @@ def test_mjlab_configuration_builds():
     assert hips.effort_limit == pytest.approx(6.0 * 3.95)
     assert type(task.commands["twist"]).__name__ == "AdaptiveVelocityCommandCfg"
     assert "bus_voltage" in task.events and "command_vel" not in task.curriculum
+
+
+def test_newton_builds_the_pages_model():
+    newton = pytest.importorskip("newton", reason="needs Newton 1.8")
+    if not hasattr(newton, "ModelBuilder"):
+        pytest.skip("needs Newton 1.8")
+    (actuator,) = run("Newton")["model"].actuators
+    assert type(actuator.clamping[0]).__name__ == "PmsmClamping"
+    assert actuator.clamping[0].gear_ratio.numpy() == pytest.approx([6.0])
 
 
 @pytest.fixture
