@@ -70,7 +70,7 @@ class Network:
         stream = io.BytesIO()
         np.savez_compressed(stream, **arrays)
         atomic_write_bytes(self.out, stream.getvalue())
-        errors = fit_errors(robot, read_networks(self.out, len(robot.joint_names)), self.seed + 1)
+        errors = fit_errors(robot, read_networks(self.out, robot), self.seed + 1)
         if self.json:
             print_json({"file": str(self.out), "joints": errors})
             return 0
@@ -91,24 +91,15 @@ def drive_kinds(robot: RobotDescription) -> NDArray[np.int64]:
     return np.unique(rows.T, axis=0, return_inverse=True)[1].reshape(-1)
 
 
-def scales(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
-    """Peak torque [N m] and no-load speed [rad/s] of every joint ``(joints,)``."""
-    from sprintlab.motors import no_load_speed, saturate
-
-    ratio = np.asarray(robot.gear.ratio, dtype=float)
-    peak = np.asarray(saturate(robot.motors, robot.motors.peak_torque)) * ratio
-    return peak, np.asarray(no_load_speed(robot.motors, robot.bus_voltage)) / ratio
-
-
 def bench(
     robot: RobotDescription, points: int, noise: float, seed: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Wanted torque [N m], velocity [rad/s] and measured torque [N m] of every joint ``(points, joints)``."""
     from sprintlab.plant import PreparedDrive
-    from sprintlab.training.environment.actuator_network import SPEED_REACH, TORQUE_REACH
+    from sprintlab.training.environment.actuator_network import SPEED_REACH, TORQUE_REACH, drive_scales
 
     random = np.random.default_rng(seed)
-    peak, no_load = scales(robot)
+    peak, no_load = drive_scales(robot)
     shape = (points, len(peak))
     wanted = random.uniform(-TORQUE_REACH, TORQUE_REACH, shape) * peak
     velocity = random.uniform(-SPEED_REACH, SPEED_REACH, shape) * no_load
@@ -120,11 +111,11 @@ def fit(robot: RobotDescription, options: Network, report: Any) -> dict[str, Any
     """Networks of all kinds of drive, fitted at once by Adam: the arrays of a network file."""
     import torch
 
-    from sprintlab.training.environment.actuator_network import WIDTH
+    from sprintlab.training.environment.actuator_network import WIDTH, drive_scales
 
     kinds = drive_kinds(robot)
     first = [int(np.flatnonzero(kinds == kind)[0]) for kind in range(kinds.max() + 1)]
-    peak, no_load = scales(robot)
+    peak, no_load = drive_scales(robot)
     measured = bench(robot, options.points, options.noise, options.seed)
     wanted, velocity, given = (
         torch.tensor((values / scale)[:, first].T, dtype=torch.float32)
@@ -168,11 +159,11 @@ def outputs(weights: dict[str, Any], inputs: Any) -> Any:
 
 def fit_errors(robot: RobotDescription, networks: Any, seed: int) -> dict[str, dict[str, float]]:
     """Errors against the noise-free drive at new points, one row a joint of the first leg."""
-    from sprintlab.training.environment.actuator_network import network_torque
+    from sprintlab.training.environment.actuator_network import drive_scales, network_torque
 
     wanted, velocity, given = bench(robot, TEST_POINTS, 0.0, seed)
     error = network_torque(networks, wanted, velocity) - given
-    peak = scales(robot)[0]
+    peak = drive_scales(robot)[0]
     return {
         robot.joint_names[joint]: {
             "rms_error_N_m": float(np.sqrt(np.mean(error[:, joint] ** 2))),

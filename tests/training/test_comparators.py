@@ -110,7 +110,7 @@ def test_hounds_weights_are_its_papers_over_six_and_stay_as_they_are() -> None:
 
 
 def test_the_networks_torques_are_those_of_plain_layers_and_near_the_drives() -> None:
-    robot, networks = load_robot("bp2"), read_networks(NETWORK, 12)
+    robot, networks = load_robot("bp2"), read_networks(NETWORK, load_robot("bp2"))
     simulation = BatchSimulation(robot, WITH_NETWORK.simulation, "refined", "cpu")
     torch.manual_seed(0)
     simulation.target += torch.randn_like(simulation.target)
@@ -139,11 +139,11 @@ def test_a_network_must_be_there_and_be_one(tmp_path: Path) -> None:
         method_settings("spot-battery", WITH_NETWORK)
     with pytest.raises(InvalidValueError, match=r"studies\.paper stride"):
         method_settings("stride-prior", SMALL)
-    with pytest.raises(SprintlabError, match="7 joints"):
-        read_networks(NETWORK, 7)
+    with pytest.raises(SprintlabError, match="other drives than go1's"):
+        read_networks(NETWORK, load_robot("go1"))
     np.savez(tmp_path / "other.npz", kind=np.zeros(12, dtype=int), output_bias=np.zeros(1))
     with pytest.raises(SprintlabError, match="input_weight"):
-        read_networks(tmp_path / "other.npz", 12)
+        read_networks(tmp_path / "other.npz", load_robot("bp2"))
     with pytest.raises(SprintlabError, match="no file of strides"):
         read_strides(tmp_path / "other.npz")
 

@@ -10,7 +10,7 @@ import pytest
 
 from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policy
 from sprintlab.deployment.controller import Controller
-from sprintlab.deployment.controller import controller as controller_module
+from sprintlab.deployment.controller import modes as modes_module
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus, encode
 from sprintlab.deployment.safety import Fault, trunk_tilt
 
@@ -225,7 +225,7 @@ def restless(speed):
 
 
 def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch):
-    monkeypatch.setattr(controller_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
+    monkeypatch.setattr(modes_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
     running.on_states = restless(7.0)
     running.source.request = Request.STAND
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)

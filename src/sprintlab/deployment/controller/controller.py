@@ -18,15 +18,17 @@ from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.deployment.controller.course import Course, LastFix
-from sprintlab.deployment.controller.modes import ACTIVE_MODES, REQUESTED, Mode
-from sprintlab.deployment.controller.motion import (
-    JointMotion,
-    Motion,
-    SinkMotion,
-    Waypoint,
-    feet_apart,
-    gather_motion,
-    rise_motion,
+from sprintlab.deployment.controller.modes import (
+    ACTIVE_MODES,
+    Behaviour,
+    LieDown,
+    Mode,
+    Passive,
+    Run,
+    Stand,
+    StandUp,
+    Stop,
+    fastest_joint,
 )
 from sprintlab.deployment.controller.outgoing import CommandWriter
 from sprintlab.deployment.interface import (
@@ -54,25 +56,10 @@ from sprintlab.deployment.safety import (
     VelocityLimits,
     trunk_tilt,
 )
-from sprintlab.deployment.safety.timer import Persistence
 from sprintlab.robots import RobotDescription
 
 POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
 
-_TUCK_TIME = 1.0  # s
-_RISE_TIME = 1.5  # s
-_SINK_TIME = 1.5  # s
-_DAMP_TIME = 1.0  # s of damping after sinking
-_SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
-_STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
-_BRAKED_TIME = 0.6  # s at zero command before the policy hands over
-_BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
-_BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
-_CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
-_CALM_TIME = 0.5  # s
-_CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
-_GATHERS = 3  # times at most that the feet are stepped under the robot
-_GATHERED = 0.15  # of the standing height: feet nearer than this to their places may stay
 _WARM_UP_STEPS = 20
 _LATE_WINDOW = 50  # policy steps
 
@@ -90,7 +77,6 @@ class Controller:
 
     Attributes:
         session: that its commands carry.
-        mode: what it does now.
         fault_counts: how often each fault was noticed.
         stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
         policy_time: duration of the last policy step [s].
@@ -121,32 +107,26 @@ class Controller:
         self._limiter = VelocityLimiter(limits or VelocityLimits())
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
-        self._motion: Motion = JointMotion(self._targets, 0.0)
         self._course = Course(0.0)
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
-        self._slow = Persistence(_BRAKED_TIME)
-        self._calm = Persistence(_CALM_TIME)
-        self._calmed = False
-        self._rest = Persistence(self._safety.rest_time)
-        self._rested = False
-        self._gathers_left = 0
-        self._gathering = False
         self._start: int | None = None
         self._now = self._next_policy = 0
         self._answer, self._answered_at = 0, -math.inf
         self._fix = LastFix(self._safety.fix_timeout)
         self._faults: list[Fault] = []
         self._run_started = 0.0
-        self._brake_started: float | None = None
-        self._held = False
-        self._balancing = False
         self._override: Request | None = None
-        self.mode = Mode.PASSIVE
+        self._behaviour: Behaviour = Passive()
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
         self.policy_time = 0.0
         self.moving_since: float | None = None
         self._warm_up()
+
+    @property
+    def mode(self) -> Mode:
+        """What the controller does now."""
+        return self._behaviour.mode
 
     @property
     def state(self) -> RobotState | None:
@@ -166,7 +146,7 @@ class Controller:
     @property
     def braking(self) -> bool:
         """Whether a run is being brought to a stand."""
-        return self._brake_started is not None
+        return self.mode is Mode.RUN and self._behaviour.brakes
 
     def come_down(self, *, at_once: bool = False) -> None:
         """Bring the robot down whatever the source says: brake, stand, lie down; or stop at once."""
@@ -211,7 +191,7 @@ class Controller:
             command=command,
             velocity=self._velocity,
             targets=self._targets,
-            policy_step=policy_step and self._policy_drives,
+            policy_step=policy_step and self._behaviour.policy_drives,
             fix=fix,
             faults=tuple(fault.value for fault in self._faults),
             compute_time=(clock.perf_counter_ns() - begin) * 1e-9,
@@ -253,8 +233,7 @@ class Controller:
         if self._states.last is not state:
             return
         self._take_answer(state, time)
-        carried = self.mode in (Mode.STAND, Mode.RUN)
-        self._note(*self._body.check(state, time, carried=carried))
+        self._note(*self._body.check(state, time, carried=self._behaviour.carried))
 
     def _take_answer(self, state: RobotState, time: float) -> None:
         """Which command the robot obeys: one of ours, later than the one before, or somebody else's."""
@@ -298,23 +277,16 @@ class Controller:
         if Reaction.STOP in reactions and self.mode in ACTIVE_MODES:
             gravest = (f for f in self._faults if RESPONSES[f].reaction is Reaction.STOP)
             self._enter_stop(next(gravest).value)
-        elif Reaction.BRAKE in reactions and self.mode is Mode.RUN:
-            self._held = True
-            self._start_brake(time)
+        elif Reaction.BRAKE in reactions and isinstance(self._behaviour, Run):
+            self._behaviour.held = True
+            self._behaviour.brake(time)
 
     def _enter_stop(self, reason: str) -> None:
         if self.mode is not Mode.STOP:
-            self._rested = False
-            self._rest.reset()
-        self.mode, self.stop_reason = Mode.STOP, reason
-        self._brake_started = None
+            self._behaviour = Stop(self._safety)
+        self.stop_reason = reason
         self._limiter.reset()
         self._velocity = np.zeros(3)
-
-    def _start_brake(self, time: float) -> None:
-        if self._brake_started is None:
-            self._brake_started = time
-            self._slow.reset()
 
     # ---- 50 Hz ---------------------------------------------------------------------------------------
 
@@ -329,13 +301,8 @@ class Controller:
         request, faults = self._operator.accept(self._read_source(state, time), time)
         self._note(*faults)
         self._obey(request if self._override is None else self._override, state, time)
-        if self._policy_drives:
+        if self._behaviour.policy_drives:
             self._run_policy(state, time)
-
-    @property
-    def _policy_drives(self) -> bool:
-        """In a run, and in the stand after it: there the policy keeps the balance."""
-        return self.mode is Mode.RUN or (self.mode is Mode.STAND and self._balancing)
 
     def _watch_lateness(self, late: bool) -> None:
         self._late.append(late)
@@ -366,13 +333,14 @@ class Controller:
     def _obey(self, request: Request, state: RobotState, time: float) -> None:
         if request == Request.STOP and self.mode in ACTIVE_MODES:
             self._enter_stop("operator")
-        if request == Request.STAND and self.mode is Mode.STAND:
-            self._held = False
-        goal = REQUESTED.get((self.mode, request))
+        behaviour = self._behaviour
+        if request == Request.STAND and isinstance(behaviour, Stand):
+            behaviour.held = False
+        goal = behaviour.ways.get(request)
         if goal is None:
             return
-        if self.mode is Mode.RUN:
-            self._start_brake(time)
+        if isinstance(behaviour, Run):
+            behaviour.brake(time)
         elif self._may_leave(goal, state, time):
             self._enter(goal, state, time)
 
@@ -380,28 +348,24 @@ class Controller:
         """Whether the robot is fit for ``goal``; an unfit robot stays where it is."""
         if self.mode is Mode.PASSIVE:
             return self._ready(state, time)
-        if self.mode is Mode.STOP:
-            return self._states.stale(time) or self._rested
-        if self.mode is Mode.STAND and time < self._motion.end_time:
+        if self.mode is Mode.STOP and self._states.stale(time):
+            return True
+        if goal is Mode.RUN and self._operator.lost(time):
             return False
-        if goal is Mode.LIE_DOWN and self._policy_drives:
-            return self._calmed or time - self._motion.end_time > _CALM_PATIENCE
-        return goal is not Mode.RUN or not (self._held or self._operator.lost(time))
+        return self._behaviour.may_leave(goal, time)
 
     def _ready(self, state: RobotState, time: float) -> bool:
         answered = self._obeyed_by(state) and time - self._answered_at < self._safety.answer_timeout
         upright = trunk_tilt(state) < self._safety.start_tilt
-        return answered and upright and state.status == RobotStatus.READY and self._at_rest(state)
-
-    def _at_rest(self, state: RobotState) -> bool:
-        return float(np.abs(state.joint_velocity).max()) < self._safety.start_speed
+        at_rest = fastest_joint(state) < self._safety.start_speed
+        return answered and upright and state.status == RobotStatus.READY and at_rest
 
     def _run_policy(self, state: RobotState, time: float) -> None:
         dt = POLICY_PERIOD_NS * 1e-9
         if self.mode is Mode.RUN and self._operator.lost(time) and not self.braking:
             self._note(Fault.SOURCE_LOST)
             self._react(time)
-        if self.braking or self.mode is Mode.STAND:
+        if self._behaviour.brakes:
             offset, _ = self._course.offset_and_speed(self._fix.fresh(time))
             heading = self._course.relative_heading(state)
             yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
@@ -424,37 +388,23 @@ class Controller:
     # ---- modes ---------------------------------------------------------------------------------------
 
     def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
-        ran, self.mode = self.mode is Mode.RUN, mode
-        standing = np.array(self._robot.default_pose)
-        here = self._commands.bumpless_start(state)
+        before, robot, here = self._behaviour, self._robot, self._commands.bumpless_start
         if mode is Mode.STAND_UP:
-            self._held = self._balancing = False
-            self._motion = rise_motion(self._robot, here, time, _TUCK_TIME, _RISE_TIME)
+            self._behaviour = StandUp(robot, here(state), time)
         elif mode is Mode.STAND:
-            self._brake_started = None
-            self._balancing, self._calmed = ran, False
-            self._calm.reset()
-            self._motion = JointMotion(here, time, Waypoint(standing, _SETTLE_TIME))
+            after_run = before.mode is Mode.RUN
+            self._behaviour = Stand(robot, here(state), time, after_run=after_run, held=before.held)
         elif mode is Mode.LIE_DOWN:
-            self._brake_started = None
             self._velocity = np.zeros(3)
-            # Where a run has left the feet, only the policy keeps the balance: step them below the robot.
-            self._gathers_left = _GATHERS if self._balancing else 0
-            self._motion = self._way_down(state, time)
+            self._behaviour = LieDown(robot, here, state, time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
+            limits = self._limiter.limits
+            self._behaviour = Run(limits.forward / limits.braking)
             self._start_run(state, time)
         else:
-            self._forget_robot()
-
-    def _way_down(self, state: RobotState, time: float) -> Motion:
-        """The next motion of lying down: gather the feet as long as they stand apart, then sink over them."""
-        here = self._commands.bumpless_start(state)
-        apart = feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
-        self._gathering = apart and self._gathers_left > 0
-        if self._gathering:
-            self._gathers_left -= 1
-            return gather_motion(self._robot, state, here, time)
-        return SinkMotion(self._robot, here, time, _SINK_TIME, _TUCK_TIME)
+            self._behaviour = Passive()
+            if before.mode is Mode.STOP:
+                self._forget_robot()
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()
@@ -468,49 +418,15 @@ class Controller:
         state = self._states.last
         if state is None:
             return
-        if self.mode is Mode.RUN:
-            self._end_brake(state, time)
-        elif self.mode is Mode.STAND_UP and time >= self._motion.end_time:
-            self._end_stand_up(state, time)
-        elif self.mode is Mode.STAND and self._balancing:
-            speed = float(np.abs(state.joint_velocity).max())
-            self._calmed = self._calm.update(speed < _CALM_SPEED, time)
-        elif self.mode is Mode.LIE_DOWN:
-            self._lie_down(state, time)
-        elif self.mode is Mode.STOP:
-            self._rested = self._rest.update(self._at_rest(state), time)
-        if self.mode in (Mode.STAND_UP, Mode.STAND, Mode.LIE_DOWN) and not self._policy_drives:
-            self._targets = self._motion.target(time)
-
-    def _lie_down(self, state: RobotState, time: float) -> None:
-        if self._gathering and time >= self._motion.end_time:
-            self._motion = self._way_down(state, time)
-        elif not self._gathering and time >= self._motion.end_time + _DAMP_TIME:
-            self.mode = Mode.PASSIVE
-
-    def _end_stand_up(self, state: RobotState, time: float) -> None:
-        error = float(np.abs(state.joint_position - self._robot.default_pose).max())
-        if error <= _STAND_ERROR:
-            self._enter(Mode.STAND, state, time)
-        else:
-            self._note(Fault.STAND_FAILED)
+        outcome = self._behaviour.advance(state, time, self._velocity)
+        if isinstance(outcome, Mode):
+            self._enter(outcome, state, time)
+        elif outcome is not None:
+            self._note(outcome)
             self._react(time)
-
-    def _end_brake(self, state: RobotState, time: float) -> None:
-        """Hand over from the policy once the command is zero and the joints have calmed down."""
-        if self._brake_started is None:
-            return
-        calm = float(np.abs(state.joint_velocity).max()) < _BRAKED_SPEED
-        if self._slow.update(calm and not self._velocity[:2].any(), time):
-            self._enter(Mode.STAND, state, time)
-        elif time - self._brake_started > self._longest_brake:
-            self._note(Fault.BRAKE_FAILED)
-            self._react(time)
-
-    @property
-    def _longest_brake(self) -> float:
-        limits = self._limiter.limits
-        return limits.forward / limits.braking + _BRAKED_TIME + _BRAKE_RESERVE
+        behaviour = self._behaviour
+        if behaviour.motion is not None and not behaviour.policy_drives:
+            self._targets = behaviour.motion.target(time)
 
     # ---- what goes out -------------------------------------------------------------------------------
 
@@ -518,7 +434,7 @@ class Controller:
         state = self._states.last
         if self.mode is Mode.PASSIVE or state is None:
             return self._commands.off(now, state)
-        if self.mode is not Mode.STOP and not self._damps_after_sinking():
+        if not self._behaviour.damps(self._time):
             command = self._commands.servo(now, state, self._targets)
             if command is not None:
                 return command
@@ -530,9 +446,6 @@ class Controller:
     def _time(self) -> float:
         """Of this step, since the controller's start [s]."""
         return (self._now - (self._start or 0)) * 1e-9
-
-    def _damps_after_sinking(self) -> bool:
-        return self.mode is Mode.LIE_DOWN and not self._gathering and self._time >= self._motion.end_time
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:

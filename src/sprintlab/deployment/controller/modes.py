@@ -1,19 +1,45 @@
-"""The modes of the controller and the ways between them."""
+"""The modes of the controller, one class each, and the ways between them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from enum import Enum
+from typing import ClassVar
 
-from sprintlab.deployment.interface import Request
+import numpy as np
+
+from sprintlab.deployment.controller.motion import (
+    JointMotion,
+    Motion,
+    SinkMotion,
+    Waypoint,
+    feet_apart,
+    gather_motion,
+    rise_motion,
+)
+from sprintlab.deployment.interface import FloatArray, Request, RobotState
+from sprintlab.deployment.safety import Fault, SafetySettings
+from sprintlab.deployment.safety.timer import Persistence
+from sprintlab.robots import RobotDescription
+
+_TUCK_TIME = 1.0  # s
+_RISE_TIME = 1.5  # s
+_SINK_TIME = 1.5  # s
+_DAMP_TIME = 1.0  # s of damping after sinking
+_SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
+_STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
+_BRAKED_TIME = 0.6  # s at zero command before the policy hands over
+_BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
+_BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
+_CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
+_CALM_TIME = 0.5  # s
+_CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
+_GATHERS = 3  # times at most that the feet are stepped under the robot
+_GATHERED = 0.15  # of the standing height: feet nearer than this to their places may stay
 
 
 class Mode(str, Enum):
-    """What the controller does.
-
-    ``PASSIVE``: drives off. ``STAND_UP``: tuck the legs, then rise. ``STAND``: hold the standing pose, or,
-    after a run, keep the balance under the policy. ``RUN``: the policy drives. ``LIE_DOWN``: after a run step
-    the feet below the robot; sink on the belly, then damp. ``STOP``: damp until an operator lets go.
-    """
+    """What the controller does: the class of the same name says how."""
 
     PASSIVE = "passive"
     STAND_UP = "stand-up"
@@ -26,14 +52,217 @@ class Mode(str, Enum):
 ACTIVE_MODES = frozenset({Mode.STAND_UP, Mode.STAND, Mode.RUN, Mode.LIE_DOWN})
 """Modes in which the joints are driven; here a lost robot is a fault."""
 
-REQUESTED: dict[tuple[Mode, Request], Mode] = {
-    (Mode.PASSIVE, Request.STAND): Mode.STAND_UP,
-    (Mode.STAND_UP, Request.LIE_DOWN): Mode.LIE_DOWN,
-    (Mode.STAND, Request.RUN): Mode.RUN,
-    (Mode.STAND, Request.LIE_DOWN): Mode.LIE_DOWN,
-    (Mode.RUN, Request.STAND): Mode.STAND,
-    (Mode.RUN, Request.LIE_DOWN): Mode.LIE_DOWN,
-    (Mode.STOP, Request.PASSIVE): Mode.PASSIVE,
-}
-"""Where a request leads. Every other request is ignored, but ``STOP``, which is obeyed in every active mode.
-From ``RUN`` the way goes through a brake."""
+
+class Behaviour:
+    """What the controller does in one mode, from entering it to leaving it.
+
+    Attributes:
+        mode: which one.
+        ways: where a request leads; every other is ignored, but ``STOP``, which every active mode obeys.
+        carried: whether the legs carry the trunk: then a collapse is a fault.
+        policy_drives: whether the policy gives the targets.
+        brakes: whether the commanded velocity is brought to zero.
+        held: whether a fault keeps the robot from running.
+        motion: the targets where the policy does not drive; None where nothing is driven.
+    """
+
+    mode: ClassVar[Mode]
+    ways: ClassVar[Mapping[Request, Mode]] = {}
+    carried: ClassVar[bool] = False
+    policy_drives: bool = False
+    brakes: bool = False
+    held: bool = False
+    motion: Motion | None = None
+
+    def may_leave(self, goal: Mode, time: float) -> bool:
+        """Whether the mode has come so far that ``goal`` may follow at ``time`` [s]."""
+        del goal, time
+        return True
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """The mode that follows, or the fault that ends this one; None as long as it goes on.
+
+        Args:
+            state: the last accepted one.
+            time: controller's clock [s].
+            velocity: commanded: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
+        """
+        del state, time, velocity
+        return None
+
+    def damps(self, time: float) -> bool:
+        """Whether joints are damped instead of driven."""
+        del time
+        return False
+
+
+class Passive(Behaviour):
+    """Drives off."""
+
+    mode = Mode.PASSIVE
+    ways: ClassVar = {Request.STAND: Mode.STAND_UP}
+
+
+class StandUp(Behaviour):
+    """Tuck the legs, then rise."""
+
+    mode = Mode.STAND_UP
+    ways: ClassVar = {Request.LIE_DOWN: Mode.LIE_DOWN}
+
+    def __init__(self, robot: RobotDescription, here: FloatArray, time: float) -> None:
+        self._pose = robot.default_pose
+        self.motion: Motion = rise_motion(robot, here, time, _TUCK_TIME, _RISE_TIME)
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """Stand, once risen; a fault where the robot is not in its standing pose then."""
+        del velocity
+        if time < self.motion.end_time:
+            return None
+        error = float(np.abs(state.joint_position - self._pose).max())
+        return Mode.STAND if error <= _STAND_ERROR else Fault.STAND_FAILED
+
+
+class Stand(Behaviour):
+    """Hold the standing pose, or, after a run, keep the balance under the policy."""
+
+    mode = Mode.STAND
+    ways: ClassVar = {Request.RUN: Mode.RUN, Request.LIE_DOWN: Mode.LIE_DOWN}
+    carried = True
+    brakes = True
+
+    def __init__(
+        self, robot: RobotDescription, here: FloatArray, time: float, *, after_run: bool, held: bool
+    ) -> None:
+        self.policy_drives, self.held = after_run, held
+        self.motion: Motion = JointMotion(here, time, Waypoint(np.array(robot.default_pose), _SETTLE_TIME))
+        self._calm, self._calmed = Persistence(_CALM_TIME), False
+
+    def may_leave(self, goal: Mode, time: float) -> bool:
+        """Once settled: to run unless held, to lie down once calm or after some patience."""
+        if time < self.motion.end_time:
+            return False
+        if goal is Mode.LIE_DOWN and self.policy_drives:
+            return self._calmed or time - self.motion.end_time > _CALM_PATIENCE
+        return goal is not Mode.RUN or not self.held
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """Watch the robot come to rest."""
+        del velocity
+        self._calmed = self._calm.update(fastest_joint(state) < _CALM_SPEED, time)
+        return None
+
+
+class Run(Behaviour):
+    """The policy drives.
+
+    Args:
+        command_time: that the commanded velocity needs from its greatest value to zero [s].
+    """
+
+    mode = Mode.RUN
+    ways: ClassVar = {Request.STAND: Mode.STAND, Request.LIE_DOWN: Mode.LIE_DOWN}  # by way of a brake
+    carried = True
+    policy_drives = True
+
+    def __init__(self, command_time: float) -> None:
+        self._command_time = command_time
+        self._brake_started: float | None = None
+        self._slow = Persistence(_BRAKED_TIME)
+
+    def brake(self, time: float) -> None:
+        """Bring the run to a stand."""
+        if not self.brakes:
+            self.brakes, self._brake_started = True, time
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """Hand over from the policy once the command is zero and the joints have calmed down."""
+        if self._brake_started is None:
+            return None
+        calm = fastest_joint(state) < _BRAKED_SPEED
+        if self._slow.update(calm and not velocity[:2].any(), time):
+            return Mode.STAND
+        longest = self._command_time + _BRAKED_TIME + _BRAKE_RESERVE
+        return Fault.BRAKE_FAILED if time - self._brake_started > longest else None
+
+
+class LieDown(Behaviour):
+    """After a run step the feet below the robot; sink on the belly, then damp.
+
+    Where a run has left the feet, only the policy keeps the balance.
+
+    Args:
+        robot: geometry, mass and gains.
+        here: the pose from which a motion starts without a jump.
+        state: at the start.
+        time: of the start [s].
+        after_run: whether feet may have to be gathered.
+    """
+
+    mode = Mode.LIE_DOWN
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        here: Callable[[RobotState], FloatArray],
+        state: RobotState,
+        time: float,
+        *,
+        after_run: bool,
+    ) -> None:
+        self._robot, self._here = robot, here
+        self._gathers_left = _GATHERS if after_run else 0
+        self.motion: Motion = self._next_motion(state, time)
+
+    def _next_motion(self, state: RobotState, time: float) -> Motion:
+        """Gather the feet as long as they stand apart, then sink over them."""
+        apart = feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
+        self._gathering = apart and self._gathers_left > 0
+        if self._gathering:
+            self._gathers_left -= 1
+            return gather_motion(self._robot, state, self._here(state), time)
+        return SinkMotion(self._robot, self._here(state), time, _SINK_TIME, _TUCK_TIME)
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """From motion to motion; passive after the last one and the damping."""
+        del velocity
+        if self._gathering and time >= self.motion.end_time:
+            self.motion = self._next_motion(state, time)
+        elif not self._gathering and time >= self.motion.end_time + _DAMP_TIME:
+            return Mode.PASSIVE
+        return None
+
+    def damps(self, time: float) -> bool:
+        """After sinking."""
+        return not self._gathering and time >= self.motion.end_time
+
+
+class Stop(Behaviour):
+    """Damp until an operator lets go."""
+
+    mode = Mode.STOP
+    ways: ClassVar = {Request.PASSIVE: Mode.PASSIVE}
+
+    def __init__(self, safety: SafetySettings) -> None:
+        self._rest_speed, self._rest = safety.start_speed, Persistence(safety.rest_time)
+        self._rested = False
+
+    def may_leave(self, goal: Mode, time: float) -> bool:
+        """Once the joints have been at rest for a while: in a gallop all may be slow for a moment."""
+        del goal, time
+        return self._rested
+
+    def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
+        """Watch the joints come to rest."""
+        del velocity
+        self._rested = self._rest.update(fastest_joint(state) < self._rest_speed, time)
+        return None
+
+    def damps(self, time: float) -> bool:
+        """Always."""
+        del time
+        return True
+
+
+def fastest_joint(state: RobotState) -> float:
+    """Greatest joint speed [rad/s]."""
+    return float(np.abs(state.joint_velocity).max())

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import SprintlabError
+from sprintlab.motors import no_load_speed, saturate
+from sprintlab.robots import RobotDescription
 from sprintlab.training.environment.actuation import FRICTION_SPEED, JointDrive, stop_torque, wanted_torque
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -41,12 +43,20 @@ _Hidden = wp.types.vector(length=WIDTH, dtype=float)
 Networks = dict[str, NDArray[Any]]
 
 
-def read_networks(path: str | os.PathLike[str], joints: int) -> Networks:
+def drive_scales(robot: RobotDescription) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Peak torque [N m] and no-load speed [rad/s] of every joint ``(joints,)``, on the robot's own bus."""
+    ratio = np.asarray(robot.gear.ratio, dtype=float)
+    peak = np.asarray(saturate(robot.motors, robot.motors.peak_torque)) * ratio
+    return peak, np.asarray(no_load_speed(robot.motors, robot.bus_voltage)) / ratio
+
+
+def read_networks(path: str | os.PathLike[str], robot: RobotDescription) -> Networks:
     """The arrays of ``SHAPES`` and ``kind`` ``(joints,)``: which network each joint has.
 
     Raises:
-        SprintlabError: the file cannot be read, is no network file, or is of a robot with other joints.
+        SprintlabError: the file cannot be read, is no network file, or was fitted to other drives.
     """
+    joints = len(robot.joint_names)
     arrays = read_arrays(path, {*SHAPES, "kind"}, wanted="no actuator network", limit=16 << 20)
     kinds = arrays.get("kind", np.zeros(0))
     if kinds.shape != (joints,) or kinds.dtype.kind not in "iu":
@@ -56,6 +66,11 @@ def read_networks(path: str | os.PathLike[str], joints: int) -> Networks:
         found = arrays.get(name, np.zeros(0))
         if kinds.min() < 0 or found.shape != (count, *shape) or not np.isfinite(found).all():
             raise SprintlabError(f"{os.fspath(path)} is no actuator network: see its {name}")
+    for name, wanted in zip(("peak_torque", "no_load_speed"), drive_scales(robot), strict=True):
+        if not np.allclose(arrays[name][kinds], wanted, rtol=0.01):
+            raise SprintlabError(
+                f"{os.fspath(path)} was fitted to other drives than {robot.name}'s: see {name}"
+            )
     return {name: np.asarray(arrays[name], dtype=np.float32) for name in SHAPES} | {"kind": kinds}
 
 

@@ -223,7 +223,7 @@ class BatchSimulation:
 
     def _use_network(self, inputs: list[Any]) -> None:
         """Let actuator networks give the torques; inputs of their kernel without the networks."""
-        networks = read_networks(str(self.settings.actuator_network), len(self.robot.joint_names))
+        networks = read_networks(str(self.settings.actuator_network), self.robot)
         drives, *others = inputs
         weights = network_inputs(networks, self._warp_device)
         outputs = self._launch["outputs"][1:]  # without the windings' temperature

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import torch
 
 from sprintlab.commands import (
@@ -36,8 +35,8 @@ from sprintlab.control import (
 )
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
-from sprintlab.motors import no_load_speed, saturate
 from sprintlab.robots import load_robot
+from sprintlab.training.environment.actuator_network import drive_scales
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
@@ -91,11 +90,9 @@ class SprintEnvironment:
         prior = settings.prior
         self.strides = None if prior is None else StrideReference(prior, self.robot, device)
         self.prior_weight = torch.full((), 0.0 if prior is None else prior.weight_at(0), device=device)
-        no_load = np.asarray(no_load_speed(self.robot.motors, self.robot.bus_voltage))
-        ratio, motors = np.asarray(self.robot.gear.ratio), self.robot.motors
-        self.no_load_speed = torch.tensor(no_load / ratio, dtype=torch.float32, device=device)
-        peak = ratio * np.asarray(saturate(motors, motors.peak_torque))
-        self.peak_torque = torch.tensor(peak, dtype=torch.float32, device=device)
+        self.peak_torque, self.no_load_speed = (
+            torch.tensor(scale, dtype=torch.float32, device=device) for scale in drive_scales(self.robot)
+        )
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()

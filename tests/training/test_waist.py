@@ -1,0 +1,38 @@
+"""A robot with an active waist through training, export, race and report."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("mujoco_warp")
+
+from sprintlab.api.races import race
+from sprintlab.api.training import export, train_settings
+from sprintlab.control import load_policy
+from sprintlab.training.settings import TrainingSettings
+
+
+@pytest.mark.slow
+def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
+    settings = TrainingSettings(robot="bp2-waist")
+    settings = replace(settings, ppo=replace(settings.ppo, steps=2, mini_batches=1, epochs=1))
+    checkpoint = train_settings(
+        settings,
+        output=tmp_path / "run",
+        iterations=2,
+        environments=4,
+        device="cpu",
+        fused=False,
+        tensorboard=False,
+        keep_schedule=True,
+    )
+    policy = load_policy(export(checkpoint, tmp_path / "policy.onnx"))
+    assert policy.contract.joint_names[-1] == "waist" and len(policy.contract.joint_names) == 13
+    assert policy.infer(np.zeros((1, 5 * 48), dtype=np.float32)).shape == (1, 13)
+
+    policy = tmp_path / "policy.onnx"
+    result = race(policy, top_speed=0.5, distance=1.0, trials=1, workers=1, folder=tmp_path / "race")
+    assert result.robot == "bp2-waist"
+    assert (tmp_path / "race" / "report.html").is_file()
