@@ -7,6 +7,7 @@ Prints the tables of docs/evaluation.md; a few minutes on one core.
 
 from __future__ import annotations
 
+import argparse
 from itertools import product
 
 import mujoco
@@ -66,6 +67,7 @@ def steps(name: str, top_speed: float) -> None:
         "no air": {"drag_area": 0.0},
         "air, 4/3": {"drag_area": DRAG_AREA * 4 / 3},
     }
+    held = {}
     for label, changed in variants.items():
         request = TrialRequest(top_speed=top_speed, hold=4.0, plant=PlantOptions(**changed))
         found = run_trial(policy, robot, request).metrics
@@ -74,6 +76,19 @@ def steps(name: str, top_speed: float) -> None:
             f"| {found.pad_deflection * 1e3:.1f} | {found.foot_force:.1f} |",
             flush=True,
         )
+        held[label] = found.held_speed
+    print("\n" + bands(held))
+
+
+def bands(held: dict[str, float]) -> str:
+    """How far steps, pad and air move a held speed at most [m/s]."""
+    nominal, *others = held
+    causes = {"steps": " ms", "stiffness": " kN/m", "restitution": "restitution", "air": "air"}
+    moved = {
+        cause: max(abs(held[label] - held[nominal]) for label in others if word in label)
+        for cause, word in causes.items()
+    }
+    return "held speed moves at most by: " + ", ".join(f"{cause} {by:.2f}" for cause, by in moved.items())
 
 
 def solver(iterations: tuple[int, ...] = (2, 3, 4)) -> None:
@@ -112,8 +127,12 @@ def _step_errors(robot, model, converged, speed: float) -> np.ndarray:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("policy", nargs="?", default="sprint", help="a policy of the package")
+    parser.add_argument("speed", nargs="?", type=float, default=12.0, help="its command [m/s]")
+    chosen = parser.parse_args()
     leg = effective_leg_mass(build_model(load_robot("bp2")))
     print(f"effective mass of a leg: {leg:.2f} kg")
     drops(leg)
     solver()
-    steps("sprint", 12.0)
+    steps(chosen.policy, chosen.speed)

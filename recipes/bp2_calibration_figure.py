@@ -8,17 +8,24 @@ Reads results/speed_limit/bp2.json (recipes/calibrate_bp2.py) and results/speed_
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from calibrate_bp2 import KNEE_GEARS as STACKS
 from calibrate_bp2 import REFINED, RESULT, SIMPLIFIED_GAIN, SQUARE_GAIN, choice_of, key_of, rules
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
 from sprintlab.robots.surrogate import EDITIONS
 
+KNEE_GEARS = {1.2: 8.0, 1.25: 7.75, 1.3: 7.25}
+"""Smallest gear of the map with which the knee has 2.5 N m per kg; 7 for the other stacks."""
 POLICIES, FIGURE = Path("results/speed_limit/robots.json"), Path("docs/images/bp2-calibration.png")
-COLORS = (*LIGHT.legs, LIGHT.second, LIGHT.speed, LIGHT.muted, LIGHT.foreground)
+COLORS = [colormaps["viridis"](share) for share in np.linspace(0.0, 0.85, len(STACKS))]
+_OFFSET = {"textcoords": "offset points"}
 
 
 def draw(cells: dict[str, Any], path: Path) -> None:
@@ -31,11 +38,12 @@ def draw(cells: dict[str, Any], path: Path) -> None:
 
 
 def _rows(cells: dict[str, Any]) -> dict[float, list[tuple[float, dict[str, Any]]]]:
-    """Cells with the knee gear, springs and legs of the choice: hip gear and cell, by stack."""
+    """Cells with springs and legs of the choice and the smallest knee gear that rule 3 allows: by stack."""
     rows: dict[float, list[tuple[float, dict[str, Any]]]] = {}
     for key in cells:
         choice = choice_of(key)
-        if (choice.knee_gear, choice.spring, choice.leg) == (7.0, 800.0, 1.0):
+        nominal = replace(EDITIONS["bp2"], stack=choice.stack, hip_gear=choice.hip_gear)
+        if choice == replace(nominal, knee_gear=KNEE_GEARS.get(choice.stack, nominal.knee_gear)):
             rows.setdefault(choice.stack, []).append((choice.hip_gear, cells[key]))
     return {stack: sorted(row, key=lambda item: item[0]) for stack, row in sorted(rows.items())}
 
@@ -43,16 +51,18 @@ def _rows(cells: dict[str, Any]) -> dict[float, list[tuple[float, dict[str, Any]
 def _draw_map(axes: Axes, cells: dict[str, Any]) -> None:
     for color, (stack, row) in zip(COLORS, _rows(cells).items(), strict=False):
         gears, speeds = [gear for gear, _ in row], [cell["limits"]["refined"]["speed"] for _, cell in row]
-        axes.plot(gears, speeds, color=color, label=f"stack {stack:g}")
+        axes.plot(gears, speeds, color=color)
+        axes.annotate(f"{stack:g}", (gears[0], speeds[0]), (-6, -3), ha="right", fontsize=8, **_OFFSET)
         for gear, cell in row:
             fill = color if all(rules(cell).values()) else "none"
             axes.plot(gear, cell["limits"]["refined"]["speed"], "o", color=color, mfc=fill)
     chosen = EDITIONS["bp2"]
     speed = cells[key_of(chosen)]["limits"]["refined"]["speed"]
-    axes.plot(chosen.hip_gear, speed, "*", ms=15, color=LIGHT.foreground, label="bp2")
+    axes.plot(chosen.hip_gear, speed, "*", ms=15, color=LIGHT.speed, label="bp2")
     axes.axhline(REFINED, color=LIGHT.muted, ls="--")
+    axes.set_xlim(7.38, 8.55)
     axes.set(xlabel="gear ratio of the hip", ylabel="refined limit [m/s]")
-    set_title(axes, "Limit by stack of the motors", LIGHT)
+    set_title(axes, "Limit by stack (filled: all rules hold)", LIGHT)
     axis_legend(axes, LIGHT)
 
 

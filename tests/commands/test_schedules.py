@@ -127,7 +127,7 @@ def test_a_lower_target_may_draw_the_command_further_than_a_higher_one():
     assert np.all(state.command[at_rest, 0] == 2.0)
     assert np.all(state.command[above, 0] == 7.0)
     before = advance(schedule, initial_state(400, np.zeros(1)), inputs, steady=0.0)
-    assert np.all(before.command[at_rest, 0] == 5.0), "before the steady stage: as far down as up"
+    assert np.all(before.command[at_rest, 0] == 5.0), "before the fine-tuning phase: as far down as up"
     assert np.array_equal(before.command[above], state.command[above])
 
 

@@ -12,6 +12,7 @@ from sprintlab.evaluation.metrics import (
     angular_cost,
     envelope_share,
     final_speed,
+    over_speed_share,
     peak_foot_force,
     peak_speed,
     slip_per_step,
@@ -28,6 +29,7 @@ from sprintlab.motors import (
     saturate,
     warmed,
 )
+from sprintlab.plant import PlantOptions
 
 HOLD = (1.0, 4.0)
 
@@ -155,6 +157,19 @@ def test_slip_is_the_way_slid_in_one_stance(make_trajectory):
     way = slip_per_step(make_trajectory(foot_contact=contact, foot_slip_speed=slip))
     assert way == pytest.approx(0.5 * (100 + 200) / 500.0 / 2, rel=1e-3)
     assert math.isnan(slip_per_step(make_trajectory(foot_contact=np.zeros((2000, 4), dtype=bool))))
+
+
+def test_over_speed_share_is_the_time_of_all_joints_beyond_their_own_no_load_speed(make_trajectory, robot):
+    limit = np.asarray(no_load_speed(robot.motors, robot.bus_voltage)) / np.asarray(robot.gear.ratio)
+    velocity = np.zeros((2000, 12))
+    velocity[:500, 4] = -1.01 * limit[4]
+    velocity[:, 5] = 0.99 * limit[5]
+    trajectory = make_trajectory(joint_velocity=velocity)
+    assert over_speed_share(trajectory, robot) == pytest.approx(0.25 / 12.0)
+    lower_bus = PlantOptions(bus_voltage=0.9 * robot.bus_voltage)
+    assert over_speed_share(trajectory, robot, lower_bus) == pytest.approx(1.25 / 12.0)
+    measured = trial_metrics(trajectory, robot, HOLD, plant=lower_bus)
+    assert measured.over_speed_share == pytest.approx(1.25 / 12.0)
 
 
 def test_the_rise_at_the_end_of_the_hold_is_last_second_minus_the_one_before(make_trajectory, robot):

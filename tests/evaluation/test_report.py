@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sprintlab.api.races import battery_text
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
+from sprintlab.evaluation.protocol import ProtocolSettings, battery_request
 from sprintlab.evaluation.race_files import default_folder, save_trajectory
 from sprintlab.evaluation.report_text import (
     audit_failure,
@@ -23,6 +25,8 @@ from sprintlab.evaluation.report_text import (
     summary,
 )
 from sprintlab.evaluation.results import AuditItem, AuditReport, RaceResult, SpeedResult, SprintResult
+from sprintlab.motors import Battery, WindingHeat
+from sprintlab.plant import PlantOptions, TrialSettings
 
 
 @pytest.fixture
@@ -186,6 +190,46 @@ def test_summary_says_whether_it_stopped(race, robot, trial):
     assert "At the end of the raw command, which asks it to stand, it still moves at 10.0 m/s." in summary(
         lost, robot
     )
+
+
+def rows_by_name(race):
+    return {row.name: row for row in result_rows(race)}
+
+
+def test_a_trial_that_runs_on_counts_as_not_stopped_and_not_as_a_fall(race, make_trial):
+    running, fallen = replace(make_trial(), completed=False), make_trial(completed=False)
+    assert running.fall_reason == "" and fallen.fall_reason
+    group = replace(race.raw, trials=(make_trial(), running, running, fallen), required=1)
+    assert (len(group.completed), group.falls, group.not_stopped) == (1, 1, 2)
+    rows = rows_by_name(replace(race, raw=group))
+    assert (rows["falls"].raw, rows["did not stop"].raw) == ("1 of 4", "2 of 4")
+    assert rows["did not stop"].self_paced == "0 of 2" and "0.3 m/s" in rows["did not stop"].meaning
+    assert replace(race, raw=group).to_dict()["not_stopped"] == 2
+
+
+def test_the_battery_row_says_speed_voltage_and_windings(race, make_trial):
+    name = "held speed on battery and warm windings"
+    assert name not in rows_by_name(race) and race.to_dict()["battery"] is None
+    trial = make_trial()
+    supplied = replace(trial.metrics, held_speed=9.5, lowest_bus_voltage=47.25, hottest_winding=88.4)
+    raced = replace(race, battery=replace(trial, metrics=supplied))
+    row = rows_by_name(raced)[name]
+    assert row.raw == "9.50" and row.self_paced == ""
+    assert "down to 47.2 V" in row.meaning and "up to 88 °C" in row.meaning
+    numbers = raced.to_dict()["battery"]
+    assert (numbers["held_speed_m_s"], numbers["lowest_bus_voltage_V"]) == (9.5, 47.25)
+    assert numbers["completed"] is True and numbers["hottest_winding_degC"] == 88.4
+    assert battery_text(raced.battery) == "9.50 (down to 47.2 V, up to 88 °C)"
+    fell = replace(raced.battery, fall_reason="tilt")
+    assert battery_text(fell) == "9.50 (fell: tilt)"
+
+
+def test_the_battery_trial_is_the_nominal_raw_one_and_goes_where_all_are_supplied():
+    request = battery_request(9.0, ProtocolSettings(hold=3.0))
+    assert (request.top_speed, request.hold, request.self_paced) == (9.0, 3.0, False)
+    assert request.plant.battery == Battery() and request.plant.heat == WindingHeat()
+    assert request.settings == TrialSettings()
+    assert battery_request(9.0, ProtocolSettings(plant=PlantOptions(heat=WindingHeat()))) is None
 
 
 def test_held_says_whether_it_was_steady(race, robot, trial):

@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sprintlab.motors import drive_torque
+from sprintlab.motors import copper_loss, drive_torque, electrical_power, joint_torque, saturate
 from sprintlab.speed_limit import evaluate, violations
+from sprintlab.speed_limit.analysis import _copper
 from sprintlab.speed_limit.leg import GRAVITY, foot_position
 from sprintlab.speed_limit.stride import GROUPS, PARAMETERS, SHAPES, STANCE_POINTS, stride_bounds
 
@@ -82,6 +83,21 @@ def test_limits_are_those_of_the_drives(runner):
     for wanted, limit in ((1e6, upper), (-1e6, lower)):
         drive = drive_torque(runner.motors, runner.gear, wanted, velocity, runner.bus_voltage)
         np.testing.assert_allclose(limit, drive.torque)
+
+
+def test_copper_and_gear_loss_make_up_what_the_bus_gives_beyond_the_joints_power(runner):
+    """In all quadrants: electrical power is joint power, copper loss and a gear loss, never negative."""
+    random = np.random.default_rng(1)
+    velocity = random.uniform(-15.0, 15.0, (400, 2))
+    asked = runner.peak_torque * random.uniform(-0.7, 0.7, (400, 2)) / np.asarray(runner.gear.ratio)
+    torque = joint_torque(runner.gear, saturate(runner.motors, asked), velocity)
+    np.testing.assert_allclose(_copper(runner, torque, velocity), copper_loss(runner.motors, asked))
+    bus = electrical_power(runner.motors, asked, velocity * np.asarray(runner.gear.ratio))
+    gear_loss = bus - torque * velocity - _copper(runner, torque, velocity)
+    braking = torque * velocity < 0
+    assert 100 < braking.sum() < 700
+    for side in (braking, ~braking):
+        assert gear_loss[side].min() > -1e-9 and gear_loss[side].max() > 1.0
 
 
 def test_violations_name_every_group_and_are_never_negative_but_for_the_spring(runner, strides):

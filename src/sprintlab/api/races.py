@@ -119,7 +119,7 @@ def race(
     top_speed: float | None = None,
     distance: float = 100.0,
     engine: Literal["mujoco", "drake", "both"] = "mujoco",
-    trials: int = 5,
+    trials: int = 3,
     seed: int = 0,
     drive: DriveOptions | None = None,
     workers: int | None = None,

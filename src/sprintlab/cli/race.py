@@ -42,7 +42,7 @@ class Race:
     top_speed: float | None = None
     distance: float = 100.0
     engine: Literal["mujoco", "drake", "both"] = "mujoco"
-    trials: int = 5
+    trials: int = 3
     seed: int = 0
     workers: int | None = None
     step_check: tyro.conf.FlagCreatePairsOff[bool] = False

@@ -194,7 +194,7 @@ class AdaptiveSchedule:
         targets: how ``v*`` is drawn.
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
-            steady stage of training. The paper's neighbourhood is symmetric, and 1 m/s is its width; then
+            fine-tuning phase. The paper's neighbourhood is symmetric, and 1 m/s is its width; then
             nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.

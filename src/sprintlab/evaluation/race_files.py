@@ -184,9 +184,9 @@ def _fill(
     """Write everything into the folder; return why there is no video, or an empty string."""
     sprint = result.sprint.trial
     save_trajectory(folder / "trajectory.npz", recorded(sprint))
-    save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
     with ThreadPoolExecutor(1) as background:
         rendering = background.submit(_film, folder, sprint, robot_name) if video else None
+        save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
         pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
         progress("rendering the video")
         message = rendering.result() if rendering else VIDEO_LEFT_OUT

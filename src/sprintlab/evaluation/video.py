@@ -57,7 +57,7 @@ class VideoOptions:
     frames_per_second: int = 60
     slow_motion: float = 0.6
     slow_factor: float = 8.0
-    time_budget: float = 40.0
+    time_budget: float = 12.0
 
     def __post_init__(self) -> None:
         for name in ("width", "height", "frames_per_second", "slow_factor", "time_budget"):
@@ -182,6 +182,7 @@ def write_video(
 
     model.vis.global_.offwidth = max(model.vis.global_.offwidth, options.width)
     model.vis.global_.offheight = max(model.vis.global_.offheight, options.height)
+    model.vis.quality.offsamples = 0  # smoothing edges is most of what a frame costs without a GPU
     with mujoco.Renderer(model, options.height, options.width) as renderer:
         scene = _Scene(model, renderer, trajectory, hold, options)
         duration = float(trajectory["time"][-1])

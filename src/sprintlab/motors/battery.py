@@ -101,7 +101,12 @@ def loaded_voltage(battery: Battery, state_of_charge: Array, power: Array) -> Ar
         In the broadcast shape. More power than ``E^2 / 4 R``, the most that the pack can give, leaves
         ``E / 2``; more feedback than the pack takes leaves ``E + R x regeneration_limit``.
     """
-    xp, (power, source) = as_arrays(power, open_circuit_voltage(battery, state_of_charge))
+    return _under_load(battery, open_circuit_voltage(battery, state_of_charge), power)
+
+
+def _under_load(battery: Battery, source: Array, power: Array) -> Array:
+    """``loaded_voltage`` of a pack whose open-circuit voltage is known."""
+    xp, (power, source) = as_arrays(power, source)
     squared = source**2 - 4.0 * battery.internal_resistance * power
     voltage = 0.5 * (source + xp.sqrt(xp.maximum(squared, xp.zeros_like(squared))))
     return xp.minimum(voltage, source + battery.internal_resistance * battery.regeneration_limit)
@@ -135,7 +140,7 @@ def shared_bus_voltage(
     xp, (source,) = as_arrays(open_circuit_voltage(battery, state_of_charge))
 
     def residual(voltage: Array) -> Array:
-        return voltage - loaded_voltage(battery, state_of_charge, power_at(voltage))
+        return voltage - _under_load(battery, source, power_at(voltage))
 
     low, high = 0.5 * source, source + battery.internal_resistance * battery.regeneration_limit
     older = high if guess is None else xp.minimum(xp.maximum(as_arrays(guess, source)[1][0], low), high)

@@ -21,15 +21,13 @@ from sprintlab.motors import (
     Battery,
     DriveOutput,
     MotorModel,
-    PmsmParameters,
     WindingHeat,
     battery_current,
-    copper_loss,
     discharged,
     flux_factor,
     heated_motor,
     phase_voltage_limit,
-    saturate,
+    resistance_factor,
     shared_bus_voltage,
     torque_limits,
     warmed,
@@ -58,7 +56,11 @@ class PreparedDrive:
         self._model = model
         self._ratio = np.asarray(robot.gear.ratio, dtype=float)
         self._gear_loss = np.log(np.asarray(robot.gear.efficiency, dtype=float))
-        self.set_motors(robot.motors)
+        self._cold_motors = self._motors = motors = robot.motors
+        self._electrical_ratio = self._ratio * motors.pole_pairs
+        inductance = np.asarray(motors.q_axis_inductance, dtype=float)
+        self._inductance = inductance if model == "refined" else np.zeros_like(inductance)
+        self._set_windings(motors.stator_resistance, motors.flux_linkage, motors.peak_torque)
         self.set_bus_voltage(bus_voltage)
 
     def set_bus_voltage(self, bus_voltage: float) -> None:
@@ -66,18 +68,25 @@ class PreparedDrive:
         self._bus_voltage = bus_voltage
         self._voltage = float(phase_voltage_limit(bus_voltage))
 
-    def set_motors(self, motors: PmsmParameters) -> None:
-        """Go on with other motors, one an element: what heat has made of them."""
-        self._motors = motors
-        self._electrical_ratio = self._ratio * motors.pole_pairs
-        inductance = np.asarray(motors.q_axis_inductance, dtype=float)
-        self._inductance = inductance if self._model == "refined" else np.zeros_like(inductance)
-        self._reactive_emf = self._inductance * motors.flux_linkage
-        self._squared_resistance = np.asarray(motors.stator_resistance, dtype=float) ** 2
-        self._torque_constant = np.asarray(motors.torque_constant, dtype=float)
-        self._brake = np.asarray(motors.stator_resistance * motors.flux_linkage, dtype=float)
-        self._peak = np.asarray(motors.peak_torque, dtype=float)
-        self._saturation = np.asarray(motors.saturation / motors.peak_torque, dtype=float)
+    def set_temperature(self, heat: WindingHeat, temperature: FloatArray) -> None:
+        """Go on with the motors that windings at ``temperature`` ``(12,)`` [degC] make: ``heated_motor``."""
+        cold = self._cold_motors
+        if self._model == "flux-weakening":
+            self._motors = heated_motor(cold, heat, temperature)
+        flux = flux_factor(heat, temperature)
+        resistance = cold.stator_resistance * resistance_factor(heat, temperature)
+        self._set_windings(resistance, cold.flux_linkage * flux, cold.peak_torque * flux)
+
+    def _set_windings(
+        self, resistance: FloatArray, flux_linkage: FloatArray, peak_torque: FloatArray
+    ) -> None:
+        self._resistance = np.asarray(resistance, dtype=float)
+        self._squared_resistance = self._resistance**2
+        self._reactive_emf = self._inductance * flux_linkage
+        self._torque_constant = np.asarray(1.5 * self._cold_motors.pole_pairs * flux_linkage, dtype=float)
+        self._brake = np.asarray(resistance * flux_linkage, dtype=float)
+        self._peak = np.asarray(peak_torque, dtype=float)
+        self._saturation = np.asarray(self._cold_motors.saturation / peak_torque, dtype=float)
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
         """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
@@ -91,6 +100,16 @@ class PreparedDrive:
         speed = joint_velocity * self._ratio
         direct = weakening_current(self._motors, motor_torque, speed, self._bus_voltage)
         return DriveOutput(torque, motor_torque, lower, upper, direct)
+
+    def copper_loss(self, output: DriveOutput) -> FloatArray:
+        """What ``sprintlab.motors.copper_loss`` gives for what the drives gave ``(12,)`` [W]."""
+        current = output.motor_torque / self._torque_constant
+        return 1.5 * self._resistance * (current**2 + output.direct_current**2)
+
+    def power(self, output: DriveOutput, joint_velocity: FloatArray) -> float:
+        """What all drives draw from the bus [W]: the sum of ``sprintlab.motors.electrical_power``."""
+        shaft = output.motor_torque * (1.0 - self._saturation * np.abs(output.motor_torque))
+        return float((shaft * joint_velocity * self._ratio + self.copper_loss(output)).sum())
 
     def limits(self, joint_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(joints,)``."""
@@ -167,13 +186,11 @@ class SuppliedDrive:
     ) -> None:
         self._drive = PreparedDrive(robot, bus_voltage, model)
         _check_motors(heat, len(robot.joint_names))
-        self._motors = self._cold_motors = robot.motors
-        self._ratio = np.asarray(robot.gear.ratio, dtype=float)
         self._battery, self._heat, self._step = battery, heat, step
         self._bus_voltage, self._lowest = bus_voltage, np.inf
         self._charge = state_of_charge
-        self._temperature = np.full(self._ratio.shape, float(winding_temperature))
-        self._loss = np.zeros(self._ratio.shape)
+        self._temperature = np.full(len(robot.joint_names), float(winding_temperature))
+        self._loss = np.zeros(len(robot.joint_names))
 
     @property
     def state(self) -> SupplyState:
@@ -195,31 +212,26 @@ class SuppliedDrive:
         """
         desired = desired_joint_torque
         if self._heat is not None:
-            self._motors = heated_motor(self._cold_motors, self._heat, self._temperature)
-            self._drive.set_motors(self._motors)
+            self._drive.set_temperature(self._heat, self._temperature)
             desired = desired * flux_factor(self._heat, self._temperature)
         if self._battery is not None:
             self._load_bus(self._battery, desired, joint_velocity)
         output = self._drive(desired, joint_velocity)
-        self._loss = loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
+        self._loss = loss = self._drive.copper_loss(output)
         if self._heat is not None:
             self._temperature = warmed(self._heat, self._temperature, loss, self._step)
         if self._battery is not None:
-            shaft = saturate(self._motors, output.motor_torque)
-            power = float((shaft * joint_velocity * self._ratio + loss).sum())
+            power = self._drive.power(output, joint_velocity)
             current = battery_current(self._battery, self._bus_voltage, power)
             self._charge = float(discharged(self._battery, self._charge, current, self._step))
         return output
 
     def _load_bus(self, battery: Battery, desired: FloatArray, velocity: FloatArray) -> None:
         """Find the bus voltage at which the torques draw just the power that lowers the bus to it."""
-        speed = velocity * self._ratio
 
         def power_at(voltage: FloatArray) -> FloatArray:
             self._drive.set_bus_voltage(float(voltage))
-            output = self._drive(desired, velocity)
-            loss = copper_loss(self._motors, output.motor_torque, output.direct_current)
-            return np.asarray((saturate(self._motors, output.motor_torque) * speed + loss).sum())
+            return np.asarray(self._drive.power(self._drive(desired, velocity), velocity))
 
         self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
         self._lowest = min(self._lowest, self._bus_voltage)

@@ -331,12 +331,15 @@ class Plant:
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
         position = self._position[self._joint_position]
-        if ((position > self._free_lower) & (position < self._free_upper)).all():
-            torque = 0.0
-        else:
+        free = ((position > self._free_lower) & (position < self._free_upper)).all()
+        if not free:
             velocity = self._velocity[self._joint_velocity]
-            torque = soft_stop_torque(position, velocity, self.robot.position_limits, self.robot.soft_stop)
-        self.data.qfrc_applied[self._joint_velocity] = torque
+            self.data.qfrc_applied[self._joint_velocity] = soft_stop_torque(
+                position, velocity, self.robot.position_limits, self.robot.soft_stop
+            )
+        elif self._stopping:
+            self.data.qfrc_applied[self._joint_velocity] = 0.0
+        self._stopping = not free
 
     def _find_fall(self) -> str:
         x, y = self._position[4:6].tolist()
@@ -369,6 +372,7 @@ class Plant:
         self._fall_table = _fall_table(model, robot)
         self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0
+        self._stopping = False  # whether an end stop acted in the last step
 
     def _place(self, settings: TrialSettings) -> None:
         """Stand in the default pose, joints displaced by the trial's noise, feet on the ground."""

@@ -160,7 +160,7 @@ def _never_steady(options: TrainOptions, runner: Runner) -> str:
     if first is None or options.iterations > first:
         return ""
     return (
-        f"the run ends at iteration {options.iterations}, before its steady stage (stages.steady_"
+        f"the run ends at iteration {options.iterations}, before its fine-tuning phase (stages.steady_"
         f"iteration, {first}): the policy may fall where it brakes or stands without action noise"
     )
 
