@@ -23,6 +23,18 @@
     show({ R: text(entry.resistance * 1e3, 5), L: text(entry.inductance * 1e6, 5), flux: text(entry.flux * 1e3, 5),
       pairs: entry.polePairs, gear: entry.gear, bus: entry.bus, current: text(entry.peakCurrent, 5) });
     keepKv();
+    const one = motor(), corner = motorLaw.criticalSpeed(one, one.peakCurrent, entry.bus, "refined");
+    show({ speed: text((corner + motorLaw.noLoadSpeed(one, entry.bus)) / 2 / entry.gear, 3) }); // where the d-axis costs
+  }
+
+  function step(reach) { // round distance of about four marks on an axis
+    const power = 10 ** Math.floor(Math.log10(reach / 3));
+    return [5, 2, 1].map((one) => one * power).find((one) => one <= reach / 3);
+  }
+
+  function marks(reach) { // on both sides of zero, zero left out
+    const by = step(reach);
+    return Array.from({ length: Math.floor(reach / by) }, (_, index) => (index + 1) * by).flatMap((one) => [one, -one]);
   }
 
   function keepKv() { input("kv").value = text(60 / (2 * Math.PI * Math.sqrt(3) * value("pairs") * value("flux") * 1e-3), 5); }
@@ -52,7 +64,9 @@
         parts.push(`<path d="${path(curve(one, gear, bus, model, top, side))}" fill="none" stroke="${color}" stroke-width="${width}" stroke-dasharray="${dash}"/>`);
     const speed = Math.min(value("speed"), top);
     parts.push(`<path d="M${x(speed)},20V340" class="chosen"/>`);
-    parts.push(`<text x="${x(noLoad)}" y="196" text-anchor="middle">${text(noLoad)} rad/s</text><text x="326" y="${y(peak) - 5}">${text(peak)} N m</text>`);
+    for (const mark of marks(top)) parts.push(`<path d="M${x(mark)},177v6" class="axis"/><text x="${x(mark)}" y="197" text-anchor="middle">${text(mark)}</text>`);
+    for (const mark of marks(1.05 * peak)) parts.push(`<path d="M317,${y(mark)}h6" class="axis"/><text x="312" y="${y(mark) + 4}" text-anchor="end">${text(mark)}</text>`);
+    parts.push('<text x="326" y="16">N m</text><text x="620" y="172" text-anchor="end">rad/s</text>');
     root.querySelector("svg").innerHTML = parts.join("");
     const [without, given_] = ["simplified-dc", "refined"].map((model) => gear * motorLaw.limits(one, speed * gear, bus, model)[1]);
     const lost = without > 0 ? `${text(100 * (1 - Math.max(given_, 0) / without), 3)} %` : "nothing is left to lose";
@@ -83,7 +97,6 @@
   });
   const shared = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
   fromLibrary(motorLibrary[0]);
-  show({ speed: 12 });
   show(Object.fromEntries(Object.entries(shared).filter(([name, number]) => name in FIELDS && number !== "" && Number.isFinite(Number(number)))));
   keepKv();
   draw();

@@ -80,7 +80,7 @@ def commands() -> dict[str, str]:
     found = {}
     for member in get_args(Command):
         kind, how = get_args(member)[:2]
-        found[how.name] = (kind.__doc__ or "").strip().partition("\n")[0]
+        found[how.name] = (kind.__doc__ or "").strip().partition("\n")[0].replace("``", "")
     return found
 
 

@@ -360,5 +360,5 @@ def rollout_figure(
         axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=theme.muted)
         axis.set_xlabel("joint speed [rad/s]")
         if joint % columns == 0:
-            axis.set_ylabel("joint torque [N m]")
+            axis.set_ylabel("joint torque [N m], recorded;\nfilled: after saturation, gear")
     return figure

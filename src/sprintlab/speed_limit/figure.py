@@ -93,7 +93,8 @@ def _draw_cloud(axes: Axes, limit: SpeedLimit, runner: Runner, joint: int, name:
 def _draw_lifted(axes: Axes, limit: SpeedLimit) -> None:
     names = [item.cause for item in limit.lifted]
     values = [item.speed for item in limit.lifted]
-    bars = axes.barh(names, values, color=[_STANCE if name == limit.cause else _QUIET for name in names])
+    colors = [_STANCE if name == limit.cause else _QUIET for name in names]
+    bars = axes.barh(names, values, color=colors, alpha=0.6)  # pale, so that the dashed line is seen on them
     labels = [f"{'' if item.bounded else '> '}{item.speed:.1f}" for item in limit.lifted]
     axes.bar_label(bars, labels, padding=2, fontsize="small")
     axes.axvline(limit.speed, color=_LIMIT, linewidth=1.0, linestyle="--")
@@ -116,9 +117,9 @@ def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
 def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
     names = ["upper estimate", *(item.policy for item in limit.trained)]
     values = [limit.speed, *(item.speed for item in limit.trained)]
-    bars = axes.bar(np.arange(len(names)), values, color=[_LIMIT] + [_SWING] * len(limit.trained), width=0.6)
-    axes.set_xticks(np.arange(len(names)), names)
+    bars = axes.barh(names, values, color=[_QUIET] + [_SWING] * len(limit.trained), alpha=0.6, height=0.6)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
-    axes.margins(x=0.3, y=0.12)
-    _label(axes, "What policies reach", "", "m/s")
-    axes.grid(visible=False, axis="x")
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    _label(axes, "What policies reach", "m/s", "")
+    axes.grid(visible=False, axis="y")
