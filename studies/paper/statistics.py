@@ -86,6 +86,6 @@ def _bootstrapped(center: float, samples: tuple[Any, ...], statistic: Callable[.
         vectorized=True,
         confidence_level=CONFIDENCE,
         method="percentile",
-        random_state=np.random.default_rng(0),
+        rng=np.random.default_rng(0),
     ).confidence_interval
     return Interval(center=center, low=float(found.low), high=float(found.high))
