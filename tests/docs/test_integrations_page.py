@@ -40,7 +40,15 @@ def run(heading):
 
 
 def test_every_framework_has_a_snippet():
-    headings = ("Plain MuJoCo", "MuJoCo callback", "MJCF export", "mjlab", "Newton", "Isaac Lab")
+    headings = (
+        "From a data sheet",
+        "Plain MuJoCo",
+        "MuJoCo callback",
+        "MJCF export",
+        "mjlab",
+        "Newton",
+        "Isaac Lab",
+    )
     assert PAGE.read_text("utf-8").count("```python") == len(headings)
     assert all(snippet(heading) for heading in headings)
 
@@ -51,6 +59,14 @@ def test_plain_mujoco_reaches_its_target_within_the_motors_speed():
     assert 0.3 * limit < names["fastest"] < limit
     gravity = 0.8 * 9.81 * 0.15  # what the PD loop leaves to a pendulum's weight
     assert names["data"].qpos[0] == pytest.approx(2.5, abs=1.1 * gravity / 80.0)
+
+
+def test_a_data_sheet_becomes_an_actuator_in_ten_lines(monkeypatch):
+    assert len([line for line in snippet("From a data sheet").splitlines() if line]) <= 10
+    monkeypatch.chdir(PAGE.parents[1])
+    names = run("From a data sheet")
+    assert 1.0 < names["torque"] < 1.3  # nine tenths of the no-load speed: the voltage allows less than 3 N m
+    assert 'joint="knee"' in names["line"] and "gear='9.0'" in names["line"]
 
 
 def test_the_callback_holds_a_pendulum_and_leaves():
