@@ -1,15 +1,18 @@
 """Every policy of the package in MuJoCo and in Drake: what each holds, and at what cost of computing.
 
-    python benchmarks/second_engine.py --store --output results/second_engine/speeds.json
+    python benchmarks/second_engine.py sprint --top-speed 14 --workers 2 --store
 
-One 100 m and some seeded trials of the raw profile in each engine at one high top speed, with the same draws,
-and with ``--ladder`` one nominal trial at three lower speeds.
+One 100 m and ten seeded trials of the raw profile in each engine at the headline speed, with the same draws,
+and with ``--ladder`` one nominal trial at two lower speeds. A policy of 14 m/s takes about 6 minutes of one
+core, most of it Drake's. ``--store`` keeps a policy's numbers in the package and in results/second_engine as
+soon as it is through; rows of other policies of the package stay, those of policies that have left go.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import sys
 import time
 from pathlib import Path
@@ -17,6 +20,7 @@ from typing import Any
 
 from harness import EVALUATION_PACKAGES, answer, circumstances
 
+from sprintlab.api.policies import policy_path
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.core.files import atomic_write_json
 from sprintlab.evaluation.pool import TrialPool
@@ -29,13 +33,14 @@ from sprintlab.robots import load_robot
 
 TOP_SPEEDS = {"go1-sprint": 8.0}
 OTHER_TOP_SPEED = 14.0
-LADDER = (0.3, 0.6, 0.85)  # of the top speed
+LADDER = (0.4, 0.7)  # of the top speed
+RESULT = Path("results/second_engine/speeds.json")
 
 
 def run_in(
     pool: TrialPool, speed: float, settings: ProtocolSettings, engine: str
 ) -> tuple[EngineResult, float]:
-    """The 100 m and the seeded trials, and CPU time for a simulated second."""
+    """The 100 m and the seeded trials, and this process's CPU time for a simulated second."""
     started = time.process_time()
     results = pool.run(engine_requests(speed, 100.0, settings, engine))
     spent = time.process_time() - started
@@ -74,13 +79,13 @@ def ladder(pool: TrialPool, top_speed: float, hold: float) -> list[dict[str, Any
     return rows
 
 
-def measure(name: str, path: Path, settings: ProtocolSettings, lower: bool) -> dict[str, Any]:
+def measure(path: Path, settings: ProtocolSettings, chosen: argparse.Namespace) -> dict[str, Any]:
     """One policy in both engines."""
-    robot = load_robot(load_policy(path).contract.robot_name)
-    speed = TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
-    with TrialPool(path, robot, workers=1) as pool:
+    robot, name = load_robot(load_policy(path).contract.robot_name), path.stem
+    speed = chosen.top_speed or TOP_SPEEDS.get(name, OTHER_TOP_SPEED)
+    with TrialPool(path, robot, workers=chosen.workers) as pool:
         runs = {engine: run_in(pool, speed, settings, engine) for engine in ENGINES}
-        rows = ladder(pool, speed, settings.hold) if lower else []
+        rows = ladder(pool, speed, settings.hold) if chosen.ladder else []
     first, second = (runs[engine][0] for engine in ENGINES)
     return {
         "policy": name,
@@ -88,7 +93,7 @@ def measure(name: str, path: Path, settings: ProtocolSettings, lower: bool) -> d
         "top_speed_command_m_s": speed,
         "hold_s": settings.hold,
         **{
-            engine: _rounded(result.to_dict() | {"cpu_s_per_s": cost})
+            engine: _rounded(result.to_dict() | {"cpu_s_per_s": cost if chosen.workers == 1 else None})
             for engine, (result, cost) in runs.items()
         },
         "speed_change": _rounded(speed_change(first.raw, second.raw)),
@@ -110,10 +115,19 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("policies", nargs="*", default=sorted(shipped_policies()), help="all when left out")
-    parser.add_argument("--trials", type=int, default=3, help="seeded trials an engine")
+    parser.add_argument(
+        "policies",
+        nargs="*",
+        default=sorted(shipped_policies()),
+        help="names or files; all of the package when left out",
+    )
+    parser.add_argument(
+        "--top-speed", type=float, help="command [m/s]; 14, and 8 for go1-sprint, when left out"
+    )
+    parser.add_argument("--workers", type=int, default=1, help="processes; with 1 the cost is measured too")
+    parser.add_argument("--trials", type=int, default=10, help="seeded trials an engine")
     parser.add_argument("--hold", type=float, default=10.0, help="[s]")
-    parser.add_argument("--ladder", action="store_true", help="also one trial each at three lower speeds")
+    parser.add_argument("--ladder", action="store_true", help="also one trial each at two lower speeds")
     parser.add_argument("--output", type=Path, help="also write JSON there")
     parser.add_argument(
         "--store", action="store_true", help="keep the numbers in the package, for its reports"
@@ -128,11 +142,30 @@ def compare(chosen: argparse.Namespace) -> dict[str, Any]:
     check_engine("drake")
     rows = {}
     for name in chosen.policies:
-        path = shipped_policy(name)
-        rows[hashlib.sha256(path.read_bytes()).hexdigest()] = measure(name, path, settings, chosen.ladder)
-    if chosen.store:
-        atomic_write_json(STORED, rows)
+        path = policy_path(name)
+        rows[digest(path)] = measure(path, settings, chosen)
+        if chosen.store:
+            store(rows)
+    return document(rows)
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file: by what a result names its policy."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def document(rows: dict[str, Any]) -> dict[str, Any]:
+    """Rows, and what they were measured with."""
     return {"policies": rows, **circumstances((*EVALUATION_PACKAGES, "drake"))}
+
+
+def store(rows: dict[str, Any]) -> None:
+    """Keep the rows of the package's policies, the new ones in place of those of the same file."""
+    shipped = {digest(shipped_policy(name)) for name in shipped_policies()}
+    known = {**json.loads(STORED.read_text(encoding="utf-8")), **rows}
+    kept = {key: row for key, row in known.items() if key in shipped}
+    atomic_write_json(STORED, kept)
+    atomic_write_json(RESULT, document(kept))
 
 
 def show(result: dict[str, Any]) -> None:

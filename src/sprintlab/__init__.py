@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sprintlab.api.limits import Limit, limit
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
+    from sprintlab.api.robustness import Robustness, robustness
     from sprintlab.api.search import SearchOptions
     from sprintlab.api.steering import Lap, Turning, lap, turning
     from sprintlab.api.training import Training, export, method, train
@@ -36,6 +37,7 @@ __all__ = [
     "Lap",
     "Limit",
     "Race",
+    "Robustness",
     "SearchOptions",
     "SprintlabError",
     "Training",
@@ -51,6 +53,7 @@ __all__ = [
     "policies",
     "race",
     "robot_names",
+    "robustness",
     "torque_limits",
     "train",
     "turning",
@@ -62,6 +65,7 @@ _HOMES = {
     "Lap": "api.steering",
     "Limit": "api.limits",
     "Race": "api.races",
+    "Robustness": "api.robustness",
     "SearchOptions": "api.search",
     "SprintlabError": "core.errors",
     "Training": "api.training",
@@ -77,6 +81,7 @@ _HOMES = {
     "policies": "api.policies",
     "race": "api.races",
     "robot_names": "robots",
+    "robustness": "api.robustness",
     "torque_limits": "motors",
     "train": "api.training",
     "turning": "api.steering",

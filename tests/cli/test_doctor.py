@@ -8,7 +8,8 @@ from importlib import metadata
 
 import pytest
 
-from sprintlab.cli import doctor
+from sprintlab.api import doctor
+from sprintlab.cli.doctor import _print_findings
 
 
 @pytest.fixture
@@ -115,5 +116,5 @@ def test_a_probe_that_hangs_is_given_up(monkeypatch):
 def test_what_helps_several_things_is_said_once(capsys):
     facts = {"state": "missing", "found": "", "needed_for": "training"}
     names = ("torch", "onnx")
-    doctor._print_findings([doctor.Finding(name=name, advice="do this", **facts) for name in names])
+    _print_findings([doctor.Finding(name=name, advice="do this", **facts) for name in names])
     assert capsys.readouterr().out.splitlines()[-1] == "torch, onnx: do this"

@@ -4,8 +4,12 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
-from sprintlab.cli.interruptions import TERMINATED
+from sprintlab.cli.interruptions import TERMINATED, counted_interruptions
+from sprintlab.cli.run import _status_line
+from sprintlab.deployment.controller.loop import LoopReport
+from sprintlab.deployment.controller.modes import Mode
 
 CODE = """
 import sys, time
@@ -21,6 +25,39 @@ def race(arguments):
 command.run = race
 sys.exit(command.main([]))
 """
+
+
+def test_a_terminal_that_goes_away_counts_once():
+    with counted_interruptions() as count:
+        os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert count() == 1  # a second would stop the robot in full run instead of braking
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert count() == 3
+
+
+def test_a_run_that_shall_outlive_its_terminal_does():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with counted_interruptions() as count:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert count() == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_the_status_line_survives_its_terminal(monkeypatch):
+    """An error in it would end the loop in full run."""
+    controlling, terminal = os.openpty()
+    with os.fdopen(terminal, "w") as stream:
+        monkeypatch.setattr("sys.stderr", stream)
+        controller = SimpleNamespace(commanded_speed=9.0, fault_counts={}, stop_reason="", mode=Mode.RUN)
+        with _status_line(quiet=False) as show:
+            show(controller, LoopReport())
+            assert os.read(controlling, 1000)
+            os.close(controlling)
+            show(controller, LoopReport())
 
 
 def test_a_race_that_is_terminated_leaves_nothing(tmp_path):

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
-from sprintlab.motors import Gear, PmsmParameters, drive_torque, no_load_speed, save_motor
+from sprintlab.integrations.mjcf import dc_motor_excess
+from sprintlab.motors import Gear, PmsmParameters, drive_torque, load_library_motor, no_load_speed, save_motor
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "integrations.md"
 MOTOR = PmsmParameters(
@@ -38,8 +40,17 @@ def run(heading):
 
 
 def test_every_framework_has_a_snippet():
-    assert PAGE.read_text("utf-8").count("```python") == 3
-    assert all(snippet(heading) for heading in ("Plain MuJoCo", "mjlab", "Isaac Lab"))
+    headings = (
+        "From a data sheet",
+        "Plain MuJoCo",
+        "MuJoCo callback",
+        "MJCF export",
+        "mjlab",
+        "Newton",
+        "Isaac Lab",
+    )
+    assert PAGE.read_text("utf-8").count("```python") == len(headings)
+    assert all(snippet(heading) for heading in headings)
 
 
 def test_plain_mujoco_reaches_its_target_within_the_motors_speed():
@@ -48,6 +59,45 @@ def test_plain_mujoco_reaches_its_target_within_the_motors_speed():
     assert 0.3 * limit < names["fastest"] < limit
     gravity = 0.8 * 9.81 * 0.15  # what the PD loop leaves to a pendulum's weight
     assert names["data"].qpos[0] == pytest.approx(2.5, abs=1.1 * gravity / 80.0)
+
+
+def test_a_data_sheet_becomes_an_actuator_in_ten_lines(monkeypatch):
+    assert len([line for line in snippet("From a data sheet").splitlines() if line]) <= 10
+    monkeypatch.chdir(PAGE.parents[1])
+    names = run("From a data sheet")
+    assert 1.0 < names["torque"] < 1.3  # nine tenths of the no-load speed: the voltage allows less than 3 N m
+    assert 'joint="knee"' in names["line"] and "gear='9.0'" in names["line"]
+
+
+def test_the_callback_holds_a_pendulum_and_leaves():
+    names = run("MuJoCo callback")
+    gravity = 0.8 * 9.81 * 0.15
+    assert names["data"].qpos[0] == pytest.approx(2.5, abs=1.1 * gravity / 80.0)
+    assert names["mujoco"].get_mjcb_control() is None
+
+
+def test_the_exported_line_gives_the_wanted_torque():
+    names = run("MJCF export")
+    text = (
+        "<mujoco><worldbody><body><joint name='hip' axis='0 1 0'/><geom size='.1'/></body></worldbody>"
+        f"<actuator>{names['line']}</actuator></mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.ctrl[0], data.qvel[0] = names["volts"], 20.0
+    mujoco.mj_forward(model, data)
+    assert abs(names["volts"]) < names["element"].voltage
+    assert data.qfrc_actuator[0] == pytest.approx(12.0)
+
+
+def test_what_the_export_loses_is_what_the_page_says():
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
+    assert len(rows) == 7
+    for name, cells in rows:
+        actuator = load_library_motor(name)
+        excess = dc_motor_excess(actuator.motor, actuator.gear, actuator.bus_voltage)
+        columns = ("driving", "driving_mean", "braking", "stalled")
+        assert cells.split(" | ") == [f"{abs(round(100.0 * excess[column])):d} %" for column in columns]
 
 
 @pytest.mark.slow  # importing mjlab and its task
@@ -60,6 +110,15 @@ def test_mjlab_configuration_builds():
     assert hips.effort_limit == pytest.approx(6.0 * 3.95)
     assert type(task.commands["twist"]).__name__ == "AdaptiveVelocityCommandCfg"
     assert "bus_voltage" in task.events and "command_vel" not in task.curriculum
+
+
+def test_newton_builds_the_pages_model():
+    newton = pytest.importorskip("newton", reason="needs Newton 1.8")
+    if not hasattr(newton, "ModelBuilder"):
+        pytest.skip("needs Newton 1.8")
+    (actuator,) = run("Newton")["model"].actuators
+    assert type(actuator.clamping[0]).__name__ == "PmsmClamping"
+    assert actuator.clamping[0].gear_ratio.numpy() == pytest.approx([6.0])
 
 
 @pytest.fixture

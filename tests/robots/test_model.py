@@ -7,6 +7,7 @@ import pytest
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import drive_torque
 from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque
+from sprintlab.robots.loader import robot_table_path
 
 PLANT = ModelOptions(collisions="full", contact_time_constant=0.002)
 
@@ -307,3 +308,14 @@ def test_mujoco_warp_accepts_the_model(bp2, options):
     with warp.ScopedDevice("cpu"):
         device_model = mujoco_warp.put_model(model)
     assert device_model.nv == model.nv
+
+
+def test_masses_too_far_apart_are_refused_in_a_sentence(tmp_path):
+    """A shank of 9e18 m: the inertia at the feet has no inverse."""
+    text = robot_table_path("bp2-first").read_text(encoding="utf-8")
+    assert "length = { value = 0.32," in text
+    (tmp_path / "parameters.toml").write_text(
+        text.replace("length = { value = 0.32,", "length = { value = 9223372036854775807,"), encoding="utf-8"
+    )
+    with pytest.raises(RobotModelError, match="too far apart"):
+        build_model(load_robot(tmp_path / "parameters.toml"), ModelOptions())

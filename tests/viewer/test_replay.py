@@ -69,6 +69,14 @@ def test_title_is_escaped(page):
     assert "A run &lt;/script&gt;" in page
 
 
+def test_no_name_ends_or_begins_a_script(recorded, robot):
+    """A comment that opens a script within the data would take the end of the data and all that follows."""
+    name = f"<!--<script>{MISCHIEF}"
+    page = render_replay(recorded, robot, ReplayText(title="A run", runner=name))
+    data = page.partition('id="data">')[2].partition("</script>")[0]
+    assert "<" not in data and json.loads(data)["runs"][0]["name"] == name
+
+
 def test_page_is_small(page):
     assert len(page) < 1_000_000
 

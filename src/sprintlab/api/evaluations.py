@@ -16,7 +16,7 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
-from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Evaluation(Printed):
+class Evaluation(Drawn):
     """What the search for the highest speed found; prints as tables and draws itself.
 
     Attributes:

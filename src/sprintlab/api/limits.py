@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ FACTS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Limit(Printed):
+class Limit(Drawn):
     """An upper estimate of a robot's top speed; prints as a table and draws itself.
 
     Attributes:

@@ -17,7 +17,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
-from sprintlab.api.tables import Printed, in_notebook, plain_table, styled
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
 from sprintlab.core.checks import check_range
 from sprintlab.core.files import check_writable
 
@@ -38,7 +38,7 @@ HIGHEST_SPEED = 40.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Race(Printed):
+class Race(Drawn):
     """What a race found; prints as a table, draws itself, writes its report.
 
     Attributes:

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import leave_to_the_parent
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,22 +24,33 @@ TURNING_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Turning(Printed):
-    """Achieved over commanded yaw rate of one policy, over speeds and yaw rates.
+class _OfAPolicy(Drawn):
+    """What was found of a policy.
 
     Attributes:
-        policy: name of the policy.
-        found: every turn.
+        policy: its name.
+        found: the numbers.
         notes: what differs from the published numbers' plant.
     """
 
     policy: str
-    found: TurningMap
+    found: TurningMap | LapResult
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, keys with units; what is undefined is None."""
         return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Turning(_OfAPolicy):
+    """Achieved over commanded yaw rate of one policy, over speeds and yaw rates.
+
+    Attributes:
+        found: every turn.
+    """
+
+    found: TurningMap
 
     def tables(self) -> Iterator[RenderableType]:
         """Gain by speed and share of the largest yaw rate, and the worst of the moderate turns."""
@@ -67,22 +78,14 @@ class Turning(Printed):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Lap(Printed):
+class Lap(_OfAPolicy):
     """One lap of a 400 m track in lane 1.
 
     Attributes:
-        policy: name of the policy.
         found: the lap.
-        notes: what differs from the published numbers' plant.
     """
 
-    policy: str
     found: LapResult
-    notes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, keys with units; what is undefined is None."""
-        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
 
     def tables(self) -> Iterator[RenderableType]:
         """Time, lane, energy, heat."""

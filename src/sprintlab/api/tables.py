@@ -42,6 +42,10 @@ class Printed(ABC):
     def tables(self) -> Iterable[RenderableType]:
         """Tables and remarks, in the order in which they are printed."""
 
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         yield from self.tables()
 
@@ -61,6 +65,14 @@ class Printed(ABC):
         )
         console.print(self)
         return console
+
+
+class Drawn(Printed):
+    """A result that also draws itself."""
+
+    @abstractmethod
+    def plot(self) -> Figure:
+        """The result as a picture."""
 
 
 def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:

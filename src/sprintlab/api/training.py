@@ -13,7 +13,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
-from sprintlab.api.tables import Printed, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import JSON_LIMIT, parse_json, read_text
 
@@ -27,7 +27,7 @@ MISSING = "training needs packages that are not installed ({names}): pip install
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training(Printed):
+class Training(Drawn):
     """A training run; prints how far it has come, draws its curves, names its policy."""
 
     folder: Path

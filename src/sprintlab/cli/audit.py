@@ -73,7 +73,7 @@ class Audit:
         return replace(rollout, joint_names=names) if len(names) == len(rollout.names) else rollout
 
     def _motors(self, rollout: Rollout) -> tuple[Any, Any, float]:
-        from sprintlab.cli.motor_source import chosen_motor
+        from sprintlab.api.motors import chosen_motor
         from sprintlab.robots import load_robot, robot_names
 
         if self.motor in robot_names() and self.joint is None:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
+_HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # not on Windows
 TERMINATED = 128 + signal.SIGTERM
 """Exit status of a command that was asked to terminate."""
 
@@ -30,10 +31,21 @@ def tidy_termination() -> Generator[None]:
 
 @contextmanager
 def counted_interruptions() -> Generator[Callable[[], int]]:
-    """Yield a function that tells how many Ctrl-C and termination signals have come."""
+    """Yield a function that tells how many Ctrl-C and termination signals have come.
+
+    A terminal that goes away (a connection that breaks) counts too, once: shells and systems tell of it
+    several times. Where that is ignored (``nohup``) it stays so.
+    """
     received: list[int] = []
-    kinds = (signal.SIGINT, signal.SIGTERM)
-    before = {kind: signal.signal(kind, lambda number, _: received.append(number)) for kind in kinds}
+
+    def note(number: int, _: object) -> None:
+        if number not in received or number != _HANGUP:
+            received.append(number)
+
+    kinds = [signal.SIGINT, signal.SIGTERM]
+    if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
+        kinds.append(_HANGUP)
+    before = {kind: signal.signal(kind, note) for kind in kinds}
     try:
         yield lambda: len(received)
     finally:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 
@@ -57,7 +56,7 @@ class Learning:
         check_writable((self.output or checkpoint.parent) / "learning.png")
         with progress_bar(quiet=self.json) as report:
             report("reading the run", None)
-            from sprintlab.training.runs.figures import learning_figures
+            from sprintlab.training.runs.figures import learning_figures, learning_numbers
 
             state = read_checkpoint(checkpoint)
             numbers = learning_numbers(state)
@@ -74,22 +73,3 @@ class Learning:
         for path in pictures:
             stdout_console().print(path, soft_wrap=True)
         return 0
-
-
-def learning_numbers(state: dict[str, Any]) -> dict[str, Any]:
-    """How far a run has come: counts, speeds [m/s], time [s], from the state of its checkpoint."""
-    progress, log = state["progress"], state["progress"].log
-    last = log[-1] if log else {}
-    kept = ("speed_median", "speed_p95", "speed_p999", "range_upper", "stage", "grid_open", "falls")
-    return {
-        "method": state["settings"].method,
-        "seed": state["settings"].seed,
-        "iterations": progress.iteration,
-        "environment_steps": progress.environment_steps,
-        "seconds": round(progress.seconds, 1),
-        **{name: last[name] for name in kept if name in last},
-        "updates_taken_back": round(float(state["learner"]["rolled_back"])),
-        "broken_physics": round(sum(row["broken"] for row in log)),
-        "device": state["device"],
-        "saved": state["date"],
-    }

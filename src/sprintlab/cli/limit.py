@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from sprintlab.api.limits import limit
-from sprintlab.cli.output import print_json, progress_bar, stdout_console
+from sprintlab.cli.output import progress_bar, show_result
 from sprintlab.core.files import check_figure_path
 
 
@@ -55,14 +55,5 @@ class Limit:
                 results=self.results,
                 progress=report,
             )
-        if self.figure is not None:
-            from sprintlab.core.theme import save_figure
-
-            save_figure(self.figure, found.plot())
-        if self.json:
-            print_json(found.to_dict())
-            return 0
-        stdout_console().print(found)
-        if self.figure is not None:
-            stdout_console().print(f"figure: {self.figure}", soft_wrap=True)
+        show_result(found, self.figure, self.json)
         return 0

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import tyro
 
+from sprintlab.api.motors import chosen_motor
 from sprintlab.cli.motor_datasheet import PARAMETER_UNITS, MotorFromDatasheet
 from sprintlab.cli.motor_envelope import MotorEnvelope
 from sprintlab.cli.motor_identify import MotorIdentify
 from sprintlab.cli.motor_library import MotorLibrary
-from sprintlab.cli.motor_source import chosen_motor
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 
 

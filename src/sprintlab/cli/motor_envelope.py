@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.motor_source import ChosenMotor, chosen_motor
+from sprintlab.api.motors import ChosenMotor, chosen_motor, envelope_numbers, operating_points
 from sprintlab.cli.output import plain_table, print_json, stdout_console, styled
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class MotorEnvelope:
         chosen = chosen_motor(
             self.source, self.joint, self.bus_voltage, self.gear_ratio, self.gear_efficiency
         )
-        operated = self._operating_points(chosen)
+        operated = None if self.trajectory is None else operating_points(chosen, self.trajectory, self.joint)
         if self.figure is not None:
             _draw(self.figure, chosen, operated)
         numbers = envelope_numbers(chosen.drive, self.points)
@@ -66,53 +66,6 @@ class MotorEnvelope:
         else:
             _print(chosen.title, numbers, self.figure)
         return 0
-
-    def _operating_points(self, chosen: ChosenMotor) -> OperatingPoints | None:
-        if self.trajectory is None:
-            return None
-        from sprintlab.evaluation.operating_points import load_operating_points
-        from sprintlab.robots import load_robot
-
-        columns = chosen.joints or tuple(  # a motor alone: the joint names those of the standard robot
-            index for index, name in enumerate(load_robot("bp2").joint_names) if name.endswith(self.joint)
-        )
-        return load_operating_points(self.trajectory, columns)
-
-
-def envelope_numbers(drive: Any, points: int) -> dict[str, Any]:
-    """Everything about a joint's envelope, ready for JSON: speeds in rad/s and torques in N m, joint side."""
-    from sprintlab.motors import MOTOR_MODELS, chart
-
-    return {
-        "bus_voltage": drive.bus_voltage,
-        "gear": asdict(drive.gear),
-        "side": "joint",
-        "no_load_speed": drive.no_load_speed,
-        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
-        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
-        "peak_power": {name: asdict(chart.peak_power(drive, name)) for name in chart.envelope_names()},
-        "d_axis_cost": [
-            {**asdict(cost), "lost": cost.lost}
-            for cost in (chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES)
-        ],
-        "rows": envelope_rows(drive, points),
-    }
-
-
-def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
-    """The envelopes at evenly spaced speeds from 0 to the no-load speed, one dictionary a speed.
-
-    ``NAME upper`` bounds driving and ``NAME lower`` braking; at negative speed they trade places and signs.
-    """
-    import numpy as np
-
-    from sprintlab.motors import chart
-
-    speed = np.linspace(0.0, drive.no_load_speed, points)
-    columns: dict[str, Any] = {"speed": speed}
-    for name in chart.envelope_names():
-        columns[f"{name} lower"], columns[f"{name} upper"] = chart.joint_limits(drive, speed, name)
-    return [{name: float(values[i]) for name, values in columns.items()} for i in range(points)]
 
 
 def _draw(path: Path, chosen: ChosenMotor, operated: OperatingPoints | None) -> None:

@@ -86,7 +86,7 @@ class MotorIdentify:
     def _base_motor(self) -> Any:
         if self.base is None:
             return None
-        from sprintlab.cli.motor_source import chosen_motor
+        from sprintlab.api.motors import chosen_motor
 
         return chosen_motor(str(self.base), "", None).drive.motor
 

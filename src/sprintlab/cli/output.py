@@ -6,11 +6,12 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from sprintlab.api.tables import PLAIN_WIDTH, PlainConsole
+from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole
 from sprintlab.api.tables import plain_table as plain_table
 from sprintlab.api.tables import styled as styled
 
@@ -28,6 +29,20 @@ def stderr_console() -> Console:
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; NaN must be gone by now."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def show_result(found: Drawn, figure: Path | None, as_json: bool) -> None:
+    """Draw a result into a file where one is named, and print it."""
+    if figure is not None:
+        from sprintlab.core.theme import save_figure
+
+        save_figure(figure, found.plot())
+    if as_json:
+        print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
+        return
+    stdout_console().print(found, soft_wrap=True)
+    if figure is not None:
+        stdout_console().print(f"figure: {figure}", soft_wrap=True)
 
 
 @contextmanager

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tyro
 
-from sprintlab.api.policies import policy_path
+from sprintlab.api.run_reports import report_run
 from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sprintlab.api.log_trial import LoggedRun
-    from sprintlab.deployment.log import RunRecord
-    from sprintlab.evaluation.results import TrialResult
-    from sprintlab.evaluation.run_report import TrackRun
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,79 +40,21 @@ class Report:
         Raises:
             SprintlabError: the log, the robot, the policy or the folder is refused.
         """
-        from sprintlab.core.checks import check_positive
-        from sprintlab.core.errors import SprintlabError
-        from sprintlab.deployment.log import read_log
-        from sprintlab.evaluation.race_files import default_folder
-
-        check_positive("distance", self.distance, "m")
-        if self.out is not None and self.out.exists():
-            raise SprintlabError(f"{self.out} exists already; choose another folder for the results")
         with progress_bar(quiet=self.json) as report:
-            report("reading the log", None)
-            record = read_log(self.log)
-            numbers, folder = self._draw(record, self.out or default_folder(prefix="report"), report)
+            numbers, folder = report_run(
+                self.log,
+                self.out,
+                robot=self.robot,
+                policy=self.policy,
+                distance=self.distance,
+                simulate=not self.no_simulation,
+                progress=report,
+            )
         if self.json:
             print_json({**numbers, "folder": str(folder)})
         else:
             _print_numbers(numbers, folder)
         return 0
-
-    def _draw(
-        self, record: RunRecord, folder: Path, report: Callable[[str, float | None], None]
-    ) -> tuple[dict[str, Any], Path]:
-        from sprintlab.api.log_trial import logged_run
-        from sprintlab.core.files import (
-            atomic_directory,
-            atomic_write_bytes,
-            atomic_write_json,
-            atomic_write_text,
-        )
-        from sprintlab.evaluation.run_report import make_run_pictures, render_run_report, run_numbers
-        from sprintlab.robots import load_robot
-
-        robot = load_robot(self.robot or record.facts["robot"])
-        logged = logged_run(record, robot)
-        run = _track_run(logged, self.distance)
-        simulation = None if self.no_simulation else self._simulate(record, logged, robot, report)
-        numbers = {**run_numbers(run, simulation), "faults": logged.faults, "facts": record.facts}
-        pictures = make_run_pictures(
-            run, simulation, robot, lambda what: report(f"drawing: {what.lower()}", None)
-        )
-        facts = [*record.facts.items(), *((f"fault {name}", str(n)) for name, n in logged.faults.items())]
-        with atomic_directory(folder) as temporary:
-            for picture in pictures:
-                atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
-            atomic_write_json(temporary / "result.json", numbers)
-            page = render_run_report(run, simulation, pictures, facts)
-            atomic_write_text(temporary / "report.html", page)
-        return numbers, folder
-
-    def _simulate(
-        self, record: RunRecord, logged: LoggedRun, robot: Any, report: Callable[[str, float | None], None]
-    ) -> TrialResult:
-        from sprintlab.control import load_policy
-        from sprintlab.evaluation.run_report import simulate_commands
-
-        report("simulating the same commands", None)
-        policy = load_policy(policy_path(self.policy or record.facts.get("policy", "sprint")))
-        hold = logged.trial.hold_interval
-        return simulate_commands(policy, robot, logged.command_time, logged.command[:, 0], hold)
-
-
-def _track_run(logged: LoggedRun, distance: float) -> TrackRun:
-    from sprintlab.evaluation.run_report import TrackRun
-
-    return TrackRun(
-        trial=logged.trial,
-        fix_time=logged.fix_time,
-        fix_speed=logged.fix_speed,
-        fix_way=logged.fix_way,
-        command_time=logged.command_time,
-        command=logged.command,
-        time_over_distance=logged.time_over(distance),
-        distance=distance,
-    )
 
 
 def _print_numbers(numbers: dict[str, Any], folder: Path) -> None:

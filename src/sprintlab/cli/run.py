@@ -8,7 +8,7 @@ import select
 import shlex
 import sys
 from collections.abc import Callable, Generator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib.util import find_spec
@@ -250,7 +250,7 @@ def _latency_table(report: LoopReport) -> Any:
 
 @contextmanager
 def _status_line(*, quiet: bool) -> Generator[Callable[[Controller, LoopReport], None]]:
-    """Yield what shows how things stand on a terminal; it never waits for one that does not take it."""
+    """Yield what shows how things stand on a terminal; it never waits for one, nor needs it."""
     descriptor = sys.stderr.fileno() if not quiet and sys.stderr.isatty() else None
 
     def show(controller: Controller, report: LoopReport) -> None:
@@ -260,10 +260,12 @@ def _status_line(*, quiet: bool) -> Generator[Callable[[Controller, LoopReport],
         faults = sum(controller.fault_counts.values())
         line = f"{report.duration:7.1f} s  {controller.mode.value:<9} {speed:5.2f} m/s commanded"
         line += f"  {report.deadline_misses} misses  {faults} faults  {controller.stop_reason:<20}"
-        os.write(descriptor, f"\r{line[:100]}".encode())
+        with suppress(OSError):
+            os.write(descriptor, f"\r{line[:100]}".encode())
 
     try:
         yield show
     finally:
         if descriptor is not None:
-            os.write(descriptor, b"\r\x1b[K")
+            with suppress(OSError):
+                os.write(descriptor, b"\r\x1b[K")

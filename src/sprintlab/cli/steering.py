@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.steering import TURNING_SPEEDS, lap, turning
-from sprintlab.cli.output import print_json, progress_bar, stdout_console
+from sprintlab.cli.output import progress_bar, show_result
 from sprintlab.core.files import check_figure_path
 
 
@@ -56,7 +55,7 @@ class Turning:
                 workers=self.workers,
                 progress=report,
             )
-        _show(found, self.figure, self.json)
+        show_result(found, self.figure, self.json)
         return 0
 
 
@@ -95,16 +94,5 @@ class Lap:
             found = lap(
                 self.policy, self.top_speed, robot=self.robot, self_paced=self.self_paced, drive=self.drive
             )
-        _show(found, self.figure, self.json)
+        show_result(found, self.figure, self.json)
         return 1 if found.found.trial.fall_reason else 0
-
-
-def _show(found: Any, figure: Path | None, as_json: bool) -> None:
-    if figure is not None:
-        from sprintlab.core.theme import save_figure
-
-        save_figure(figure, found.plot())
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        stdout_console().print(found, soft_wrap=True)

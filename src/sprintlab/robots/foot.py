@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import RobotModelError
 
 FloatArray = NDArray[np.float64]
 
@@ -291,6 +292,9 @@ def effective_leg_mass(model: mujoco.MjModel) -> float:
 
     Args:
         model: with explicit pairs of floor and feet, and the keyframe ``stand``.
+
+    Raises:
+        RobotModelError: no finite mass comes out.
     """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
@@ -302,8 +306,15 @@ def effective_leg_mass(model: mujoco.MjModel) -> float:
     for geom in model.pair_geom2:
         mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
         vertical = jacobian[2, rigid]
-        masses.append(1.0 / (vertical @ np.linalg.solve(inertia[np.ix_(rigid, rigid)], vertical)))
-    return float(np.mean(masses))
+        try:
+            moved = np.linalg.solve(inertia[np.ix_(rigid, rigid)], vertical)
+        except np.linalg.LinAlgError:
+            moved = np.full(len(vertical), np.nan)
+        masses.append(1.0 / (vertical @ moved))
+    mass = float(np.mean(masses))
+    if not (math.isfinite(mass) and mass > 0.0):
+        raise RobotModelError("the legs' masses and inertias are too far apart to be worked with")
+    return mass
 
 
 def set_friction(model: mujoco.MjModel, friction: float) -> None:

@@ -577,7 +577,7 @@ class TrainingSettings:
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
 
     def as_dict(self) -> dict[str, object]:
-        """Nested plain values, for ``settings.json`` and the hash."""
+        """Nested plain values, for the hash and for loggers."""
         return {**asdict(self), "schedule_kind": type(self.schedule).__name__}
 
     def digest(self) -> str:

@@ -200,7 +200,7 @@ def render_replay(
         "pace": None if pace is None else _pace(pace),
     }
     # No text inside may end the script element it stands in.
-    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     folder = resources.files("sprintlab.viewer") / "templates"
     template = _environment().from_string((folder / "replay.html.j2").read_text(encoding="utf-8"))
     script = (folder / "replay.js").read_text(encoding="utf-8")

@@ -75,8 +75,8 @@ def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends, state_at, co
     states = commands = 0
     for moment in range(1, 101):
         assert endpoint.publish(state_at(moment)) == (moment % 2 == 1)
-        interface.send(command_at(moment, moment))
         states += interface.receive() is not None
+        interface.send(command_at(moment, moment))
         commands += endpoint.receive_command() is not None
     assert states == commands == 50
 
@@ -89,6 +89,16 @@ def test_a_change_of_mode_or_status_goes_at_once(ends, state_at, command_at):
     assert modes == [JointMode.SERVO, JointMode.DAMPING]
     endpoint.publish(state_at(1))
     assert endpoint.publish(state_at(2, status=int(RobotStatus.WATCHDOG_EXPIRED)))
+
+
+def test_every_state_is_answered(ends, state_at, command_at):
+    """A state comes early when the robot's status changes, and a robot in lock-step waits for its answer."""
+    interface, endpoint = ends
+    for moment, status in ((1, RobotStatus.WATCHDOG_EXPIRED), (2, RobotStatus.READY)):
+        endpoint.publish(state_at(moment, status=int(status)))
+        assert interface.receive() is not None
+        interface.send(command_at(moment, moment))
+        assert endpoint.receive_command().state_sequence == moment
 
 
 def test_a_command_counts_as_obeyed_after_the_response_time(ends, state_at, command_at):

@@ -37,12 +37,12 @@ def write_config(path, *, users=None, tls=None):
 @pytest.fixture
 def passwords(tmp_path):
     """Configurations of a robot, of a controller it knows, of a stranger."""
-    (tmp_path / "users.txt").write_text("alice:secret\nbob:word\n")
+    (tmp_path / "users.txt").write_text("alice:a secret\nbob:word\n")
     robot = {"user": "robot", "password": "r", "dictionary_file": str(tmp_path / "users.txt")}
     return {
         "robot": write_config(tmp_path / "robot.json", users=robot),
         "controller": write_config(
-            tmp_path / "controller.json", users={"user": "alice", "password": "secret"}
+            tmp_path / "controller.json", users={"user": "alice", "password": "a secret"}
         ),
         "stranger": write_config(tmp_path / "stranger.json", users={"user": "alice", "password": "guess"}),
     }
@@ -176,7 +176,7 @@ def test_a_configuration_that_would_let_everybody_in_is_refused(address, tmp_pat
 
 def test_an_error_does_not_print_passwords(address, tmp_path):
     file = tmp_path / "robot.json"
-    file.write_text(json.dumps({"transport": {"auth": {"usrpwd": {"password": "secret"}}}}))
+    file.write_text(json.dumps({"transport": {"auth": {"usrpwd": {"password": "a secret"}}}}))
     with pytest.raises(BusError) as caught:
         open_endpoint(address, config=file)
     assert "secret" not in str(caught.value)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -185,13 +186,22 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
         UnitreeControllerEnd.__init__(self, session)
         self._join(address)
         self._greet(address)
+        self._writers = {}
         self._readers = {STATE: self._reader(STATE, _READING), COMMAND: self._reader(COMMAND, _OTHERS)}
-        self._writers = {COMMAND: self._writer(COMMAND)}
+        self._wait_for(self._readers[STATE].get_matched_publications)
+        self._writers = {COMMAND: self._writer(COMMAND)}  # who sees it may count on being heard
+        self._wait_for(self._writers[COMMAND].get_matched_subscriptions)
 
     @property
     def read_by_robot(self) -> bool:
         """Whether anybody but this end reads the commands."""
         return self._read_by_others()
+
+    def _wait_for(self, matched: Callable[[], list[int]]) -> None:
+        """Give the network time to connect a reader or a writer; what is missing then, the checks notice."""
+        deadline = time.monotonic() + _PATIENCE
+        while not matched() and time.monotonic() < deadline:
+            time.sleep(0.01)
 
     def _greet(self, address: BusAddress) -> None:
         deadline = time.monotonic() + _PATIENCE
@@ -222,8 +232,8 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
 
     @property
     def ready(self) -> bool:
-        """Whether a controller hears the states."""
-        return self._read_by_others()
+        """Whether a controller hears the states, and its commands are heard."""
+        return self._read_by_others() and bool(self._readers[COMMAND].get_matched_publications())
 
     def _note_author(self, author: int) -> None:
         self._author = author

@@ -83,7 +83,7 @@ class UnitreeControllerEnd(ControllerEnd):
         self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
         self._answered = 0
         self._last_mode: JointMode | None = None
-        self._suspicious = False
+        self._suspicious = self._unanswered = False
 
     @property
     def read_by_robot(self) -> bool:
@@ -107,19 +107,20 @@ class UnitreeControllerEnd(ControllerEnd):
         return None
 
     def send(self, command: JointCommand) -> None:
-        """Hand a command to the robot, 500 a second at most; one of another mode goes at once."""
+        """Hand a command to the robot: one a state, 500 a second without; another mode goes at once."""
         early = command.timestamp - self._sent[-1][1] < PERIOD - _SLACK
-        if not early or command.mode != self._last_mode:
+        if self._unanswered or not early or command.mode != self._last_mode:
             super().send(command)
 
     def _encode(self, message: Message) -> bytes:
         command = cast(JointCommand, message)
         self._sent.append((command.sequence, command.timestamp))
-        self._last_mode = command.mode
+        self._last_mode, self._unanswered = command.mode, False
         return encode_command(command)
 
     def _decode(self, kind: type[MessageType], content: bytes) -> MessageType:
         tick, state = decode_state(content)
+        self._unanswered = True
         sequence, timestamp = self._numbers.number(tick)
         answered = self._answer()
         found: Any = msgspec.structs.replace(

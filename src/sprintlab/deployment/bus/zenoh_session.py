@@ -139,7 +139,7 @@ def _credentials(path: Path, section: dict[str, Any], robot: bool) -> dict[str, 
         return found
     file = Path(section.get("dictionary_file", ""))
     try:
-        lines = file.read_text(encoding="utf-8").split()
+        lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise BusError(f"{path}: the user file {str(file)!r} cannot be read: {_short(error)}") from error
     users = dict(line.split(":", 1) for line in lines if ":" in line)

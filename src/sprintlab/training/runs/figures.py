@@ -126,3 +126,22 @@ def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
     axes.set_ylabel("robots")
     axis_legend(axes, LIGHT)
     return figure
+
+
+def learning_numbers(state: dict[str, Any]) -> dict[str, Any]:
+    """How far a run has come: counts, speeds [m/s], time [s], from the state of its checkpoint."""
+    progress, log = state["progress"], state["progress"].log
+    last = log[-1] if log else {}
+    kept = ("speed_median", "speed_p95", "speed_p999", "range_upper", "stage", "grid_open", "falls")
+    return {
+        "method": state["settings"].method,
+        "seed": state["settings"].seed,
+        "iterations": progress.iteration,
+        "environment_steps": progress.environment_steps,
+        "seconds": round(progress.seconds, 1),
+        **{name: last[name] for name in kept if name in last},
+        "updates_taken_back": round(float(state["learner"]["rolled_back"])),
+        "broken_physics": round(sum(row["broken"] for row in log)),
+        "device": state["device"],
+        "saved": state["date"],
+    }

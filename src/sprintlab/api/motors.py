@@ -1,12 +1,15 @@
-"""Which motor a ``sprintlab motor`` command is about: a file, a joint of a robot, or one of the library."""
+"""A motor by its name: a file, a joint of a robot, or one of the library; and its envelope in numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sprintlab.core.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from sprintlab.evaluation.operating_points import OperatingPoints
 
 DEFAULT_BUS_VOLTAGE = 60.0
 
@@ -58,6 +61,57 @@ def chosen_motor(
         title=f"{name} at {voltage:g} V{geared}",
         joints=joints,
     )
+
+
+def operating_points(chosen: ChosenMotor, trajectory: Path, joint: str) -> OperatingPoints:
+    """What a recorded run asked of the motor; for a motor alone ``joint`` names joints of the robot ``bp2``.
+
+    Raises:
+        SprintlabError: the file is no trajectory of a race.
+    """
+    from sprintlab.evaluation.operating_points import load_operating_points
+    from sprintlab.robots import load_robot
+
+    columns = chosen.joints or tuple(
+        index for index, name in enumerate(load_robot("bp2").joint_names) if name.endswith(joint)
+    )
+    return load_operating_points(trajectory, columns)
+
+
+def envelope_numbers(drive: Any, points: int) -> dict[str, Any]:
+    """Everything about a joint's envelope, ready for JSON: speeds in rad/s and torques in N m, joint side."""
+    from sprintlab.motors import MOTOR_MODELS, chart
+
+    return {
+        "bus_voltage": drive.bus_voltage,
+        "gear": asdict(drive.gear),
+        "side": "joint",
+        "no_load_speed": drive.no_load_speed,
+        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
+        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
+        "peak_power": {name: asdict(chart.peak_power(drive, name)) for name in chart.envelope_names()},
+        "d_axis_cost": [
+            {**asdict(cost), "lost": cost.lost}
+            for cost in (chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES)
+        ],
+        "rows": envelope_rows(drive, points),
+    }
+
+
+def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
+    """The envelopes at evenly spaced speeds from 0 to the no-load speed, one dictionary a speed.
+
+    ``NAME upper`` bounds driving and ``NAME lower`` braking; at negative speed they trade places and signs.
+    """
+    import numpy as np
+
+    from sprintlab.motors import chart
+
+    speed = np.linspace(0.0, drive.no_load_speed, points)
+    columns: dict[str, Any] = {"speed": speed}
+    for name in chart.envelope_names():
+        columns[f"{name} lower"], columns[f"{name} upper"] = chart.joint_limits(drive, speed, name)
+    return [{name: float(values[i]) for name, values in columns.items()} for i in range(points)]
 
 
 def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:

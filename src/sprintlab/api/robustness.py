@@ -1,0 +1,172 @@
+"""``robustness``: many sprints with everything randomized at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.tables import Drawn, in_notebook, plain_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sprintlab.evaluation.pool import TrialPool
+
+Progress = Callable[[str, float | None], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Robustness(Drawn):
+    """How many of many sprints stayed upright, what they held, and what each cause costs.
+
+    Attributes:
+        policy: name of the policy.
+        top_speed: that was asked for [m/s].
+        distance: of a sprint [m].
+        seed: of the first sprint.
+        summary: the numbers, as ``sprintlab.evaluation.robustness.summarize`` gives them.
+        sprints: every sprint as plain values.
+        folder: where they lie, each in a file of its own.
+    """
+
+    policy: str
+    top_speed: float
+    distance: float
+    seed: int
+    summary: dict[str, Any]
+    sprints: list[dict[str, Any]]
+    folder: Path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, keys with units; what is undefined is None."""
+        return {
+            "policy": self.policy,
+            "top_speed_command_m_s": self.top_speed,
+            "distance_m": self.distance,
+            "seed": self.seed,
+            **self.summary,
+            "folder": str(self.folder),
+        }
+
+    def tables(self) -> Iterator[RenderableType]:
+        """All sprints together, then one cause at a time."""
+        found = self.summary
+        title = f"{self.policy}, {self.distance:g} m at {self.top_speed:g} m/s, everything randomized at once"
+        table = plain_table(title, "quantity", "value", "unit", numbers=("value",))
+        lower, upper = (f"{100 * bound:.1f}" for bound in found["interval_95"])
+        share = f"{100 * found['share_upright']:.1f} ({lower} to {upper})"
+        table.add_row("upright", f"{found['upright']} of {found['trials']}", "")
+        table.add_row("share upright, 95 % interval", share, "%")
+        table.add_row("reached the line", f"{found['finished']} of {found['trials']}", "")
+        table.add_row("left its lane", f"{found['left_lane']} of {found['trials']}", "")
+        for reason, count in found["falls"].items():
+            table.add_row(f"falls: {reason}", str(count), "")
+        for quantile, speed in found["held_speed_quantiles_m_s"].items():
+            table.add_row(f"held speed, {100 * float(quantile):g} % hold less", _cell(speed), "m/s")
+        table.add_row("held speed of the nominal robot", _cell(found["nominal"]["held_speed_m_s"]), "m/s")
+        yield table
+        if found["causes"]:
+            yield ""
+            yield _cause_table(found["causes"])
+        yield f"\nsprints: {self.folder}"
+
+    def plot(self) -> Figure:
+        """Held speeds, and what each cause costs."""
+        from sprintlab.evaluation.robustness.figure import robustness_figure
+
+        title = f"{self.policy}, {self.distance:g} m at a command of {self.top_speed:g} m/s"
+        return in_notebook(robustness_figure(self.summary, self.sprints, title))
+
+
+def robustness(
+    policy: PolicyChoice = "sprint",
+    *,
+    robot: RobotChoice = None,
+    trials: int = 1000,
+    cause_trials: int = 20,
+    top_speed: float | None = None,
+    distance: float = 100.0,
+    seed: int = 0,
+    workers: int | None = None,
+    folder: Path | str | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Robustness:
+    """Run many sprints with friction, masses, motors, sensors, delay, pads and pushes drawn anew for each.
+
+    Every sprint is kept in a file: the same call after a kill, or with more trials, goes on where it was.
+
+    Args:
+        policy: a policy file, or the name of one that comes with the package.
+        robot: name, folder or table; that of the policy's contract when left out.
+        trials: sprints with everything randomized at once.
+        cause_trials: sprints of each cause alone, and of the nominal robot.
+        top_speed: asked for [m/s]; when left out, that of the folder, or a search finds where most is held.
+        distance: of a sprint [m].
+        seed: of the first sprint; the next one has the next seed.
+        workers: processes; one a core when left out.
+        folder: of the sprints; ``runs/robustness-<policy>`` when left out.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        SprintlabError: policy, robot, folder or a setting is refused, or the simulation failed.
+    """
+    leave_to_the_parent()
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.evaluation.robustness import StudySettings, run_study, summarize
+    from sprintlab.evaluation.robustness.study import known_top_speed
+    from sprintlab.robots import load_robot
+
+    path = policy_path(policy)
+    place = Path("runs") / f"robustness-{path.stem}" if folder is None else Path(folder)
+    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+        settings = StudySettings(
+            top_speed=top_speed or known_top_speed(place) or _search(pool, progress),
+            trials=trials,
+            cause_trials=cause_trials,
+            distance=distance,
+            seed=seed,
+        )
+        sprints = run_study(
+            pool,
+            path,
+            settings,
+            place,
+            lambda done, total: progress(f"sprint {done} of {total}", done / total),
+        )
+    return Robustness(
+        policy=path.stem,
+        top_speed=settings.top_speed,
+        distance=distance,
+        seed=seed,
+        summary=summarize(sprints),
+        sprints=sprints,
+        folder=place,
+    )
+
+
+def _search(pool: TrialPool, progress: Progress) -> float:
+    from sprintlab.evaluation.race import find_top_speed
+
+    progress("searching the top speed", None)
+    return find_top_speed(pool)
+
+
+def _cause_table(causes: list[dict[str, Any]]) -> RenderableType:
+    columns = ("upright", "change of held speed [m/s]", "worst sprint [m/s]")
+    table = plain_table("One cause at a time, the most expensive first", "cause", *columns, numbers=columns)
+    for row in causes:
+        upright = f"{row['upright']} of {row['trials']}"
+        table.add_row(
+            row["cause"], upright, _cell(row["change_m_s"], "+"), _cell(row["worst_change_m_s"], "+")
+        )
+    return table
+
+
+def _cell(value: float | None, sign: str = "") -> str:
+    return "-" if value is None else f"{value:{sign}.2f}"

@@ -1,0 +1,123 @@
+"""A log of a run on a robot as figures, numbers and one page, beside its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sprintlab.api.policies import policy_path
+
+if TYPE_CHECKING:
+    from sprintlab.api.log_trial import LoggedRun
+    from sprintlab.deployment.log import RunRecord
+    from sprintlab.evaluation.results import TrialResult
+    from sprintlab.evaluation.run_report import TrackRun
+    from sprintlab.robots import RobotDescription
+
+Progress = Callable[[str, float | None], None]
+
+
+def report_run(
+    log: Path,
+    folder: Path | None = None,
+    *,
+    robot: str | None = None,
+    policy: str | None = None,
+    distance: float = 100.0,
+    simulate: bool = True,
+    progress: Progress = lambda what, share: None,
+) -> tuple[dict[str, Any], Path]:
+    """Draw a log of ``sprintlab run``, with the same commands in simulation beside it.
+
+    Args:
+        log: of the run (.mcap).
+        folder: of the results, must not exist; ``runs/report-<date>-<time>`` when left out.
+        robot: name or table; that of the log when left out.
+        policy: that is simulated; that of the log when left out.
+        distance: of the sprint [m].
+        simulate: whether the simulation is drawn beside the run.
+        progress: called with what is being done.
+
+    Returns:
+        The numbers, as in ``result.json``, and the folder.
+
+    Raises:
+        SprintlabError: the log, the robot, the policy or the folder is refused.
+    """
+    from sprintlab.api.log_trial import logged_run
+    from sprintlab.core.checks import check_positive
+    from sprintlab.core.errors import SprintlabError
+    from sprintlab.deployment.log import read_log
+    from sprintlab.evaluation.race_files import default_folder
+    from sprintlab.evaluation.run_report import run_numbers
+    from sprintlab.robots import load_robot
+
+    check_positive("distance", distance, "m")
+    if folder is not None and folder.exists():
+        raise SprintlabError(f"{folder} exists already; choose another folder for the results")
+    progress("reading the log", None)
+    record = read_log(log)
+    described = load_robot(robot or record.facts["robot"])
+    logged = logged_run(record, described)
+    run = _track_run(logged, distance)
+    simulation = _simulate(record, logged, described, policy, progress) if simulate else None
+    numbers = {**run_numbers(run, simulation), "faults": logged.faults, "facts": record.facts}
+    place = folder or default_folder(prefix="report")
+    _write(place, run, simulation, described, numbers, progress)
+    return numbers, place
+
+
+def _write(
+    folder: Path,
+    run: TrackRun,
+    simulation: TrialResult | None,
+    robot: RobotDescription,
+    numbers: dict[str, Any],
+    progress: Progress,
+) -> None:
+    from sprintlab.core.files import (
+        atomic_directory,
+        atomic_write_bytes,
+        atomic_write_json,
+        atomic_write_text,
+    )
+    from sprintlab.evaluation.run_report import make_run_pictures, render_run_report
+
+    pictures = make_run_pictures(
+        run, simulation, robot, lambda what: progress(f"drawing: {what.lower()}", None)
+    )
+    facts = [*numbers["facts"].items()]
+    facts += [(f"fault {name}", str(count)) for name, count in numbers["faults"].items()]
+    with atomic_directory(folder) as temporary:
+        for picture in pictures:
+            atomic_write_bytes(temporary / f"{picture.name}.png", picture.light)
+        atomic_write_json(temporary / "result.json", numbers)
+        atomic_write_text(temporary / "report.html", render_run_report(run, simulation, pictures, facts))
+
+
+def _simulate(
+    record: RunRecord, logged: LoggedRun, robot: RobotDescription, policy: str | None, progress: Progress
+) -> TrialResult:
+    from sprintlab.control import load_policy
+    from sprintlab.evaluation.run_report import simulate_commands
+
+    progress("simulating the same commands", None)
+    loaded = load_policy(policy_path(policy or record.facts.get("policy", "sprint")))
+    hold = logged.trial.hold_interval
+    return simulate_commands(loaded, robot, logged.command_time, logged.command[:, 0], hold)
+
+
+def _track_run(logged: LoggedRun, distance: float) -> TrackRun:
+    from sprintlab.evaluation.run_report import TrackRun
+
+    return TrackRun(
+        trial=logged.trial,
+        fix_time=logged.fix_time,
+        fix_speed=logged.fix_speed,
+        fix_way=logged.fix_way,
+        command_time=logged.command_time,
+        command=logged.command,
+        time_over_distance=logged.time_over(distance),
+        distance=distance,
+    )
