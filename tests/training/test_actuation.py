@@ -99,7 +99,7 @@ def kernel_torque(
     voltage = phase_voltage_limit(inputs["bus"]).astype(np.float32)
     names = ("stiffness", "damping", "strength", "resistance_factor", "friction_factor")
     targets, delay = (inputs["target"], inputs["previous_target"]), np.full(ENVIRONMENTS, DELAY, np.int32)
-    outputs = [wp.zeros((ENVIRONMENTS, 12), dtype=float, device="cpu") for _ in range(3)]
+    outputs = [wp.zeros((ENVIRONMENTS, 12), dtype=float, device="cpu") for _ in range(4)]
     values = [*(inputs[name] for name in names), voltage, inputs["qpos"], inputs["qvel"]]
     wp.launch(
         joint_torque_kernel,
@@ -112,12 +112,13 @@ def kernel_torque(
             *(wp.array(value, dtype=float, device="cpu") for value in values),
             MODEL_CODES[model],
             int(heat is not None),
+            1.0,
             substep,
         ],
         outputs=[winding, *outputs],
         device="cpu",
     )
-    control, drive, on_limit = (output.numpy() for output in outputs)
+    control, drive, on_limit, _ = (output.numpy() for output in outputs)
     return control, drive, on_limit
 
 

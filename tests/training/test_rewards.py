@@ -12,10 +12,12 @@ pytest.importorskip("mujoco_warp")
 import torch
 
 from sprintlab.training.environment.kinematics import BodyState
+from sprintlab.training.environment.loads import Loads
 from sprintlab.training.environment.rewards import (
     PENALTIES,
     RewardInput,
     aggregate,
+    fine_tracking,
     penalties,
     penalty_terms,
     tracking,
@@ -28,6 +30,7 @@ WIDTHS = {
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
     "abduction": 4,
 }  # fmt: skip
+NO_LOADS = Loads(torch.zeros(1, 12), torch.zeros(1, 12), *(torch.zeros(1, 4) for _ in range(4)))
 
 
 def still(**body: torch.Tensor) -> RewardInput:
@@ -46,7 +49,16 @@ def still(**body: torch.Tensor) -> RewardInput:
         torque=joints,
         limit_excess=joints,
         base_height_target=0.3,
+        loads=NO_LOADS,
+        running_speed=torch.zeros(1),
+        running_yaw_rate=torch.zeros(1),
+        weight=torch.tensor([400.0]),
     )
+
+
+def loaded(**loads: torch.Tensor) -> RewardInput:
+    """One robot at rest with some loads."""
+    return still()._replace(loads=NO_LOADS._replace(**loads))
 
 
 def row(*values: float) -> torch.Tensor:
@@ -67,7 +79,15 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
         ("base_height", still(height=torch.tensor([0.5])), 0.04),
         ("foot_slip", still(foot_speed=row(1, 2, 3, 4), contact=row(1, 0, 1, 0)), 4.0),
         ("collision", still(knee_height=row(0.05, 0.2, 0.09, 0.3)), 2.0),
-        ("leg_distance", still(leg_distance=row(0.05, 0.07, 0.01, 0.2)), 2.0),
+        ("leg_distance", still(leg_distance=row(0.05, 0.12, 0.01, 0.2)), 2.0),
+        ("electrical_power", loaded(power=torch.full((1, 12), 100.0)), 1200.0 / (400.0 * 2.0)),
+        ("electrical_power", loaded(power=torch.full((1, 12), -100.0)), 0.0),
+        ("gear_torque", loaded(gear_torque=row(*[2.5, 3.5] + [1.0] * 10)), 1.0 + 4.0),
+        ("foot_force", loaded(foot_force=row(3.8, 2.0, 0.0, 4.8)), 1.0 + 4.0),
+        ("hasty_touchdowns", loaded(hasty_touchdowns=row(0.5, 0.0, 2.0, 0.0)), 2.5),
+        ("short_stances", loaded(short_stances=row(0.5, 0.0, 1.0, 0.0)), 1.5),
+        ("restlessness", loaded(stance=row(1, 1, 0.5, 0))._replace(running_speed=row(-0.5)[0]), 1.5 + 1.0),
+        ("restlessness", loaded(stance=row(0, 0, 0, 0))._replace(command=row(0.5, 0, 0)), 0.0),
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(4, 0, 0)), 2.0),
         ("over_speed", still()._replace(no_load_speed=1.0), 0.0),
         ("over_speed", still(joint_velocity=row(*[-1.5] + [0.5] * 11))._replace(no_load_speed=1.0), 0.25),
@@ -102,6 +122,29 @@ def test_a_penalty_has_its_value(name: str, inputs: RewardInput, expected: float
     assert penalties(inputs, SETTINGS, penalty_terms(SETTINGS))[0, column].item() == pytest.approx(
         expected, rel=1e-5
     )
+
+
+def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
+    turning = {"command": row(10, 0, 0.4), "running_speed": torch.tensor([10.0])}
+    lean = 4.0 / math.hypot(4.0, 9.81)
+    for sideways, expected in ((lean, 0.0), (0.5 * lean, 0.0), (-0.1, 0.01), (lean + 0.1, 0.01)):
+        inputs = still(gravity=row(0.0, sideways, -0.9))._replace(**turning)
+        assert PENALTIES["orientation"](inputs, SETTINGS).item() == pytest.approx(expected, abs=1e-6)
+        bare = replace(SETTINGS, bare_squares=True)
+        assert PENALTIES["orientation"](inputs, bare).item() == pytest.approx(sideways**2, abs=1e-6)
+
+
+def test_fine_tracking_has_a_slope_everywhere() -> None:
+    inputs = still()._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
+    follow, turn = fine_tracking(inputs, SETTINGS)
+    assert follow.item() == pytest.approx(math.exp(-1.0 / SETTINGS.fine_speed))
+    assert turn.item() == pytest.approx(math.exp(-0.2 / SETTINGS.fine_yaw_rate))
+
+
+def test_running_backward_on_command_is_progress() -> None:
+    inputs = still(velocity=row(-1.5, 0, 0))
+    assert tracking(inputs._replace(command=row(-2, 0, 0)))[2].item() == pytest.approx(0.15)
+    assert tracking(inputs._replace(command=row(2, 0, 0)))[2].item() == 0.0
 
 
 def test_penalties_of_a_broken_robot_are_finite() -> None:

@@ -51,8 +51,8 @@ class TargetSampling:
         backward_share: share of speed targets drawn from the backward end of the range.
         yaw_share: share of draws with a yaw-rate target; the others are straight.
         yaw_limit: greatest yaw-rate target [rad/s].
-        turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; the paper's
-            is 1, at which nothing is left to run with.
+        turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
+            paper's 1 nothing is left to run with.
         grid: curriculum from which the other speed targets and their yaw rates are drawn; None: they are
             uniform over the range.
 
@@ -61,13 +61,13 @@ class TargetSampling:
     """
 
     persistence: tuple[float, float] = (3.0, 7.0)
-    top_share: float = 0.4
+    top_share: float = 0.65
     top_fraction: float = 0.25
-    zero_share: float = 0.12
-    backward_share: float = 0.08
+    zero_share: float = 0.1
+    backward_share: float = 0.0
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
-    turn_share: float = 0.6
+    turn_share: float = 1.0
     grid: Curriculum | None = CommandGrid()
 
     def __post_init__(self) -> None:
@@ -225,7 +225,7 @@ class AdaptiveSchedule:
     braking_window: float = 4.0
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
-    ramp_share: float = 0.25
+    ramp_share: float = 0.0
     ramp: tuple[float, float] = (2.0, 4.0)
 
     def __post_init__(self) -> None:

@@ -72,7 +72,7 @@ class ObservationLayout:
     joint_position_scale: float = 1.0
     joint_velocity_scale: float = 0.05
     previous_action_scale: float = 0.5
-    history_length: int = 10
+    history_length: int = 5
 
     def __post_init__(self) -> None:
         if len(self.command_scale) != 3:

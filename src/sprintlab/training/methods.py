@@ -49,13 +49,22 @@ class Method:
     source: str = ""
 
 
+TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, turn_share=0.6)
+"""What robots are asked for: all that a runner does, and turns that leave friction to run with."""
+ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25)
+"""ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
+UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
+
+
 METHODS = {
-    "baseline": Method(actuator_model="square", schedule=UniformSchedule()),
-    "no-envelope": Method(actuator_model="square", schedule=AdaptiveSchedule()),
-    "simplified-dc": Method(actuator_model="simplified-dc", schedule=AdaptiveSchedule()),
-    "fixed-acceleration": Method(actuator_model="refined", schedule=FixedAccelerationSchedule()),
-    "uniform-commands": Method(actuator_model="refined", schedule=UniformSchedule()),
-    "sprint": Method(actuator_model="refined", schedule=AdaptiveSchedule()),
+    "baseline": Method(actuator_model="square", schedule=UNIFORM),
+    "no-envelope": Method(actuator_model="square", schedule=ACS),
+    "simplified-dc": Method(actuator_model="simplified-dc", schedule=ACS),
+    "fixed-acceleration": Method(
+        actuator_model="refined", schedule=FixedAccelerationSchedule(targets=TARGETS)
+    ),
+    "uniform-commands": Method(actuator_model="refined", schedule=UNIFORM),
+    "sprint": Method(actuator_model="refined", schedule=ACS),
 }
 
 """The paper's six, in no order."""
@@ -78,6 +87,14 @@ def hound_rewards() -> RewardSettings:
         return RewardWeight(first=printed / 6.0, second=printed / 6.0)
 
     return RewardSettings(
+        fine_speed_tracking=0.0,
+        fine_yaw_tracking=0.0,
+        electrical_power=none,
+        gear_torque=none,
+        foot_force=none,
+        hasty_touchdowns=none,
+        short_stances=none,
+        restlessness=none,
         linear_tracking=1.0,
         angular_tracking=0.5,
         angular_sharpness=1.5,
@@ -132,26 +149,26 @@ COMPARATORS = {
     ),
     "spot-battery": Method(
         actuator_model="refined",
-        schedule=AdaptiveSchedule(),
+        schedule=ACS,
         battery=Battery(),
         source="Spot (2504.17857): a battery in the loop, ours",
     ),
     "actuator-network": Method(
         actuator_model="refined",
-        schedule=AdaptiveSchedule(),
+        schedule=ACS,
         network=True,
         source="Hwangbo et al. 2019: a network fitted to our simulated bench",
     ),
     "stride-prior": Method(
         actuator_model="refined",
-        schedule=AdaptiveSchedule(),
+        schedule=ACS,
         prior=True,
         load_balance=-2.0,
         source="the paper's future work: a trajectory prior and balanced joint loads",
     ),
     "flux-weakening": Method(
         actuator_model="flux-weakening",
-        schedule=AdaptiveSchedule(),
+        schedule=ACS,
         source="the paper's future work: flux weakening in training and evaluation",
     ),
 }
@@ -164,7 +181,7 @@ ALL_METHODS = (
     METHODS
     | {
         LITERAL_ACS: Method(actuator_model="refined", schedule=AdaptiveSchedule(biased_share=0.0)),
-        NO_SATURATION: Method(actuator_model="refined", schedule=AdaptiveSchedule(), saturation=False),
+        NO_SATURATION: Method(actuator_model="refined", schedule=ACS, saturation=False),
     }
     | COMPARATORS
 )
@@ -200,6 +217,15 @@ def paper_rewards() -> RewardSettings:
         short_stances=none,
         restlessness=none,
     )
+
+
+def as_printed(schedule: Schedule) -> Schedule:
+    """One of the paper's schedules without what this package adds: ramps, and other targets."""
+    if isinstance(schedule, AdaptiveSchedule):
+        return replace(schedule, targets=TargetSampling(), ramp_share=0.0)
+    if isinstance(schedule, (UniformSchedule, FixedAccelerationSchedule)):
+        return type(schedule)()
+    return schedule
 
 
 def preset_settings(name: str, base: TrainingSettings | None = None) -> TrainingSettings:
@@ -254,7 +280,7 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         base,
         method=name,
         actuator_model=method.actuator_model,
-        schedule=method.schedule,
+        schedule=as_printed(method.schedule) if rewards == paper_rewards() else method.schedule,
         rewards=rewards,
         simulation=simulation,
     )

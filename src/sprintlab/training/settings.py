@@ -570,7 +570,7 @@ class TrainingSettings:
     prior: StridePrior | None = None
     ppo: PpoSettings = PpoSettings()
     estimator: EstimatorSettings = EstimatorSettings()
-    observation: ObservationLayout = field(default_factory=ObservationLayout)
+    observation: ObservationLayout = field(default_factory=lambda: ObservationLayout(history_length=10))
     seed: int = 0
 
     def __post_init__(self) -> None:
