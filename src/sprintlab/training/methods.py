@@ -202,6 +202,7 @@ def paper_rewards() -> RewardSettings:
         fine_speed_tracking=0.0,
         fine_yaw_tracking=0.0,
         bare_squares=True,
+        roll_pitch_rate=RewardWeight(first=-0.02, second=-0.5),
         action_rate=RewardWeight(first=-0.01, second=-0.01),
         smoothness=RewardWeight(first=-0.005, second=-0.005),
         joint_acceleration=RewardWeight(first=-2.5e-7, second=-1e-7),
