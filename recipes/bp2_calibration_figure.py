@@ -43,7 +43,7 @@ def _rows(cells: dict[str, Any]) -> dict[float, list[tuple[float, dict[str, Any]
     for key in cells:
         choice = choice_of(key)
         nominal = replace(EDITIONS["bp2"], stack=choice.stack, hip_gear=choice.hip_gear)
-        if choice == replace(nominal, knee_gear=KNEE_GEARS.get(choice.stack, nominal.knee_gear)):
+        if choice == replace(nominal, knee_gear=KNEE_GEARS.get(choice.stack, 7.0)):
             rows.setdefault(choice.stack, []).append((choice.hip_gear, cells[key]))
     return {stack: sorted(row, key=lambda item: item[0]) for stack, row in sorted(rows.items())}
 

@@ -203,7 +203,7 @@ def test_a_robot_is_not_written_over(tmp_path):
 
 def test_motors_come_from_files_robots_and_the_library():
     assert find_motor(MOTOR).peak_torque == 4.62
-    assert find_motor("bp2:knee").peak_torque == 16.8
+    assert find_motor("bp2:knee").peak_torque == 15.0
     assert find_motor("mit-mini-cheetah").pole_pairs > 0
     with pytest.raises(InvalidValueError, match="ROBOT:JOINT"):
         find_motor("bp2:ankle")
