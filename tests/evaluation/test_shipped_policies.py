@@ -37,6 +37,7 @@ TAP = frozenset(
 KNOWN = {
     "sprint": Known(5.0, 5.4, failed=TAP),
     "sprint-fast": Known(13.0, 13.4, 4.0, TAP | {"stride period from policy clock", "pad deflection"}),
+    "runner": Known(10.0, 10.2, 4.0, frozenset({"stride period from policy clock"})),
     "go1-sprint": Known(6.0, 6.0, failed=TAP),
 }
 

@@ -20,7 +20,7 @@ COMMANDS = ("sprint", "sprint-fast")
 
 
 def test_every_policy_of_the_package_has_its_command_or_recipe() -> None:
-    assert {path.stem for path in SHIPPED_POLICIES.glob("*.onnx")} == {*COMMANDS, "go1-sprint"}
+    assert {path.stem for path in SHIPPED_POLICIES.glob("*.onnx")} == {*COMMANDS, "go1-sprint", "runner"}
 
 
 @pytest.mark.parametrize("policy", COMMANDS)
@@ -49,3 +49,13 @@ def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], M
     assert contract.robot_name == settings.robot
     assert (record.iterations, record.seed) == (recipe.ITERATIONS, settings.seed)
     assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"
+
+
+def test_the_runner_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
+    recipe = load_script("recipes/runner.py")
+    contract = load_policy(shipped_policy("runner")).contract
+    settings, record = recipe.runner_settings(), contract.training
+    assert contract.robot_name == settings.robot and record.seed == settings.seed
+    assert 0.99 * recipe.ITERATIONS < record.iterations <= recipe.ITERATIONS  # it ended when its time was up
+    assert record.environment_steps == record.iterations * 8192 * settings.ppo.steps
+    assert record.command_line == "python recipes/runner.py --output runs/runner"
