@@ -55,7 +55,7 @@ def environment(built: SprintEnvironment) -> SprintEnvironment:
 
 def test_observations_have_their_shapes_and_are_finite(environment: SprintEnvironment) -> None:
     observations, reward, done, extras = environment.step(0.1 * torch.randn(N, 12))
-    assert observations["actor"].shape == (N, 225)
+    assert observations["actor"].shape == (N, 450)
     assert observations["critic"].shape == (N, 53)
     assert torch.isfinite(observations["actor"]).all()
     assert torch.isfinite(observations["critic"]).all()
