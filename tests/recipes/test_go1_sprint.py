@@ -36,7 +36,7 @@ def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
     environment = SprintEnvironment(settings, device="cpu")
     for _ in range(10):
         observation, reward, done, _ = environment.step(torch.zeros(16, 12))
-    assert observation["actor"].shape == (16, 225)
+    assert observation["actor"].shape == (16, 450)
     assert torch.isfinite(observation["actor"]).all()
     assert torch.isfinite(reward).all()
     assert done.float().mean() < 0.2
