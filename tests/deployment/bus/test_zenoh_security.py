@@ -273,6 +273,17 @@ def test_a_configuration_that_would_end_the_process_is_refused(tmp_path):
         load_security(file, robot=False)
 
 
+@pytest.mark.parametrize("ending", ["json", "json5", "yaml"])
+def test_zenoh_reads_a_copy_of_a_configuration(tmp_path, ending, monkeypatch):
+    """Some files wait for ever when they are read again, /proc/kmsg among them."""
+    file = write_config(tmp_path / f"robot.{ending}", users={"user": "robot", "password": "r"})
+    read = []
+    from_file = zenoh.Config.from_file
+    monkeypatch.setattr(zenoh.Config, "from_file", lambda name: (read.append(name), from_file(name))[1])
+    assert load_security(file, robot=False).user == "robot"
+    assert read and str(file) not in read and not os.path.exists(read[0])
+
+
 @pytest.mark.parametrize("place", ["/dev/zero", "pipe"])
 @pytest.mark.parametrize("what", ["configuration", "user file", "connect_private_key"])
 def test_a_pipe_or_a_device_is_refused_wherever_a_file_is_wanted(tmp_path, place, what):

@@ -13,6 +13,7 @@ import hmac
 import ipaddress
 import json
 import re
+import tempfile
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,7 +64,7 @@ def load_security(path: Path, *, robot: bool) -> Security:
     if text.count("[") + text.count("{") > _MOST_BRACKETS:
         raise BusError(f"{path} is no configuration of zenoh: it is nested too deeply")
     try:
-        config = zenoh.Config.from_file(str(path))
+        config = _parsed(text, path.suffix)
         tls = _section(config, _TLS)
         users = _section(config, _USERS)
     except (zenoh.ZError, OSError, ValueError) as error:
@@ -126,6 +127,14 @@ def _configuration(endpoint: str, security: Security, listen: bool) -> Any:
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _parsed(text: str, ending: str) -> Any:
+    """A configuration in the format of its ending. zenoh gets a copy: some files wait when read again."""
+    with tempfile.NamedTemporaryFile("w", suffix=ending, encoding="utf-8") as copy:
+        copy.write(text)
+        copy.flush()
+        return zenoh.Config.from_file(copy.name)
 
 
 def _section(config: Any, key: str) -> dict[str, Any]:
