@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sprintlab.commands.curricula import BoxGrid
-from sprintlab.commands.schedules import TargetSampling, assemble_command
+from sprintlab.commands.schedules import TargetSampling, approach, start_speed
 from sprintlab.commands.state import CommandState
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
@@ -62,7 +62,7 @@ class CurriculumSchedule:
         straight = renewed & (random[:, 5] < self.straight_share)
         yaw_rate = xp.where(straight, xp.zeros_like(state.target_yaw_rate), state.target_yaw_rate)
         return state._replace(
-            command=assemble_command(clip(state.target_speed, slowest, fastest), yaw_rate, friction),
+            command=self.targets.command(clip(state.target_speed, slowest, fastest), yaw_rate, friction),
             target_yaw_rate=yaw_rate,
             time_to_update=state.time_to_target,
         )
@@ -107,11 +107,11 @@ class RampedSchedule:
         state, renewed = self.targets.advance(
             state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
         )
-        start = xp.where(fresh, speed, state.command[:, 0])
+        start = start_speed(state, speed, fresh)
         rate = xp.where(renewed, xp.abs(state.target_speed - start) / self.ramp, state.acceleration)
-        moved = clip(state.target_speed, start - rate * dt, start + rate * dt)
+        moved = approach(state, start, rate * dt)
         return state._replace(
-            command=assemble_command(clip(moved, lower, upper), state.target_yaw_rate, friction),
+            command=self.targets.command(clip(moved, lower, upper), state.target_yaw_rate, friction),
             time_to_update=xp.zeros_like(moved),
             acceleration=rate,
         )

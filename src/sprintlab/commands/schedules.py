@@ -118,6 +118,10 @@ class TargetSampling:
         shortest, longest = self.persistence
         return shortest + (longest - shortest) * random[:, 4]
 
+    def command(self, speed: Array, yaw_rate: Array, friction: Array | float) -> Array:
+        """Command ``(n, 3)`` of a forward speed and the yaw rate that its turns may have."""
+        return assemble_command(speed, yaw_rate, self.turn_share * friction)
+
     def advance(
         self,
         state: CommandState,
@@ -146,6 +150,16 @@ def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | flo
     xp = namespace(speed)
     yaw_rate = limit_yaw_rate(target_yaw_rate, speed, friction)
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
+
+
+def start_speed(state: CommandState, speed: Array, fresh: Array) -> Array:
+    """Where a moving command goes on [m/s] ``(n,)``: from itself, in a fresh environment from the speed."""
+    return namespace(speed).where(fresh, speed, state.command[:, 0])
+
+
+def approach(state: CommandState, start: Array, change: Array) -> Array:
+    """The target speed, or what ``change`` [m/s] from ``start`` toward it reaches ``(n,)``."""
+    return clip(state.target_speed, start - change, start + change)
 
 
 @runtime_checkable
@@ -208,8 +222,8 @@ class AdaptiveSchedule:
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
             fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
-            is symmetric, and 1 m/s is its width; then
-            nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
+            is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more than 1 m/s, and
+            who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
         ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
@@ -272,12 +286,11 @@ class AdaptiveSchedule:
         update = renewed | (remaining <= 0.0)
         held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
         acceleration = xp.where(renewed, self._ramp(random), state.acceleration)
-        start, change = xp.where(fresh, speed, state.command[:, 0]), acceleration * dt
-        ramped = clip(state.target_speed, start - change, start + change)
+        ramped = approach(state, start_speed(state, speed, fresh), acceleration * dt)
         commanded = clip(xp.where(acceleration > 0.0, ramped, held), lower, upper)
         shortest, longest = self.hold
         return state._replace(
-            command=assemble_command(commanded, state.target_yaw_rate, self.targets.turn_share * friction),
+            command=self.targets.command(commanded, state.target_yaw_rate, friction),
             time_to_update=xp.where(update, shortest + (longest - shortest) * random[:, 7], remaining),
             acceleration=acceleration,
         )
@@ -329,7 +342,7 @@ class UniformSchedule:
         )
         commanded = clip(state.target_speed, lower, upper)
         return state._replace(
-            command=assemble_command(commanded, state.target_yaw_rate, self.targets.turn_share * friction),
+            command=self.targets.command(commanded, state.target_yaw_rate, friction),
             time_to_update=state.time_to_target,
         )
 
@@ -375,12 +388,9 @@ class FixedAccelerationSchedule:
         )
         gentlest, hardest = self.acceleration
         acceleration = xp.where(renewed, gentlest + (hardest - gentlest) * random[:, 7], state.acceleration)
-        start = xp.where(fresh, speed, state.command[:, 0])
-        moved = clip(state.target_speed, start - acceleration * dt, start + acceleration * dt)
+        moved = approach(state, start_speed(state, speed, fresh), acceleration * dt)
         return state._replace(
-            command=assemble_command(
-                clip(moved, lower, upper), state.target_yaw_rate, self.targets.turn_share * friction
-            ),
+            command=self.targets.command(clip(moved, lower, upper), state.target_yaw_rate, friction),
             time_to_update=xp.zeros_like(moved),
             acceleration=acceleration,
         )
