@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bp2_editions import EDITIONS
 from calibrate_bp2 import KNEE_GEARS as STACKS
 from calibrate_bp2 import REFINED, RESULT, SIMPLIFIED_GAIN, SQUARE_GAIN, choice_of, key_of, rules
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
-from sprintlab.robots.surrogate import EDITIONS
 
 KNEE_GEARS = {1.2: 8.0, 1.25: 7.75, 1.3: 7.25}
 """Smallest gear of the map with which the knee has 2.5 N m per kg; 7 for the other stacks."""

@@ -2,7 +2,7 @@
 
     python recipes/calibrate_bp2.py --workers 32       3 minutes (1.6 CPU hours); goes on where it stopped
 
-Every cell is a robot of the family ``sprintlab.robots.surrogate``. Its fastest stride of at most 5.5 Hz and a
+Every cell is a robot of the family ``recipes/bp2_editions.py``. Its fastest stride of at most 5.5 Hz and a
 duty of at least 0.12 is searched under three motor models: ``refined``, ``simplified-dc`` (no inductance) and
 ``square`` (peak torque at every speed). Stages, each one over all cells:
 
@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 import tyro
+from bp2_editions import EDITIONS, Surrogate, surrogate_robot
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -39,7 +40,6 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import no_load_speed
 from sprintlab.robots import RobotDescription
-from sprintlab.robots.surrogate import EDITIONS, Surrogate, surrogate_robot
 from sprintlab.speed_limit import (
     Fastest,
     Runner,

@@ -23,16 +23,16 @@ from sprintlab.core.theme import (
     style_axis,
     themed_figure,
 )
-from sprintlab.evaluation.command_modes import CommandSequence
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.figures import on_envelope, recorded
-from sprintlab.evaluation.operating_points import TrainingCloud
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import MotorModel, no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription
+from studies.paper.command_modes import CommandSequence
 from studies.paper.paper import PAPER_TABLE
 from studies.paper.record import EvaluationRecord
 from studies.paper.table import collapsed
+from studies.paper.training_cloud import TrainingCloud
 
 Array = NDArray[np.float64]
 

@@ -14,16 +14,16 @@ from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.theme import png_bytes
-from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
-from sprintlab.evaluation.operating_points import TrainingCloud, load_training_cloud
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
 from sprintlab.motors import MotorModel
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription
 from studies.paper import figures
+from studies.paper.command_modes import COMMAND_MODES, CommandSequence
 from studies.paper.measure import Candidate
 from studies.paper.runs import Run, by_method, committed_records
+from studies.paper.training_cloud import TrainingCloud, load_training_cloud
 
 DPI = 80
 CURVE_NAME = "curve.csv"

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from sprintlab.robots import load_robot, parameter_table, robot_fingerprint
-from sprintlab.robots.surrogate import EDITIONS, Surrogate, motor_mass, surrogate_robot
 from sprintlab.speed_limit import SearchSettings, fastest_stride, runner_from_robot
 
 pytest.importorskip("scipy")
@@ -21,8 +20,13 @@ def recipe(load_script):
 
 
 @pytest.fixture(scope="module")
+def editions(load_script):
+    return load_script("recipes/bp2_editions.py")
+
+
+@pytest.fixture(scope="module")
 def chosen(recipe):
-    return CELLS[recipe.key_of(EDITIONS["bp2"])]
+    return CELLS[recipe.key_of(recipe.EDITIONS["bp2"])]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +57,7 @@ def test_every_cell_and_run_of_the_map_was_searched_with_eight_starts(recipe):
 def test_the_choice_is_the_smallest_motor_that_meets_every_rule(recipe, chosen):
     assert all(recipe.rules(chosen).values())
     met = [recipe.choice_of(key).stack for key, cell in CELLS.items() if all(recipe.rules(cell).values())]
-    assert EDITIONS["bp2"].stack == min(met) > min(recipe.KNEE_GEARS)
+    assert recipe.EDITIONS["bp2"].stack == min(met) > min(recipe.KNEE_GEARS)
 
 
 def test_the_page_says_how_closely_the_choice_meets_the_rules(recipe, chosen, spread):
@@ -84,7 +88,7 @@ def test_the_page_prints_what_the_map_holds(recipe, chosen):
     assert f"{refined:.2f} m/s" in page
     assert f"+{100 * (simplified / refined - 1):.1f} %, +{100 * (square / refined - 1):.1f} %" in page
     assert all(f"{chosen['without'][joint]:.1f}" in page for joint in ("hip", "knee"))
-    for name in EDITIONS:
+    for name in recipe.EDITIONS:
         runs = [limits["refined"] for run, limits in FOUND["runs"].items() if run.split()[0] == name]
         assert f"| `{name}` | {min(runs):.2f} to {max(runs):.2f} |" in page
 
@@ -138,25 +142,27 @@ def test_runs_of_an_edition_share_no_seed(recipe):
     assert len(one) == len(two) == 8 and not one & two
 
 
-def test_the_tables_are_what_the_builder_makes_of_the_choices(load_script):
-    editions = load_script("recipes/bp2_editions.py")
-    for name, choice in EDITIONS.items():
+def test_the_tables_are_what_the_builder_makes_of_the_choices(editions):
+    for name, choice in editions.EDITIONS.items():
         table = ROOT / "src/sprintlab/robots" / name / "parameters.toml"
         assert table.read_text(encoding="utf-8") == editions.text_of(name)
-        assert robot_fingerprint(load_robot(name)) == robot_fingerprint(surrogate_robot(choice, name))
+        assert robot_fingerprint(load_robot(name)) == robot_fingerprint(
+            editions.surrogate_robot(choice, name)
+        )
 
 
-def test_motors_scale_with_the_stack_and_the_total_mass_stays():
-    small, large = (surrogate_robot(Surrogate(stack=s, hip_gear=8, knee_gear=7)) for s in (1, 2))
+def test_motors_scale_with_the_stack_and_the_total_mass_stays(editions):
+    choices = (editions.Surrogate(stack=stack, hip_gear=8, knee_gear=7) for stack in (1, 2))
+    small, large = (editions.surrogate_robot(choice) for choice in choices)
     assert large.total_mass == small.total_mass == 36.5
     gained = large.mechanics.thigh.mass - small.mechanics.thigh.mass
-    assert gained == pytest.approx(motor_mass(2) - motor_mass(1), abs=1e-3)
+    assert gained == pytest.approx(editions.motor_mass(2) - editions.motor_mass(1), abs=1e-3)
     assert large.motors.rotor_inertia[1] == pytest.approx(2 * small.motors.rotor_inertia[1], rel=1e-3)
     assert large.motors.rotor_inertia[0] == small.motors.rotor_inertia[0]
 
 
-def test_the_ends_lie_on_both_sides_of_the_nominal_robot():
-    rows = {name: {row.quantity: row.value for row in parameter_table(name)} for name in EDITIONS}
+def test_the_ends_lie_on_both_sides_of_the_nominal_robot(editions):
+    rows = {name: {row.quantity: row.value for row in parameter_table(name)} for name in editions.EDITIONS}
     for quantity in ("motor.hip_knee.peak_torque", "motor.gear_efficiency"):
         assert rows["bp2-weak"][quantity] < rows["bp2"][quantity] < rows["bp2-strong"][quantity]
     for quantity in ("motor.hip_knee.stator_resistance", "shank.mass", "motor.hip.gear_ratio"):

@@ -13,8 +13,8 @@ pytest.importorskip("mujoco_warp")
 pytest.importorskip("rsl_rl")
 
 import torch
+from studies.paper.training_cloud import load_training_cloud
 
-from sprintlab.evaluation.operating_points import load_training_cloud
 from sprintlab.motors import torque_limits
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sprintlab.commands.curricula import BoxGrid
-from sprintlab.commands.schedules import TargetSampling, approach, start_speed
+from sprintlab.commands.schedules import CommandStep, TargetSampling, TargetSchedule, ramped
 from sprintlab.commands.state import CommandState
-from sprintlab.control.arrays import Array, clip, namespace
+from sprintlab.control.arrays import Array, namespace
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
@@ -16,7 +16,7 @@ _UNIFORM = TargetSampling(top_share=0.0, grid=None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurriculumSchedule:
+class CurriculumSchedule(TargetSchedule):
     """Targets of a curriculum over its whole range, commanded at once: RLvRL, LP-ACRL, after HACL.
 
     The curriculum alone decides how fast a target may be; the growing range of ``advance`` is not looked at.
@@ -38,44 +38,23 @@ class CurriculumSchedule:
         if self.targets.grid is None:
             raise InvalidValueError("targets.grid", None, "a curriculum")
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        fresh: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
-        xp = namespace(random)
+    def _range(self, lower: Array | float, upper: Array | float) -> tuple[Array | float, Array | float]:
         assert self.targets.grid is not None
-        slowest, fastest = self.targets.grid.speed
-        state, renewed = self.targets.advance(
-            state, dt=dt, lower=slowest, upper=fastest, fresh=fresh, random=random, weights=weights
-        )
-        straight = renewed & (random[:, 5] < self.straight_share)
+        return self.targets.grid.speed
+
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        xp = namespace(step.random)
+        straight = renewed & (step.random[:, 5] < self.straight_share)
         yaw_rate = xp.where(straight, xp.zeros_like(state.target_yaw_rate), state.target_yaw_rate)
-        return state._replace(
-            command=self.targets.command(clip(state.target_speed, slowest, fastest), yaw_rate, friction),
-            target_yaw_rate=yaw_rate,
-            time_to_update=state.time_to_target,
-        )
+        state = state._replace(target_yaw_rate=yaw_rate)
+        return self._commanded(state, state.target_speed, step, time_to_update=state.time_to_target)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RampedSchedule:
+class RampedSchedule(TargetSchedule):
     """Uniform targets over the growing range, which the command reaches along a ramp of fixed length (Hound).
 
-    A fresh environment's ramp begins at its present speed.
-
     Attributes:
-        targets: how targets are drawn.
         ramp: time from one target to the next [s].
 
     Raises:
@@ -88,30 +67,9 @@ class RampedSchedule:
     def __post_init__(self) -> None:
         check_positive("ramp", self.ramp, "s")
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        fresh: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
-        xp = namespace(random)
-        state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
-        )
-        start = start_speed(state, speed, fresh)
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        xp = namespace(step.random)
+        start = xp.where(step.fresh, step.speed, state.command[:, 0])
         rate = xp.where(renewed, xp.abs(state.target_speed - start) / self.ramp, state.acceleration)
-        moved = approach(state, start, rate * dt)
-        return state._replace(
-            command=self.targets.command(clip(moved, lower, upper), state.target_yaw_rate, friction),
-            time_to_update=xp.zeros_like(moved),
-            acceleration=rate,
-        )
+        speed = ramped(state, rate, step)
+        return self._commanded(state, speed, step, time_to_update=xp.zeros_like(speed), acceleration=rate)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
@@ -118,10 +118,6 @@ class TargetSampling:
         shortest, longest = self.persistence
         return shortest + (longest - shortest) * random[:, 4]
 
-    def command(self, speed: Array, yaw_rate: Array, friction: Array | float) -> Array:
-        """Command ``(n, 3)`` of a forward speed and the yaw rate that its turns may have."""
-        return assemble_command(speed, yaw_rate, self.turn_share * friction)
-
     def advance(
         self,
         state: CommandState,
@@ -152,16 +148,6 @@ def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | flo
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
 
 
-def start_speed(state: CommandState, speed: Array, fresh: Array) -> Array:
-    """Where a moving command goes on [m/s] ``(n,)``: from itself, in a fresh environment from the speed."""
-    return namespace(speed).where(fresh, speed, state.command[:, 0])
-
-
-def approach(state: CommandState, start: Array, change: Array) -> Array:
-    """The target speed, or what ``change`` [m/s] from ``start`` toward it reaches ``(n,)``."""
-    return clip(state.target_speed, start - change, start + change)
-
-
 @runtime_checkable
 class Schedule(Protocol):
     """What moves commands: a frozen dataclass of numbers, so that a checkpoint can keep it."""
@@ -185,7 +171,7 @@ class Schedule(Protocol):
         weights: Array | None = None,
         steady: Array | float = 1.0,
     ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``.
+        """The state one policy step later; arguments as in ``TargetSchedule.advance``.
 
         Over arrays, without looking into a value: in training it is compiled for the GPU.
         """
@@ -208,47 +194,28 @@ def check_schedule(schedule: object) -> None:
         raise InvalidValueError("schedule", name, f"its advance must take {', '.join(lacking)}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class AdaptiveSchedule:
-    """Adaptive command scheduling (ACS) toward a persistent target.
+class CommandStep(NamedTuple):
+    """What a schedule is told about one policy step: the arguments of ``TargetSchedule.advance``."""
 
-    The paper draws the next command within ``window`` of the robot's present speed ``v``. Alone that is a
-    random walk; here most updates take the point of the neighbourhood nearest to the target ``v*``:
-    ``clip(v*, v - braking_window, v + window)``. The others are uniform within ``window``. Then clipped to
-    the range.
+    speed: Array
+    dt: float
+    lower: Array | float
+    upper: Array | float
+    friction: Array | float
+    fresh: Array
+    random: Array
+    steady: Array | float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetSchedule:
+    """What schedules share: targets that persist. A subclass says how the command follows them.
 
     Attributes:
-        targets: how ``v*`` is drawn.
-        window: half width of the neighbourhood [m/s].
-        braking_window: how far below the present speed a lower target may draw the command [m/s], in the
-            fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
-            is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more than 1 m/s, and
-            who is asked for it by somebody else falls.
-        hold: least and greatest time between updates [s].
-        biased_share: share of the updates that move toward the target.
-        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
-            of the robot if it cannot follow, as a user's command does.
-        ramp: least and greatest such acceleration [m/s^2].
-
-    Raises:
-        InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
+        targets: how targets are drawn.
     """
 
     targets: TargetSampling = TargetSampling()
-    window: float = 1.0
-    braking_window: float = 4.0
-    hold: tuple[float, float] = (0.2, 0.6)
-    biased_share: float = 0.75
-    ramp_share: float = 0.0
-    ramp: tuple[float, float] = (2.0, 4.0)
-
-    def __post_init__(self) -> None:
-        for field in ("window", "braking_window"):
-            check_positive(field, getattr(self, field), "m/s")
-        check_interval("hold", self.hold, 0.0, "s")
-        check_interval("ramp", self.ramp, 0.0, "m/s^2")
-        for field in ("biased_share", "ramp_share"):
-            check_range(field, getattr(self, field), 0.0, 1.0)
 
     def advance(
         self,
@@ -276,22 +243,93 @@ class AdaptiveSchedule:
             fresh: environments just reset ``(n,)``: target and command are redrawn at once.
             random: uniform in [0, 1) ``(n, 8)``.
             weights: of the grid curriculum's bins ``(rows, columns)``; None: no grid.
-            steady: 0 reaches as far down as ``window``, 1 as ``braking_window``; scalar or 0-d array.
+            steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
+                or 0-d array.
         """
-        xp = namespace(random)
+        lower, upper = self._range(lower, upper)
         state, renewed = self.targets.advance(
             state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
         )
-        remaining = state.time_to_update - dt
+        return self._follow(
+            state, renewed, CommandStep(speed, dt, lower, upper, friction, fresh, random, steady)
+        )
+
+    def _range(self, lower: Array | float, upper: Array | float) -> tuple[Array | float, Array | float]:
+        """Where targets and commands may lie [m/s]."""
+        return lower, upper
+
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        """The state with its new command; ``renewed``: whose target was just drawn ``(n,)``."""
+        raise NotImplementedError
+
+    def _commanded(self, state: CommandState, speed: Array, step: CommandStep, **others: Any) -> CommandState:
+        """The state that commands a speed [m/s] ``(n,)`` within the range, and ``others`` of its fields."""
+        friction = self.targets.turn_share * step.friction
+        command = assemble_command(clip(speed, step.lower, step.upper), state.target_yaw_rate, friction)
+        return state._replace(command=command, **others)
+
+
+def ramped(state: CommandState, acceleration: Array, step: CommandStep) -> Array:
+    """Speeds [m/s] ``(n,)`` on the way to the targets; a fresh environment starts from its present speed."""
+    start = namespace(step.speed).where(step.fresh, step.speed, state.command[:, 0])
+    change = acceleration * step.dt
+    return clip(state.target_speed, start - change, start + change)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveSchedule(TargetSchedule):
+    """Adaptive command scheduling (ACS) toward a persistent target.
+
+    The paper draws the next command within ``window`` of the robot's present speed ``v``. Alone that is a
+    random walk; here most updates take the point of the neighbourhood nearest to the target ``v*``:
+    ``clip(v*, v - braking_window, v + window)``. The others are uniform within ``window``. Then clipped to
+    the range.
+
+    Attributes:
+        window: half width of the neighbourhood [m/s].
+        braking_window: how far below the present speed a lower target may draw the command [m/s], in the
+            fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
+            is symmetric, and 1 m/s is its width; then
+            nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
+        hold: least and greatest time between updates [s].
+        biased_share: share of the updates that move toward the target.
+        ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
+            of the robot if it cannot follow, as a user's command does.
+        ramp: least and greatest such acceleration [m/s^2].
+
+    Raises:
+        InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
+    """
+
+    window: float = 1.0
+    braking_window: float = 4.0
+    hold: tuple[float, float] = (0.2, 0.6)
+    biased_share: float = 0.75
+    ramp_share: float = 0.0
+    ramp: tuple[float, float] = (2.0, 4.0)
+
+    def __post_init__(self) -> None:
+        for field in ("window", "braking_window"):
+            check_positive(field, getattr(self, field), "m/s")
+        check_interval("hold", self.hold, 0.0, "s")
+        check_interval("ramp", self.ramp, 0.0, "m/s^2")
+        for field in ("biased_share", "ramp_share"):
+            check_range(field, getattr(self, field), 0.0, 1.0)
+
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        xp = namespace(step.random)
+        remaining = state.time_to_update - step.dt
         update = renewed | (remaining <= 0.0)
-        held = xp.where(update, self._draw(state.target_speed, speed, random, steady), state.command[:, 0])
-        acceleration = xp.where(renewed, self._ramp(random), state.acceleration)
-        ramped = approach(state, start_speed(state, speed, fresh), acceleration * dt)
-        commanded = clip(xp.where(acceleration > 0.0, ramped, held), lower, upper)
+        held = xp.where(update, self._draw(state.target_speed, step), state.command[:, 0])
+        acceleration = xp.where(renewed, self._ramp(step.random), state.acceleration)
+        speed = xp.where(acceleration > 0.0, ramped(state, acceleration, step), held)
         shortest, longest = self.hold
-        return state._replace(
-            command=self.targets.command(commanded, state.target_yaw_rate, friction),
-            time_to_update=xp.where(update, shortest + (longest - shortest) * random[:, 7], remaining),
+        hold = shortest + (longest - shortest) * step.random[:, 7]
+        return self._commanded(
+            state,
+            speed,
+            step,
+            time_to_update=xp.where(update, hold, remaining),
             acceleration=acceleration,
         )
 
@@ -302,9 +340,10 @@ class AdaptiveSchedule:
         drawn = gentlest + (hardest - gentlest) * random[:, 6]
         return xp.where(random[:, 5] < self.ramp_share, drawn, xp.zeros_like(drawn))
 
-    def _draw(self, target: Array, speed: Array, random: Array, steady: Array | float) -> Array:
-        xp = namespace(random)
-        braking_window = self.window + steady * (self.braking_window - self.window)
+    def _draw(self, target: Array, step: CommandStep) -> Array:
+        """A speed of the neighbourhood [m/s] ``(n,)``."""
+        xp, speed, random = namespace(target), step.speed, step.random
+        braking_window = self.window + step.steady * (self.braking_window - self.window)
         braking_window = self.window + (braking_window - self.window) * random[:, 5]
         biased = clip(target, speed - braking_window, speed + self.window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
@@ -312,85 +351,37 @@ class AdaptiveSchedule:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UniformSchedule:
-    """Commands uniform over the range, given at once: no scheduling.
-
-    Attributes:
-        targets: how targets are drawn; by default uniformly, with neither grid nor preference for the top.
-    """
+class UniformSchedule(TargetSchedule):
+    """Commands uniform over the range, given at once: no scheduling, no grid, no preference for the top."""
 
     targets: TargetSampling = TargetSampling(top_share=0.0, grid=None)
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        fresh: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``, which uses
-        ``speed`` and ``steady``."""
-        state, _ = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
-        )
-        commanded = clip(state.target_speed, lower, upper)
-        return state._replace(
-            command=self.targets.command(commanded, state.target_yaw_rate, friction),
-            time_to_update=state.time_to_target,
-        )
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        return self._commanded(state, state.target_speed, step, time_to_update=state.time_to_target)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FixedAccelerationSchedule:
+class FixedAccelerationSchedule(TargetSchedule):
     """The command moves to the target at a constant acceleration drawn with each target.
 
-    A fresh environment starts from its present speed.
-
     Attributes:
-        targets: how targets are drawn.
         acceleration: least and greatest acceleration [m/s^2] (the paper's 2 and 4).
 
     Raises:
         InvalidValueError: the interval is not ordered or negative.
     """
 
-    targets: TargetSampling = TargetSampling()
     acceleration: tuple[float, float] = (2.0, 4.0)
 
     def __post_init__(self) -> None:
         check_interval("acceleration", self.acceleration, 0.0, "m/s^2")
 
-    def advance(
-        self,
-        state: CommandState,
-        *,
-        speed: Array,
-        dt: float,
-        lower: Array | float,
-        upper: Array | float,
-        friction: Array | float,
-        fresh: Array,
-        random: Array,
-        weights: Array | None = None,
-        steady: Array | float = 1.0,
-    ) -> CommandState:
-        """The state one policy step later; arguments as in ``AdaptiveSchedule.advance``."""
-        xp = namespace(random)
-        state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
-        )
+    def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
+        xp = namespace(step.random)
         gentlest, hardest = self.acceleration
-        acceleration = xp.where(renewed, gentlest + (hardest - gentlest) * random[:, 7], state.acceleration)
-        moved = approach(state, start_speed(state, speed, fresh), acceleration * dt)
-        return state._replace(
-            command=self.targets.command(clip(moved, lower, upper), state.target_yaw_rate, friction),
-            time_to_update=xp.zeros_like(moved),
-            acceleration=acceleration,
+        drawn = gentlest + (hardest - gentlest) * step.random[:, 7]
+        acceleration = xp.where(renewed, drawn, state.acceleration)
+        speed = ramped(state, acceleration, step)
+        return self._commanded(
+            state, speed, step, time_to_update=xp.zeros_like(speed), acceleration=acceleration
         )

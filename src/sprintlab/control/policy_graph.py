@@ -71,6 +71,13 @@ class _Node(NamedTuple):
     def number(self, name: str, default: int) -> int:
         return self.attributes[name].number if name in self.attributes else default
 
+    def flag(self, name: str, default: bool) -> bool:
+        """A choice of two; runtimes differ in what they make of any other number."""
+        number = self.number(name, int(default))
+        if number not in (0, 1):
+            raise ValueError(name)
+        return bool(number)
+
 
 @dataclass
 class _Costs:
@@ -390,6 +397,8 @@ def _same(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _alike(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     first, cast = _given(inputs, 0), node.operator == "Cast"
+    if cast and node.number("to", 0) not in _TYPES:
+        raise GraphError("makes numbers of a type that no policy has")
     if cast and node.number("to", 1) != _INT64:
         return [_Tensor(first.shape)]
     return [_kept(first.shape, [first.value], lambda v: v[0].astype(np.int64) if cast else v[0])]
@@ -443,7 +452,8 @@ def _gemm(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     a, b = _given(inputs, 0).shape, _given(inputs, 1).shape
     if len(a) != 2 or len(b) != 2:
         raise ValueError("matrices")
-    a, b = a[::-1] if node.number("transA", 0) else a, b[::-1] if node.number("transB", 0) else b
+    a = a[::-1] if node.flag("transA", default=False) else a
+    b = b[::-1] if node.flag("transB", default=False) else b
     return [_Tensor(_product(a, b, costs))]
 
 
@@ -482,12 +492,19 @@ def _axis(axis: int, rank: int) -> int:
 
 
 def _axes(node: _Node, inputs: Inputs, default: Sequence[int] = ()) -> tuple[int, ...]:
-    """Axes, which older operators have as an attribute, newer ones as an input."""
+    """Axes, which older operators have as an attribute, newer ones as an input.
+
+    An empty list is refused: by operator and version it means none of the axes, or all.
+    """
     if "axes" in node.attributes:
-        return node.attributes["axes"].numbers
-    if len(inputs) > 1 and inputs[1] is not None:
-        return tuple(int(value) for value in _known(inputs, 1).reshape(-1))
-    return tuple(default)
+        axes = node.attributes["axes"].numbers
+    elif len(inputs) > 1 and inputs[1] is not None:
+        axes = tuple(int(value) for value in _known(inputs, 1).reshape(-1))
+    else:
+        return tuple(default)
+    if not axes:
+        raise ValueError("no axes")
+    return axes
 
 
 def _unsqueeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
@@ -553,16 +570,16 @@ def _slice(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = list(data.shape)
     for start, end, axis, step in zip(starts, ends, axes, steps, strict=True):
         place = _axis(int(axis), len(shape))
-        low = -data.shape[place] - 1
-        stop: int | None = None if step < 0 and end < low else int(end)
-        parts[place] = slice(int(start), stop, int(step))
+        if step < 1:
+            raise ValueError("backwards, where ONNX and Python do not stop at the same number")
+        parts[place] = slice(int(start), int(end), int(step))
         shape[place] = len(range(*parts[place].indices(data.shape[place])))
     return [_kept(tuple(shape), [data.value], lambda v: v[0][tuple(parts)])]
 
 
 def _reshape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     data, wanted = _given(inputs, 0), [int(size) for size in _known(inputs, 1).reshape(-1)]
-    if not node.number("allowzero", 0):
+    if not node.flag("allowzero", default=False):
         wanted = [data.shape[place] if size == 0 else size for place, size in enumerate(wanted)]
     count, rest = math.prod(data.shape), math.prod(size for size in wanted if size != -1)
     if wanted.count(-1) == 1 and rest > 0 and count % rest == 0:
@@ -604,8 +621,10 @@ def _split(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _reduce(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = _given(inputs, 0).shape
+    if 0 in shape or node.number("noop_with_empty_axes", 0):
+        raise ValueError("nothing to reduce")
     places = {_axis(axis, len(shape)) for axis in _axes(node, inputs, range(len(shape)))}
-    if node.number("keepdims", 1):
+    if node.flag("keepdims", default=True):
         return [_Tensor(tuple(1 if place in places else size for place, size in enumerate(shape)))]
     return [_Tensor(tuple(size for place, size in enumerate(shape) if place not in places))]
 

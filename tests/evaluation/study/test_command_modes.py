@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from studies.paper.command_modes import COMMAND_MODES, CommandSequence
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.evaluation.command_modes import COMMAND_MODES, CommandSequence
 from sprintlab.plant import BaseState
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from studies.paper.training_cloud import TrainingCloud, load_training_cloud
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.evaluation.operating_points import TrainingCloud, load_training_cloud
 from sprintlab.motors import joint_torque, saturate, torque_limits
 
 
