@@ -7,7 +7,14 @@ from sprintlab.control import load_policy
 from sprintlab.evaluation.figures import joint_powers
 from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.trial import TrialRequest, run_trial
-from sprintlab.motors import Battery, WindingHeat, copper_loss, open_circuit_voltage, resistance_factor
+from sprintlab.motors import (
+    Battery,
+    I2tLimit,
+    WindingHeat,
+    copper_loss,
+    open_circuit_voltage,
+    resistance_factor,
+)
 from sprintlab.plant import PlantOptions
 
 
@@ -48,6 +55,18 @@ def test_a_plain_trial_records_none_of_it(standing_policy, robot):
     assert "copper_loss" not in trial.trajectory.arrays()
     loss = copper_losses(trial.trajectory, robot)
     np.testing.assert_array_equal(loss, copper_loss(robot.motors, trial.trajectory.motor_torque))
+
+
+def test_i2t_is_recorded_and_can_cost_the_run(standing_policy, robot):
+    plant = PlantOptions(i2t=I2tLimit(continuous_current=8.0, time_constant=1.0))
+    request = TrialRequest(top_speed=0.5, hold=0.5, plant=plant, keep_trajectory=True)
+    trial = run_trial(load_policy(standing_policy), robot, request)
+    level = trial.trajectory.i2t_level
+    assert level.shape == trial.trajectory.motor_torque.shape
+    assert (np.diff(level[:50].max(axis=1)) > 0.0).all()
+    assert trial.metrics.highest_i2t_level == level.max() <= 1.0
+    current = np.abs(trial.trajectory.motor_torque / robot.motors.torque_constant)
+    assert (current[1:][level[:-1] > 1.0 - 1e-9] < 8.01).all()
 
 
 def test_the_plant_says_how_it_differs():

@@ -10,6 +10,7 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.integrations.mjcf import dc_motor, dc_motor_excess, motor_callback
 from sprintlab.motors import (
     Gear,
+    I2tLimit,
     drive_torque,
     library_motors,
     load_library_motor,
@@ -108,6 +109,34 @@ def test_the_callback_is_the_law_at_every_step_and_then_gone():
     before = len(seen)
     mujoco.mj_step(model, data)
     assert len(seen) == before
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "RK4"])
+def test_the_callback_counts_simulated_time_for_i2t(integrator):
+    model = pendulum("<motor joint='hip'/>", ("hip",))
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    data = mujoco.MjData(model)
+    actuator = load_library_motor("mit-mini-cheetah")
+    motor = actuator.motor
+    limit = I2tLimit(continuous_current=0.5 * motor.peak_torque / motor.torque_constant, peak_duration=0.02)
+    full = drive_torque(motor, actuator.gear, 1e3, 0.0, 24.0).torque
+    with motor_callback(lambda _: np.array([1e3]), motor, actuator.gear, 24.0, "square", limit):
+        for _ in range(2):  # the second run begins cold
+            mujoco.mj_resetData(model, data)
+            given = []
+            while data.time < 0.04 - 1e-9:
+                data.qvel[:] = 0.0
+                mujoco.mj_forward(model, data)
+                given.append(float(data.ctrl[0]))
+                mujoco.mj_step(model, data)
+            steps = round(0.02 / model.opt.timestep)
+            assert given[:steps] == pytest.approx([full] * steps, rel=1e-6)
+            half = drive_torque(
+                motor, actuator.gear, 0.5 * actuator.gear.ratio * motor.peak_torque, 0.0, 24.0
+            )
+            # Between its half steps Runge-Kutta asks anew for a whole one: it comes down within a few steps.
+            assert given[-4:] == pytest.approx([half.torque] * 4, rel=1e-6 if integrator != "RK4" else 1e-3)
+            assert min(given) > 0.999 * half.torque
 
 
 def test_a_failing_controller_leaves_no_callback_behind():

@@ -23,9 +23,19 @@ from sprintlab.integrations.mjlab import (  # noqa: E402
     actuator_type,
     randomize_bus_voltage,
 )
-from sprintlab.motors import MOTOR_MODELS, Gear, PmsmParameters, drive_torque, stack_motors  # noqa: E402
+from sprintlab.motors import (  # noqa: E402
+    MOTOR_MODELS,
+    Gear,
+    I2tLimit,
+    PmsmParameters,
+    drive_torque,
+    i2t_decay,
+    i2t_drive,
+    stack_motors,
+)
 
 ENVIRONMENTS = 3
+TIMESTEP = 0.005  # [s]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mjlab_go1_refined_motor.py"
 
 
@@ -62,7 +72,8 @@ def build():
         entity = SimpleNamespace(indexing=SimpleNamespace(ctrl_ids=torch.arange(8)))
         actuator = configuration(**changes).build(entity, [first_joint, first_joint + 1], ["a", "b"])
         actuator._mjs_actuators = [SimpleNamespace(id=first_joint), SimpleNamespace(id=first_joint + 1)]
-        actuator.initialize(None, None, SimpleNamespace(nworld=ENVIRONMENTS), "cpu")
+        described = SimpleNamespace(opt=SimpleNamespace(timestep=TIMESTEP))
+        actuator.initialize(described, None, SimpleNamespace(nworld=ENVIRONMENTS), "cpu")
         return actuator
 
     return make
@@ -124,6 +135,35 @@ def test_groups_with_different_motors_fuse_into_one(build):
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
+def test_i2t_follows_the_law_of_the_motor_package_and_resets(build):
+    limits = [
+        I2tLimit(continuous_current=10.0, time_constant=0.05),
+        I2tLimit(continuous_current=20.0, peak_duration=0.1),
+    ]
+    groups = [build(i2t=limits[0]), build(first_joint=2, i2t=limits[1])]
+    fused, remaining = FusedActuatorGroup.process(groups)
+    assert remaining == () and len(fused._groups) == 1
+    fused.initialize(ENVIRONMENTS, "cpu")
+    group, level = fused._groups[0], np.zeros((ENVIRONMENTS, 4))
+    continuous = np.repeat([10.0, 20.0], 2)
+    decay = np.repeat([float(i2t_decay(limit, motor(), TIMESTEP)) for limit in limits], 2)
+    gear, strongest = Gear(ratio=6.0, efficiency=0.9), 6.0 * motor().peak_torque
+    for seed in range(40):
+        command = random_command(4, seed)
+        torque = group.actuator_type.control_law(group.params, command)
+        speed = command.vel.numpy().astype(float)
+        asked = 20.0 * (command.position_target - command.pos).numpy().astype(float) - speed
+        expected, level = i2t_drive(
+            motor(), gear, continuous, level, decay, np.clip(asked, -strongest, strongest), speed, 20.0
+        )
+        assert torque.numpy() == pytest.approx(expected.torque, rel=1e-3, abs=1e-3)
+    assert groups[1].i2t_level.numpy() == pytest.approx(level[:, 2:], abs=1e-4)
+    assert level.max() > 0.9
+    groups[0].reset(torch.tensor([1]))
+    assert groups[0].i2t_level[1].tolist() == [0.0, 0.0]
+    assert groups[0].i2t_level[0].tolist() == pytest.approx(level[0, :2], abs=1e-4)
+
+
 def test_a_change_of_voltage_reaches_the_fused_law(build):
     groups = [build(), build(first_joint=2)]
     fused, _ = FusedActuatorGroup.process(groups)
@@ -134,10 +174,11 @@ def test_a_change_of_voltage_reaches_the_fused_law(build):
     assert voltage[0].tolist() == [20.0] * 4
 
 
+@pytest.mark.parametrize("i2t", [None, I2tLimit(continuous_current=10.0, time_constant=1.0)])
 @pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_nothing_in_the_law_waits_for_the_device(build, model):
+def test_nothing_in_the_law_waits_for_the_device(build, model, i2t):
     """Tensors on the meta device hold no numbers: whoever asked for one would fail."""
-    actuator = build(model=model)
+    actuator = build(model=model, i2t=i2t)
     params = {name: getattr(actuator, name).to("meta") for name in actuator.param_names}
     command = random_command(2)
     empty = ActuatorCmd(**{name: value.to("meta") for name, value in vars(command).items()})
@@ -148,6 +189,7 @@ def test_each_model_is_a_type_of_its_own(build):
     assert actuator_type("refined") is actuator_type("refined")
     fused, _ = FusedActuatorGroup.process([build(), build(first_joint=2, model="square")])
     assert len(fused._groups) == 2
+    assert type(build()) is actuator_type("refined") is actuator_type("refined", limited=False)
     with pytest.raises(InvalidValueError, match="model"):
         actuator_type("brushed")
 
@@ -166,6 +208,8 @@ def test_armature_and_effort_limit_follow_from_motor_and_gear():
         ({"model": "brushed"}, "model"),
         ({"bus_voltage": 0.0}, "bus_voltage"),
         ({"motor": stack_motors([motor(), motor()])}, "must be one motor"),
+        ({"i2t": I2tLimit(continuous_current=60.0, time_constant=1.0)}, "must lie below the peak current"),
+        ({"i2t": I2tLimit(continuous_current=np.array([5.0, 6.0]), time_constant=1.0)}, "of one motor"),
         ({"transmission_type": TransmissionType.TENDON}, "must be joint"),
     ],
 )

@@ -8,6 +8,8 @@ import pytest
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Battery,
+    I2tLimit,
+    MotorValues,
     WindingHeat,
     battery_current,
     copper_loss,
@@ -15,9 +17,14 @@ from sprintlab.motors import (
     drive_torque,
     flux_factor,
     heated_motor,
+    i2t_current,
+    i2t_decay,
+    i2t_drive,
+    i2t_level,
     loaded_voltage,
     open_circuit_voltage,
     saturate,
+    squared_current,
     warmed,
 )
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
@@ -67,6 +74,45 @@ def test_every_step_agrees_with_the_laws_it_is_made_of(model):
     assert np.ptp(after.winding_temperature) > 1.0
 
 
+@pytest.mark.parametrize("model", ["refined", "square", "flux-weakening"])
+def test_i2t_is_that_of_the_motor_package_step_by_step(model):
+    limit = I2tLimit(continuous_current=np.linspace(8.0, 30.0, 12), peak_duration=0.05)
+    drive, decay = SuppliedDrive(ROBOT, 60.0, model, i2t=limit), i2t_decay(limit, ROBOT.motors, STEP)
+    level, cut = np.zeros(12), 0
+    for desired, velocity in zip(*motion(), strict=True):
+        output = drive(desired, velocity)
+        expected, level = i2t_drive(
+            ROBOT.motors, ROBOT.gear, limit.continuous_current, level, decay, desired, velocity, 60.0, model
+        )
+        for got, wanted in zip(output, expected, strict=True):
+            np.testing.assert_allclose(np.broadcast_to(got, 12), wanted, atol=1e-7)
+        np.testing.assert_allclose(drive.state.i2t_level, level, atol=1e-9)
+        cut += int((i2t_current(limit.continuous_current, level, decay) < 40.0).any())
+    assert cut > 50
+    assert drive.state.winding_temperature is None
+
+
+def test_warm_drives_on_a_battery_count_the_currents_that_flow():
+    limit = I2tLimit(continuous_current=15.0, time_constant=0.2)
+    decay = i2t_decay(limit, ROBOT.motors, STEP)
+    battery, heat = Battery(), WindingHeat(heat_capacity=30.0)
+    drive = SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat, winding_temperature=60.0, i2t=limit)
+    for desired, velocity in zip(*motion(), strict=True):
+        before = drive.state
+        output = drive(desired, velocity)
+        motors = heated_motor(ROBOT.motors, heat, before.winding_temperature)
+        allowed = motors.torque_constant * i2t_current(15.0, before.i2t_level, decay)
+        limited = MotorValues.of(motors)._replace(peak_torque=np.minimum(motors.peak_torque, allowed))
+        asked = desired * flux_factor(heat, before.winding_temperature)
+        expected = drive_torque(limited, ROBOT.gear, asked, velocity, drive.state.bus_voltage)
+        np.testing.assert_allclose(output.motor_torque, expected.motor_torque, atol=1e-9)
+        flowing = squared_current(motors, output)
+        np.testing.assert_allclose(
+            drive.state.i2t_level, i2t_level(15.0, before.i2t_level, flowing, decay), atol=1e-12
+        )
+    assert drive.state.i2t_level.max() > 0.99
+
+
 def test_a_stiff_battery_and_cold_windings_change_nothing():
     table = (3.0, 60.0 / 14, 60.0 / 14 + 1e-9)
     battery = Battery(internal_resistance=0.0, charge_table=(0.0, 0.1, 1.0), voltage_table=table)
@@ -111,9 +157,26 @@ class _Blind:
         pass
 
 
+def test_a_robot_that_stands_heats_its_knees(standing_targets):
+    limit = I2tLimit(continuous_current=10.0, time_constant=0.5)
+    plant = Plant(ROBOT, PlantOptions(i2t=limit), TrialSettings())
+    plant.advance(standing_targets, 200, _Blind())
+    level = plant.supply.i2t_level
+    assert 0.0 < level[::3].max() < level[2::3].min() <= 1.0
+    assert [remark.split()[0] for remark in plant.options.remarks] == ["drives"]
+
+
 def test_the_heat_of_another_number_of_motors_is_refused():
     with pytest.raises(InvalidValueError, match=r"heat\.heat_capacity = '5 numbers'"):
         SuppliedDrive(ROBOT, 60.0, heat=WindingHeat(heat_capacity=np.full(5, 100.0)))
+
+
+def test_a_limit_of_another_number_of_motors_is_refused():
+    limit = I2tLimit(continuous_current=np.full(5, 10.0), time_constant=1.0)
+    with pytest.raises(InvalidValueError, match=r"i2t\.continuous_current = '5 numbers'"):
+        SuppliedDrive(ROBOT, 60.0, i2t=limit)
+    with pytest.raises(InvalidValueError, match="must lie below the peak current"):
+        SuppliedDrive(ROBOT, 60.0, i2t=I2tLimit(continuous_current=500.0, time_constant=1.0))
 
 
 @pytest.mark.parametrize(("field", "value"), [("state_of_charge", 50.0), ("winding_temperature", 350.0)])

@@ -6,7 +6,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import drive_torque
-from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque
+from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque, table
 from sprintlab.robots.loader import robot_table_path
 
 PLANT = ModelOptions(collisions="full", contact_time_constant=0.002)
@@ -310,12 +310,26 @@ def test_mujoco_warp_accepts_the_model(bp2, options):
     assert device_model.nv == model.nv
 
 
-def test_masses_too_far_apart_are_refused_in_a_sentence(tmp_path):
+def test_masses_too_far_apart_are_refused_in_a_sentence(bp2):
     """A shank of 9e18 m: the inertia at the feet has no inverse."""
-    text = robot_table_path("bp2-first").read_text(encoding="utf-8")
+    robot = replace(bp2, mechanics=replace(bp2.mechanics, shank_length=9e18))
+    with pytest.raises(RobotModelError, match="too far apart"):
+        build_model(robot, ModelOptions())
+
+
+def test_a_length_of_a_table_that_no_robot_has_is_refused_by_name(tmp_path):
+    text = robot_table_path("bp2").read_text(encoding="utf-8")
     assert "length = { value = 0.32," in text
     (tmp_path / "parameters.toml").write_text(
         text.replace("length = { value = 0.32,", "length = { value = 9223372036854775807,"), encoding="utf-8"
     )
-    with pytest.raises(RobotModelError, match="too far apart"):
-        build_model(load_robot(tmp_path / "parameters.toml"), ModelOptions())
+    with pytest.raises(RobotModelError, match=r"length.value = .* must lie in"):
+        load_robot(tmp_path / "parameters.toml")
+
+
+@pytest.mark.parametrize("quantity", [name for name in table.QUANTITIES if not name.startswith("motor")])
+def test_every_number_of_a_table_has_bounds_by_its_name(quantity):
+    size = table.QUANTITIES[quantity]
+    for number in (9e18, -9e18):
+        with pytest.raises(RobotModelError, match=rf"{quantity}.value = .* must lie in \["):
+            table._value(quantity, number if size == 1 else [number] * size)

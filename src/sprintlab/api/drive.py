@@ -19,7 +19,7 @@ class DriveOptions:
         motor_model: refined, simplified-dc, square or flux-weakening.
         battery: put a battery behind the bus that all joints share.
         heat: let copper loss warm the windings.
-        supply: file (TOML) with tables [battery] and [heat]; turns on what it holds.
+        supply: file (TOML) with tables [battery], [heat], [i2t]; turns on what it holds.
         state_of_charge: of the battery at the start, 0 to 1.
         winding_temperature: at the start [degC].
     """
@@ -45,7 +45,9 @@ class DriveOptions:
 
         check_choice("air", self.air, ("outdoors", "treadmill"))
 
-        found = SupplyFile(battery=None, heat=None) if self.supply is None else load_supply(self.supply)
+        found = (
+            SupplyFile(battery=None, heat=None, i2t=None) if self.supply is None else load_supply(self.supply)
+        )
         return PlantOptions(
             drag_area=DRAG_AREA if self.air == "outdoors" else 0.0,
             motor_model=cast("Any", self.motor_model),
@@ -53,4 +55,5 @@ class DriveOptions:
             heat=found.heat or (WindingHeat() if self.heat else None),
             state_of_charge=self.state_of_charge,
             winding_temperature=self.winding_temperature,
+            i2t=found.i2t,
         )

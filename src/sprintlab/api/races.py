@@ -235,7 +235,17 @@ def result_table(result: RaceResult) -> Table:
     table.add_row(
         "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
     )
+    levels = [_i2t_level(group) for group in (raw, paced)]
+    if any(levels):
+        table.add_row("I²t, highest level of all joints", *levels, "%")
     return table
+
+
+def _i2t_level(group: SpeedResult) -> str:
+    """The highest of a group's trials; empty without a limit by I²t."""
+    found = [trial.metrics.highest_i2t_level for trial in group.trials]
+    levels = [level for level in found if level is not None]
+    return f"{100.0 * max(levels):.0f}" if levels else ""
 
 
 def battery_text(trial: TrialResult) -> str:

@@ -31,6 +31,7 @@ class MotorFromDatasheet:
         sheet: the data sheet (TOML): entries as printed, with their units and conventions.
         template: print a blank data sheet and do nothing else.
         out: motor file to write; none when left out.
+        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t].
         tolerance: difference between entries that say the same, taken for rounding.
         json: print JSON only.
     """
@@ -38,12 +39,18 @@ class MotorFromDatasheet:
     sheet: tyro.conf.Positional[Path | None] = None
     template: tyro.conf.FlagCreatePairsOff[bool] = False
     out: Path | None = None
+    supply_out: Path | None = None
     tolerance: float = 0.05
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
         """Convert and print; raises ``SprintlabError`` where the sheet is unreadable, unclear or wrong."""
-        from sprintlab.workbench.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
+        from sprintlab.workbench.datasheet import (
+            conversion_numbers,
+            convert_datasheet,
+            save_converted_motor,
+            save_converted_supply,
+        )
         from sprintlab.workbench.datasheet_file import datasheet_template, load_datasheet
 
         if self.template:
@@ -55,6 +62,8 @@ class MotorFromDatasheet:
         conversion = convert_datasheet(sheet, self.tolerance)
         if self.out is not None:
             save_converted_motor(conversion, sheet, self.out)
+        if self.supply_out is not None:
+            save_converted_supply(conversion, self.supply_out)
         numbers = conversion_numbers(conversion)
         if self.json:
             print_json(numbers)
@@ -78,6 +87,8 @@ class MotorFromDatasheet:
             console.print(f"note: {note}")
         if self.out is not None:
             console.print(f"motor file: {self.out}", soft_wrap=True)
+        if self.supply_out is not None:
+            console.print(f"supply file: {self.supply_out}", soft_wrap=True)
 
 
 def parameter_table(motor: dict[str, float]) -> Any:

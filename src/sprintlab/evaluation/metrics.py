@@ -344,10 +344,11 @@ def _parabola_peak(correlation: FloatArray, lag: int) -> float:
 
 
 def _supply_extremes(trajectory: Trajectory) -> dict[str, float | None]:
-    bus, winding = trajectory.bus_voltage, trajectory.winding_temperature
+    bus, winding, level = trajectory.bus_voltage, trajectory.winding_temperature, trajectory.i2t_level
     return {
         "lowest_bus_voltage": None if bus is None else float(bus.min()),
         "hottest_winding": None if winding is None else float(winding.max()),
+        "highest_i2t_level": None if level is None else float(level.max()),
     }
 
 

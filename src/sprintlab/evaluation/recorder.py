@@ -19,6 +19,7 @@ from sprintlab.robots import RobotDescription
 FloatArray = NDArray[np.float64]
 
 _CAPSULES = ("thigh", "shank")
+_KEPT_SUPPLY = ("winding_temperature", "i2t_level")  # of ``SupplyState``, where they are not None
 
 
 class Recorder:
@@ -93,8 +94,8 @@ class Recorder:
         if state is None:
             return {}
         joints = (len(self._robot.joint_names),)
-        windings = {} if state.winding_temperature is None else {"winding_temperature": joints}
-        return {"bus_voltage": (), "copper_loss": joints, **windings}
+        kept = {name: joints for name in _KEPT_SUPPLY if getattr(state, name) is not None}
+        return {"bus_voltage": (), "copper_loss": joints, **kept}
 
     def watch_step(self, data: mujoco.MjData) -> None:
         """Remember how low the feet are and what they bear: an impact is over before the next sample."""
@@ -131,11 +132,14 @@ class Recorder:
 
     def _sample_supply(self, index: int) -> None:
         state = None if self._supply is None else self._supply()
-        if state is not None:
-            self._raw["bus_voltage"][index] = state.bus_voltage
-            self._raw["copper_loss"][index] = state.copper_loss
-        if state is not None and state.winding_temperature is not None:
-            self._raw["winding_temperature"][index] = state.winding_temperature
+        if state is None:
+            return
+        self._raw["bus_voltage"][index] = state.bus_voltage
+        self._raw["copper_loss"][index] = state.copper_loss
+        for name in _KEPT_SUPPLY:
+            value = getattr(state, name)
+            if value is not None:
+                self._raw[name][index] = value
 
     def trajectory(self) -> Trajectory:
         """Everything recorded so far.

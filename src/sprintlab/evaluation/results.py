@@ -68,6 +68,7 @@ class Trajectory:
         bus_voltage: (T,) [V]; ``None``, as is the next, without battery, heat and flux weakening.
         copper_loss: (T, joints) heat in the windings, i_d of flux weakening included [W].
         winding_temperature: (T, joints) [degC]; ``None`` without heat.
+        i2t_level: (T, joints) where the drives' I²t stands, 1 at its limit [-]; ``None`` without one.
     """
 
     time: Array
@@ -98,6 +99,7 @@ class Trajectory:
     bus_voltage: Array | None = None
     copper_loss: Array | None = None
     winding_temperature: Array | None = None
+    i2t_level: Array | None = None
 
     def arrays(self) -> dict[str, Array]:
         """Every array that there is by its name, for ``numpy.savez_compressed``."""
@@ -168,6 +170,7 @@ class TrialMetrics:
         estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
         lowest_bus_voltage: [V]; ``None`` without battery, heat and flux weakening.
         hottest_winding: [degC]; ``None`` without heat.
+        highest_i2t_level: of all joints [-]; ``None`` without a limit by I²t.
     """
 
     held_speed: float
@@ -200,6 +203,7 @@ class TrialMetrics:
     estimate: tuple[EstimateBand, ...] = ()
     lowest_bus_voltage: float | None = None
     hottest_winding: float | None = None
+    highest_i2t_level: float | None = None
 
     @property
     def held_steady(self) -> bool | None:

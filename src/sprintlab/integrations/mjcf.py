@@ -20,11 +20,16 @@ import numpy as np
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Gear,
+    I2tLimit,
     MotorModel,
     PmsmParameters,
     drive_torque,
+    i2t_drive,
+    i2t_level,
+    i2t_time_constant,
     no_load_speed,
     phase_voltage_limit,
+    squared_current,
 )
 from sprintlab.motors.arrays import Array
 
@@ -122,6 +127,7 @@ def motor_callback(
     gear: Gear,
     bus_voltage: float,
     model: MotorModel = "refined",
+    i2t: I2tLimit | None = None,
 ) -> Generator[None, None, None]:
     """MuJoCo's control callback, for as long as the context lasts: every step goes through the motor law.
 
@@ -134,13 +140,23 @@ def motor_callback(
         gear: ratio and efficiency, likewise.
         bus_voltage: DC bus [V].
         model: one of ``MOTOR_MODELS``.
+        i2t: how the drives cut overloads back; ``None``: not at all. They are cold at the start, and again
+            when a simulation's time goes back; one simulation a context.
+
+    Raises:
+        InvalidValueError: see ``i2t_time_constant``.
     """
     import mujoco
+
+    def plain(asked: Array, speed: Array, _: float, __: float) -> Array:
+        return drive_torque(motor, gear, asked, speed, bus_voltage, model).torque
+
+    drives = plain if i2t is None else _LimitedDrives(motor, gear, bus_voltage, model, i2t)
 
     def control(described: Any, data: Any) -> None:
         joints = described.actuator_trnid[:, 0]
         speed = data.qvel[described.jnt_dofadr[joints]]
-        data.ctrl[:] = drive_torque(motor, gear, wanted(data), speed, bus_voltage, model).torque
+        data.ctrl[:] = drives(wanted(data), speed, data.time, described.opt.timestep)
 
     before = mujoco.get_mjcb_control()
     mujoco.set_mjcb_control(control)
@@ -148,3 +164,40 @@ def motor_callback(
         yield
     finally:
         mujoco.set_mjcb_control(before)
+
+
+class _LimitedDrives:
+    """Drives with I²t for callers that come several times a step (``mj_forward``, Runge-Kutta)."""
+
+    def __init__(
+        self, motor: PmsmParameters, gear: Gear, bus_voltage: float, model: MotorModel, limit: I2tLimit
+    ) -> None:
+        self._motor, self._gear, self._bus_voltage = motor, gear, bus_voltage
+        self._model: MotorModel = model
+        self._continuous = limit.continuous_current
+        self._time_constant = i2t_time_constant(limit, motor)
+        self._time, self._level, self._squared_current = math.inf, 0.0, 0.0
+
+    def __call__(self, desired: Array, speed: Array, time: float, step: float) -> Array:
+        """Joint torques [N m] ``(n,)`` at a simulated time [s], bearable for ``step`` [s] more."""
+        self._advance(time - self._time)
+        self._time = time
+        output, _ = i2t_drive(
+            self._motor,
+            self._gear,
+            self._continuous,
+            self._level,
+            np.exp(-step / self._time_constant),
+            desired,
+            speed,
+            self._bus_voltage,
+            self._model,
+        )
+        self._squared_current = squared_current(self._motor, output)
+        return output.torque
+
+    def _advance(self, elapsed: float) -> None:
+        """Let the last currents have flowed for ``elapsed`` [s]; a time that went back is a new start."""
+        decay = np.exp(-max(elapsed, 0.0) / self._time_constant)
+        level = i2t_level(self._continuous, self._level, self._squared_current, decay)
+        self._level = level if elapsed >= 0.0 else 0.0

@@ -29,10 +29,19 @@ from sprintlab.motors.gear import (
     reflected_inertia,
     shaft_torque,
 )
-from sprintlab.motors.parameters import PmsmParameters, motor_like, stack_motors
+from sprintlab.motors.i2t import (
+    I2tLimit,
+    i2t_current,
+    i2t_decay,
+    i2t_drive,
+    i2t_level,
+    i2t_time_constant,
+    squared_current,
+)
+from sprintlab.motors.parameters import MotorValues, PmsmParameters, motor_like, stack_motors
 from sprintlab.motors.power import copper_loss, electrical_power
 from sprintlab.motors.saturation import desaturate, saturate
-from sprintlab.motors.supply_files import SupplyFile, load_supply
+from sprintlab.motors.supply_files import SupplyFile, load_supply, save_supply
 from sprintlab.motors.thermal import (
     COPPER_COEFFICIENT,
     WindingHeat,
@@ -53,9 +62,11 @@ __all__ = [
     "DqCurrents",
     "DriveOutput",
     "Gear",
+    "I2tLimit",
     "LibraryMotor",
     "LibraryValue",
     "MotorModel",
+    "MotorValues",
     "PmsmParameters",
     "SupplyFile",
     "WindingHeat",
@@ -69,6 +80,11 @@ __all__ = [
     "electrical_power",
     "flux_factor",
     "heated_motor",
+    "i2t_current",
+    "i2t_decay",
+    "i2t_drive",
+    "i2t_level",
+    "i2t_time_constant",
     "joint_torque",
     "library_motors",
     "load_library_motor",
@@ -85,8 +101,10 @@ __all__ = [
     "resistance_factor",
     "saturate",
     "save_motor",
+    "save_supply",
     "shaft_torque",
     "shared_bus_voltage",
+    "squared_current",
     "stack_motors",
     "torque_limits",
     "voltage_infeasible",

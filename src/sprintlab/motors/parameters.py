@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,6 +61,31 @@ class PmsmParameters:
         _check_saturation(self.saturation)
         _check_shapes({field.name: getattr(self, field.name) for field in fields(self)})
         _check_units(self)
+
+    @property
+    def torque_constant(self) -> Array:
+        """Torque per ampere of q-axis current, ``1.5 N psi`` [N m/A]."""
+        return 1.5 * self.pole_pairs * self.flux_linkage
+
+
+class MotorValues(NamedTuple):
+    """The fields of ``PmsmParameters`` without its checks, for motors that change in every step.
+
+    The checks would make the host of an accelerator wait for it.
+    """
+
+    pole_pairs: Array
+    stator_resistance: Array
+    q_axis_inductance: Array
+    flux_linkage: Array
+    peak_torque: Array
+    saturation: Array
+    rotor_inertia: Array
+
+    @classmethod
+    def of(cls, motor: PmsmParameters) -> MotorValues:
+        """Those of a motor."""
+        return cls(*(getattr(motor, name) for name in cls._fields))
 
     @property
     def torque_constant(self) -> Array:

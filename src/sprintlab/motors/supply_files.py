@@ -1,4 +1,4 @@
-"""Battery and winding heat as TOML: tables ``[battery]`` and ``[heat]``, their keys the fields (SI units)."""
+"""Battery, heat and I²t as TOML: tables ``[battery]``, ``[heat]`` and ``[i2t]``, in SI units."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
+import tomli_w
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import read_toml
 from sprintlab.motors.battery import Battery
+from sprintlab.motors.i2t import I2tLimit
 from sprintlab.motors.thermal import WindingHeat
 
-_Table = TypeVar("_Table", Battery, WindingHeat)
+_Table = TypeVar("_Table", Battery, WindingHeat, I2tLimit)
+_TABLES = ("battery", "heat", "i2t")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,24 +28,43 @@ class SupplyFile:
 
     battery: Battery | None
     heat: WindingHeat | None
+    i2t: I2tLimit | None
 
 
 def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
-    """Read a battery, a thermal model, or both; fields that are left out keep their defaults.
+    """Read a battery, a thermal model, an I²t limit; fields that are left out keep their defaults.
 
     Raises:
         SprintlabError: the file cannot be read or is no TOML.
         InvalidValueError: a table or field is unknown or holds an impossible value; named with the file.
     """
     document = _document(Path(path))
-    if not document or set(document) - {"battery", "heat"}:
+    if not document or set(document) - set(_TABLES):
         raise InvalidValueError(
-            f"{path}", sorted(document), "must hold the tables [battery] and [heat], or one"
+            f"{path}", sorted(document), "must hold the tables [battery], [heat] and [i2t], or some of them"
         )
     return SupplyFile(
         battery=_built(Battery, path, "battery", document.get("battery")),
         heat=_built(WindingHeat, path, "heat", document.get("heat")),
+        i2t=_built(I2tLimit, path, "i2t", document.get("i2t")),
     )
+
+
+def save_supply(supply: SupplyFile, path: str | os.PathLike[str]) -> None:
+    """Write what a ``SupplyFile`` holds as TOML, in one step; ``load_supply`` reads it.
+
+    Raises:
+        SprintlabError: the file cannot be written.
+    """
+    parts = {name: getattr(supply, name) for name in _TABLES}
+    tables = {name: table_of(part) for name, part in parts.items() if part is not None}
+    atomic_write_text(path, tomli_w.dumps(tables))
+
+
+def table_of(part: Battery | WindingHeat | I2tLimit) -> dict[str, Any]:
+    """The fields that are set, as numbers and lists of numbers."""
+    values = {item.name: getattr(part, item.name) for item in fields(part)}
+    return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -69,7 +92,7 @@ def _built(kind: type[_Table], path: object, name: str, table: Any) -> _Table | 
         raise InvalidValueError(f"{path}: {name}", values, "give numbers and lists of numbers") from error
 
 
-def _value(kind: type[Battery] | type[WindingHeat], value: Any) -> Any:
+def _value(kind: type[Battery] | type[WindingHeat] | type[I2tLimit], value: Any) -> Any:
     """A list is a table of a battery, or one number a motor."""
     if not isinstance(value, list):
         return value

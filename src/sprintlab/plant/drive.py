@@ -3,12 +3,13 @@
 The plant asks for twelve torques a thousand times a second; there the checks and conversions of the general
 law cost more than the law. This second form has the same equations with the constants taken out, in NumPy
 only; a test proves it equal to the first one over random torques and speeds. Flux weakening, which no
-published number uses, calls the general law. ``SuppliedDrive`` puts a battery and warm windings behind it.
+published number uses, calls the general law. ``SuppliedDrive`` adds battery, heat and I²t.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,18 @@ from sprintlab.motors import (
     TURNING_SPEED,
     Battery,
     DriveOutput,
+    I2tLimit,
     MotorModel,
+    MotorValues,
+    PmsmParameters,
     WindingHeat,
     battery_current,
     discharged,
     flux_factor,
     heated_motor,
+    i2t_current,
+    i2t_decay,
+    i2t_level,
     phase_voltage_limit,
     resistance_factor,
     shared_bus_voltage,
@@ -56,7 +63,7 @@ class PreparedDrive:
         self._model = model
         self._ratio = np.asarray(robot.gear.ratio, dtype=float)
         self._gear_loss = np.log(np.asarray(robot.gear.efficiency, dtype=float))
-        self._cold_motors = self._motors = motors = robot.motors
+        self._cold_motors = self._warm_motors = self._motors = motors = robot.motors
         self._electrical_ratio = self._ratio * motors.pole_pairs
         inductance = np.asarray(motors.q_axis_inductance, dtype=float)
         self._inductance = inductance if model == "refined" else np.zeros_like(inductance)
@@ -72,10 +79,17 @@ class PreparedDrive:
         """Go on with the motors that windings at ``temperature`` ``(12,)`` [degC] make: ``heated_motor``."""
         cold = self._cold_motors
         if self._model == "flux-weakening":
-            self._motors = heated_motor(cold, heat, temperature)
+            self._warm_motors = self._motors = heated_motor(cold, heat, temperature)
         flux = flux_factor(heat, temperature)
         resistance = cold.stator_resistance * resistance_factor(heat, temperature)
         self._set_windings(resistance, cold.flux_linkage * flux, cold.peak_torque * flux)
+
+    def limit_current(self, current: FloatArray) -> None:
+        """Go on with a current limit ``(joints,)`` [A] in place of the peak current where it is lower."""
+        self._limit = np.minimum(self._peak, self._torque_constant * current)
+        if self._model == "flux-weakening":
+            limited = MotorValues.of(self._warm_motors)._replace(peak_torque=self._limit)
+            self._motors = cast("PmsmParameters", limited)
 
     def _set_windings(
         self, resistance: FloatArray, flux_linkage: FloatArray, peak_torque: FloatArray
@@ -85,7 +99,7 @@ class PreparedDrive:
         self._reactive_emf = self._inductance * flux_linkage
         self._torque_constant = np.asarray(1.5 * self._cold_motors.pole_pairs * flux_linkage, dtype=float)
         self._brake = np.asarray(resistance * flux_linkage, dtype=float)
-        self._peak = np.asarray(peak_torque, dtype=float)
+        self._peak = self._limit = np.asarray(peak_torque, dtype=float)
         self._saturation = np.asarray(self._cold_motors.saturation / peak_torque, dtype=float)
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
@@ -103,8 +117,11 @@ class PreparedDrive:
 
     def copper_loss(self, output: DriveOutput) -> FloatArray:
         """What ``sprintlab.motors.copper_loss`` gives for what the drives gave ``(12,)`` [W]."""
-        current = output.motor_torque / self._torque_constant
-        return 1.5 * self._resistance * (current**2 + output.direct_current**2)
+        return 1.5 * self._resistance * self.squared_current(output)
+
+    def squared_current(self, output: DriveOutput) -> FloatArray:
+        """``i_d^2 + i_q^2`` of what the drives gave ``(joints,)`` [A^2]."""
+        return (output.motor_torque / self._torque_constant) ** 2 + output.direct_current**2
 
     def power(self, output: DriveOutput, joint_velocity: FloatArray) -> float:
         """What all drives draw from the bus [W]: the sum of ``sprintlab.motors.electrical_power``."""
@@ -114,7 +131,7 @@ class PreparedDrive:
     def limits(self, joint_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(joints,)``."""
         if self._model == "square":
-            return -self._peak, self._peak
+            return -self._limit, self._limit
         if self._model == "flux-weakening":
             return torque_limits(self._motors, joint_velocity * self._ratio, self._bus_voltage, self._model)
         speed = joint_velocity * self._electrical_ratio
@@ -129,7 +146,7 @@ class PreparedDrive:
         return self._clip(lower), self._clip(upper)
 
     def _clip(self, torque: FloatArray) -> FloatArray:
-        return np.maximum(np.minimum(torque, self._peak), -self._peak)
+        return np.maximum(np.minimum(torque, self._limit), -self._limit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +159,7 @@ class SupplyState:
         state_of_charge: [-]; 1 for a bus without a battery.
         winding_temperature: ``(joints,)`` [degC]; ``None`` where heat is off.
         copper_loss: ``(joints,)``, in the last motor step [W].
+        i2t_level: ``(joints,)``, 1 where only the continuous current is left [-]; ``None`` without a limit.
     """
 
     bus_voltage: float
@@ -149,14 +167,15 @@ class SupplyState:
     state_of_charge: float
     winding_temperature: FloatArray | None
     copper_loss: FloatArray
+    i2t_level: FloatArray | None = None
 
 
 class SuppliedDrive:
-    """Twelve drives on one battery, with windings that warm up; either may be left out.
+    """Twelve drives on one battery, with windings that warm up and overloads that end; each may be left out.
 
     Bus voltage and torques of a step agree with each other. Copper loss and current of the step then change
     temperature and charge. The drives set currents by the torque constant at the reference temperature, so
-    that warm magnets give less torque than asked for.
+    that warm magnets give less torque than asked for. I²t counts currents and knows no temperature.
 
     Args:
         robot: its motors and gears.
@@ -166,10 +185,12 @@ class SuppliedDrive:
         state_of_charge: of the battery at the start [-].
         heat: ``None``: the windings stay as the motors' parameters say.
         winding_temperature: at the start [degC].
+        i2t: ``None``: the peak current may flow for ever. The drives are cold at the start.
         step: time between two calls [s].
 
     Raises:
-        InvalidValueError: as ``PreparedDrive`` does, or the heat of a wrong number of motors is given.
+        InvalidValueError: as ``PreparedDrive`` and ``i2t_time_constant`` do, or heat or I²t of a wrong number
+            of motors is given.
     """
 
     def __init__(
@@ -182,10 +203,15 @@ class SuppliedDrive:
         state_of_charge: float = 1.0,
         heat: WindingHeat | None = None,
         winding_temperature: float = 25.0,
+        i2t: I2tLimit | None = None,
         step: float = 0.001,
     ) -> None:
         self._drive = PreparedDrive(robot, bus_voltage, model)
-        _check_motors(heat, len(robot.joint_names))
+        _check_motors("heat", heat, len(robot.joint_names))
+        _check_motors("i2t", i2t, len(robot.joint_names))
+        self._i2t, self._level = i2t, np.zeros(len(robot.joint_names))
+        if i2t is not None:
+            self._decay = np.asarray(i2t_decay(i2t, robot.motors, step))
         self._battery, self._heat, self._step = battery, heat, step
         self._bus_voltage, self._lowest = bus_voltage, np.inf
         self._charge = state_of_charge
@@ -201,6 +227,7 @@ class SuppliedDrive:
             state_of_charge=self._charge,
             winding_temperature=None if self._heat is None else self._temperature.copy(),
             copper_loss=self._loss,
+            i2t_level=None if self._i2t is None else self._level.copy(),
         )
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
@@ -214,12 +241,18 @@ class SuppliedDrive:
         if self._heat is not None:
             self._drive.set_temperature(self._heat, self._temperature)
             desired = desired * flux_factor(self._heat, self._temperature)
+        if self._i2t is not None:
+            continuous = self._i2t.continuous_current
+            self._drive.limit_current(i2t_current(continuous, self._level, self._decay))
         if self._battery is not None:
             self._load_bus(self._battery, desired, joint_velocity)
         output = self._drive(desired, joint_velocity)
         self._loss = loss = self._drive.copper_loss(output)
         if self._heat is not None:
             self._temperature = warmed(self._heat, self._temperature, loss, self._step)
+        if self._i2t is not None:
+            squared = self._drive.squared_current(output)
+            self._level = i2t_level(self._i2t.continuous_current, self._level, squared, self._decay)
         if self._battery is not None:
             power = self._drive.power(output, joint_velocity)
             current = battery_current(self._battery, self._bus_voltage, power)
@@ -238,11 +271,11 @@ class SuppliedDrive:
         self._drive.set_bus_voltage(self._bus_voltage)
 
 
-def _check_motors(heat: WindingHeat | None, motors: int) -> None:
-    """Refuse a thermal model of another number of motors."""
-    for field in () if heat is None else fields(heat):
-        size = np.size(getattr(heat, field.name))
+def _check_motors(table: str, values: WindingHeat | I2tLimit | None, motors: int) -> None:
+    """Refuse a thermal model or limit of another number of motors."""
+    for field in () if values is None else fields(values):
+        size = np.size(getattr(values, field.name))
         if size not in (1, motors):
             raise InvalidValueError(
-                f"heat.{field.name}", f"{size} numbers", f"give one, or {motors}: one a motor"
+                f"{table}.{field.name}", f"{size} numbers", f"give one, or {motors}: one a motor"
             )

@@ -19,7 +19,7 @@ from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, MotorModel, WindingHeat
+from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, I2tLimit, MotorModel, WindingHeat
 from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import (
@@ -64,6 +64,7 @@ class PlantOptions:
         state_of_charge: of the battery at the start [-].
         heat: of the windings; ``None``, as for every published number: they stay as they are.
         winding_temperature: at the start, with ``heat`` [degC].
+        i2t: how the drives cut overloads back; ``None``, as for every published number: not at all.
 
     Raises:
         InvalidValueError: a field is out of range, or the rates do not divide.
@@ -82,6 +83,7 @@ class PlantOptions:
     state_of_charge: float = 1.0
     heat: WindingHeat | None = None
     winding_temperature: float = 25.0
+    i2t: I2tLimit | None = None
 
     def __post_init__(self) -> None:
         check_choice("plant.engine", self.engine, ENGINES)
@@ -116,6 +118,8 @@ class PlantOptions:
             )
         if self.heat is not None:
             remarks.append(f"windings that warm up, {self.winding_temperature:g} degC at the start")
+        if self.i2t is not None:
+            remarks.append("drives that cut overloads back to their continuous current (I²t)")
         return tuple(remarks)
 
     @property
@@ -212,7 +216,7 @@ class Plant:
 
     @property
     def supply(self) -> SupplyState | None:
-        """Battery and windings now; ``None`` on a stiff bus with cold windings and no flux weakening."""
+        """Battery, windings, I²t now; ``None`` on a stiff bus with cold windings and plain drives."""
         return self._drive.state if isinstance(self._drive, SuppliedDrive) else None
 
     def use_drive(self, drive: JointDrive) -> None:
@@ -388,7 +392,8 @@ class Plant:
 def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | SuppliedDrive:
     """The drives that the options ask for; the plain ones where nothing has to be kept track of."""
     voltage = options.bus_voltage or robot.bus_voltage
-    if options.battery is None and options.heat is None and options.motor_model != "flux-weakening":
+    followed = options.battery or options.heat or options.i2t
+    if followed is None and options.motor_model != "flux-weakening":
         return PreparedDrive(robot, voltage, options.motor_model)
     return SuppliedDrive(
         robot,
@@ -398,6 +403,7 @@ def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | Su
         state_of_charge=options.state_of_charge,
         heat=options.heat,
         winding_temperature=options.winding_temperature,
+        i2t=options.i2t,
         step=1.0 / options.motor_rate,
     )
 

@@ -85,6 +85,26 @@ WAIST_QUANTITIES = _dotted(_WAIST_SECTIONS)
 QUANTITIES: dict[str, int] = {**REQUIRED, **SPRING, **WAIST_QUANTITIES, **_dotted(_OPTIONAL_SECTIONS)}
 """Every quantity that a robot's table may hold, with the length of its value."""
 
+_MOST_LENGTH, _MOST_MASS, _MOST_INERTIA, _MOST_ANGLE = 10.0, 1e4, 1e5, 100.0
+_LEAST_LENGTH, _LEAST_MASS, _LEAST_INERTIA = 1e-6, 1e-9, 1e-12
+_length, _mass, _angle = (_LEAST_LENGTH, _MOST_LENGTH), (_LEAST_MASS, _MOST_MASS), (-_MOST_ANGLE, _MOST_ANGLE)
+_BOUNDS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("length", "radius", "collision_radius", "half_size", "base_height_target"), _length),
+    **dict.fromkeys(("hip_x", "hip_y", "offset_y"), _length),
+    "center_of_mass": (-_MOST_LENGTH, _MOST_LENGTH),
+    **dict.fromkeys(("mass", "total_mass"), _mass),
+    "inertia": (_LEAST_INERTIA, _MOST_INERTIA),
+    "products_of_inertia": (-_MOST_INERTIA, _MOST_INERTIA),
+    **dict.fromkeys(("default_angle", "range", "rest_angle"), _angle),
+    **dict.fromkeys(("zone", "action_scale"), (1e-6, _MOST_ANGLE)),
+    "stiffness": (1e-6, 1e5),
+    **dict.fromkeys(("damping", "viscous_friction", "dry_friction"), (0.0, 1e4)),
+    "friction": (1e-3, 10.0),
+    "bus_voltage": (1.0, 2000.0),
+}
+"""Least and greatest number of a quantity, by the last part of its name, in its unit: wide of every robot on
+legs, and so near that nothing computed of it overflows. Motors and gears have bounds of their own."""
+
 _ENTRY_FIELDS = ("value", "unit", "uncertainty", "basis")
 
 
@@ -220,6 +240,11 @@ def _value(quantity: str, value: Any) -> float | tuple[float, ...]:
     if not right_form or not all(_is_finite_number(number) for number in numbers):
         wanted = "a finite number" if size == 1 else f"a list of {size} finite numbers"
         raise RobotModelError(f"{quantity}.value = {value!r} is not allowed: must be {wanted}")
+    least, greatest = _BOUNDS.get(quantity.rpartition(".")[2], (-np.inf, np.inf))
+    if not all(least <= number <= greatest for number in numbers):
+        raise RobotModelError(
+            f"{quantity}.value = {value!r} is not allowed: must lie in [{least:g}, {greatest:g}]"
+        )
     return float(numbers[0]) if size == 1 else tuple(float(number) for number in numbers)
 
 

@@ -33,7 +33,10 @@ import tomli_w
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.motors.i2t import I2tLimit
 from sprintlab.motors.parameters import PmsmParameters
+from sprintlab.motors.saturation import desaturate
+from sprintlab.motors.supply_files import SupplyFile, save_supply, table_of
 from sprintlab.workbench.datasheet_file import ENTRIES, Datasheet, Entry
 
 FLUX_ENTRIES = ("flux_linkage", "back_emf_constant", "kv", "torque_constant")
@@ -81,6 +84,8 @@ class DatasheetConversion:
 
     motor: PmsmParameters
     """dq parameters."""
+    i2t: I2tLimit | None
+    """From the rated current or torque with a peak duration or thermal time constant; ``None`` without."""
     steps: tuple[ConversionStep, ...]
     """In the order of the calculation."""
     notes: tuple[str, ...]
@@ -117,6 +122,19 @@ def save_converted_motor(
     comment = "".join(f"# {' '.join(line.split())}".rstrip() + "\n" for line in lines)
     table = {item.name: getattr(conversion.motor, item.name) for item in fields(conversion.motor)}
     atomic_write_text(path, comment + "\n" + tomli_w.dumps({"motor": table}))
+
+
+def save_converted_supply(conversion: DatasheetConversion, path: str | os.PathLike[str]) -> None:
+    """Write the drive's I²t as a supply file; ``load_supply`` reads it.
+
+    Raises:
+        InvalidValueError: the sheet gives none.
+        SprintlabError: the file cannot be written.
+    """
+    if conversion.i2t is None:
+        allowed = "is missing: give it or winding_time_constant, beside rated_current or rated_torque"
+        raise InvalidValueError("datasheet.peak_duration", None, allowed)
+    save_supply(SupplyFile(battery=None, heat=None, i2t=conversion.i2t), path)
 
 
 def voltage_factor(convention: str, connection: str) -> float:
@@ -175,12 +193,13 @@ class _Conversion:
                 "if the sheet has none, measure it or estimate mass x radius^2 of the rotor's ring",
             ).value,
         )
-        return DatasheetConversion(motor=motor, steps=tuple(self._steps), notes=tuple(self._notes))
+        i2t = self._i2t(motor)
+        return DatasheetConversion(motor=motor, i2t=i2t, steps=tuple(self._steps), notes=tuple(self._notes))
 
     def _step(self, quantity: str, formula: str, numbers: str, value: float, unit: str) -> float:
-        self._steps.append(
-            ConversionStep(quantity=quantity, formula=formula, numbers=numbers, value=value, unit=unit)
-        )
+        step = ConversionStep(quantity=quantity, formula=formula, numbers=numbers, value=value, unit=unit)
+        if step not in self._steps:
+            self._steps.append(step)
         return value
 
     def _needed(self, name: str, hint: str) -> Entry:
@@ -431,6 +450,37 @@ class _Conversion:
         check_range("datasheet.gear_ratio", ratio, 1.0, 500.0)
         return entry.value * ratio if entry.name in ("no_load_speed", "kv") else entry.value / ratio
 
+    def _i2t(self, motor: PmsmParameters) -> I2tLimit | None:
+        """Continuous current, and how long the peak current may flow."""
+        entries = self._sheet.entries
+        durations = [name for name in ("peak_duration", "winding_time_constant") if name in entries]
+        continuous = self._continuous_current(motor) if durations else None
+        if continuous is None:
+            return None
+        share = (continuous * motor.torque_constant / motor.peak_torque) ** 2
+        if share >= 1.0:
+            name = "rated_current" if "rated_current" in entries else "rated_torque"
+            allowed = f"needs {continuous:.4g} A (amplitude), no less than the peak current"
+            raise InvalidValueError(f"datasheet.{name}", entries[name].text, allowed)
+        given = entries[durations[0]].value
+        if durations[0] == "winding_time_constant":
+            numbers, lasts = f"-{given:g} ln(1 - {share:.4g})", -given * math.log(1.0 - share)
+            self._step("peak duration from cold", "-T ln(1 - (i_c / i_peak)^2)", numbers, lasts, "s")
+            return I2tLimit(continuous_current=continuous, time_constant=given)
+        return I2tLimit(continuous_current=continuous, peak_duration=given)
+
+    def _continuous_current(self, motor: PmsmParameters) -> float | None:
+        """Amplitude of the rated current [A], or of the one that the rated torque needs."""
+        entries = self._sheet.entries
+        if "rated_current" in entries:
+            return self._amplitude(entries["rated_current"])
+        if "rated_torque" not in entries:
+            return None
+        torque = self._motor_side(entries["rated_torque"])
+        current = float(desaturate(motor, torque)) / motor.torque_constant
+        numbers = f"{torque:.5g} / {motor.torque_constant:.5g}"
+        return self._step("continuous current from rated_torque", "tau / (1.5 N psi)", numbers, current, "A")
+
     def _check_rated(self, constant: float) -> None:
         current, torque = self._sheet.entries.get("rated_current"), self._sheet.entries.get("rated_torque")
         if current is None or torque is None:
@@ -470,6 +520,7 @@ def conversion_numbers(conversion: DatasheetConversion) -> dict[str, Any]:
     return {
         "motor": {item.name: getattr(motor, item.name) for item in fields(motor)},
         "torque_constant": motor.torque_constant,
+        "i2t": None if conversion.i2t is None else table_of(conversion.i2t),
         "steps": [
             {item.name: getattr(step, item.name) for item in fields(step)} for step in conversion.steps
         ],

@@ -45,6 +45,7 @@ _INERTIA = {
     "g mm^2": 1e-9,
     "oz in s^2": _OUNCE_INCH,
 }
+_SECOND = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
@@ -93,6 +94,8 @@ ENTRIES: dict[str, EntryKind] = {
     "peak_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
     "rated_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
     "peak_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
+    "peak_duration": EntryKind(units=_SECOND, conventions={}),
+    "winding_time_constant": EntryKind(units=_SECOND, conventions={}),
     "no_load_speed": EntryKind(units=_SPEED, conventions={}, sided=True),
     "no_load_voltage": EntryKind(units={"V": 1.0}, conventions={}),
     "rotor_inertia": EntryKind(units=_INERTIA, conventions={}),

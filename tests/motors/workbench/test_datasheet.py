@@ -7,8 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import PmsmParameters, load_motor
-from sprintlab.workbench.datasheet import conversion_numbers, convert_datasheet, save_converted_motor
+from sprintlab.motors import I2tLimit, PmsmParameters, i2t_time_constant, load_motor, load_supply
+from sprintlab.workbench.datasheet import (
+    conversion_numbers,
+    convert_datasheet,
+    save_converted_motor,
+    save_converted_supply,
+)
 from sprintlab.workbench.datasheet_file import (
     CURRENTS,
     VOLTAGES,
@@ -313,3 +318,37 @@ def test_files_that_are_no_data_sheets(tmp_path):
     path.write_text('[datasheet]\npoles = 14\nresistance = "3"\n')
     with pytest.raises(InvalidValueError, match=r"sheet.toml: resistance"):
         load_datasheet(path)
+
+
+@pytest.mark.parametrize("current", CURRENTS)
+def test_peak_and_continuous_values_make_the_drives_i2t(current, tmp_path):
+    rated = {"value": f"{winding_current(12.0, current, 'star')!r} A", "current": current}
+    sheet = sheet_of(MOTOR, rated_current=rated, peak_duration="3000 ms")
+    conversion = convert_datasheet(read_datasheet(sheet))
+    assert conversion.i2t.continuous_current == pytest.approx(12.0)
+    assert conversion.i2t.peak_duration == 3.0
+    save_converted_supply(conversion, tmp_path / "supply.toml")
+    supply = load_supply(tmp_path / "supply.toml")
+    assert (supply.battery, supply.heat, supply.i2t) == (None, None, conversion.i2t)
+    assert conversion_numbers(conversion)["i2t"]["peak_duration"] == 3.0
+
+
+def test_a_rated_torque_and_a_time_constant_do_as_well():
+    saturated = sheet_of(MOTOR, rated_torque="0.5 N m", winding_time_constant="0.5 min", saturation=0.2)
+    conversion = convert_datasheet(read_datasheet(saturated))
+    current = conversion.i2t.continuous_current
+    torque = current * conversion.motor.torque_constant
+    assert torque * (1.0 - 0.2 * torque / conversion.motor.peak_torque) == pytest.approx(0.5)
+    lasts = next(step.value for step in conversion.steps if step.quantity == "peak duration from cold")
+    alike = I2tLimit(continuous_current=current, peak_duration=lasts)
+    assert i2t_time_constant(alike, conversion.motor) == pytest.approx(30.0)
+
+
+def test_a_sheet_without_them_has_no_i2t(tmp_path):
+    conversion = convert_datasheet(read_datasheet(sheet_of(MOTOR)))
+    assert conversion.i2t is None and conversion_numbers(conversion)["i2t"] is None
+    with pytest.raises(InvalidValueError, match=r"peak_duration.*is missing"):
+        save_converted_supply(conversion, tmp_path / "supply.toml")
+    rated = {"value": "31 A", "current": "line amplitude"}
+    with pytest.raises(InvalidValueError, match=r"rated_current.*no less than the peak current"):
+        convert_datasheet(read_datasheet(sheet_of(MOTOR, rated_current=rated, peak_duration="1 s")))

@@ -2,6 +2,7 @@
 
 The law is mjlab's ``control_law`` contract, so that groups of joints with different motors are computed
 together (``mjlab.actuator.fused_group``). Groups are fused by type: each motor model has a type of its own.
+With I²t the level is one more parameter tensor, which the law itself advances: mjlab calls it once a step.
 """
 
 from __future__ import annotations
@@ -23,14 +24,20 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
     Gear,
+    I2tLimit,
     MotorModel,
+    MotorValues,
     PmsmParameters,
     drive_torque,
+    i2t_decay,
+    i2t_drive,
+    i2t_time_constant,
     reflected_inertia,
 )
 
 _MOTOR_FIELDS = tuple(item.name for item in fields(PmsmParameters))
 _OWN_PARAMETERS = (*_MOTOR_FIELDS, "gear_ratio", "gear_efficiency", "bus_voltage")
+_I2T_PARAMETERS = ("continuous_current", "i2t_level", "i2t_decay")  # in the order of ``i2t_drive``
 
 
 @dataclass(kw_only=True)
@@ -54,6 +61,8 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
     """DC bus [V]; see ``randomize_bus_voltage``."""
     model: MotorModel = "refined"
     """Which voltage limit holds: one of ``MOTOR_MODELS``."""
+    i2t: I2tLimit | None = None
+    """How the drive cuts overloads back, plain numbers; ``None``: the peak current may flow for ever."""
 
     def __post_init__(self) -> None:
         """Check what mjlab does not, and fill in what follows from motor and gear."""
@@ -62,6 +71,10 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
         for name, value in (("motor", self.motor.peak_torque), ("gear", self.gear.ratio)):
             if np.ndim(value) > 0:
                 raise InvalidValueError(name, value, "must be one motor: give each kind a group of its own")
+        if self.i2t is not None and np.ndim(i2t_time_constant(self.i2t, self.motor)) > 0:
+            raise InvalidValueError(
+                "i2t", self.i2t, "must be of one motor: give each kind a group of its own"
+            )
         if self.transmission_type != TransmissionType.JOINT:
             raise InvalidValueError("transmission_type", self.transmission_type.value, "must be joint")
         if self.armature is None:
@@ -73,7 +86,7 @@ class PmsmActuatorCfg(IdealPdActuatorCfg):
 
     def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> PmsmActuator:
         """The actuator of this group, of the type that stands for ``model``."""
-        return actuator_type(self.model)(self, entity, target_ids, target_names)
+        return actuator_type(self.model, self.i2t is not None)(self, entity, target_ids, target_names)
 
 
 class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
@@ -84,6 +97,7 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
     """
 
     model: ClassVar[MotorModel] = "refined"
+    limited: ClassVar[bool] = False
     param_names = (*IdealPdActuator.param_names, *_OWN_PARAMETERS)
 
     @classmethod
@@ -93,16 +107,15 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
         """Torque on the joints [N m] ``(environments, joints)``: the PD torque through ``drive_torque``."""
         limit = params["force_limit"]
         desired = torch.clamp(pd_torque(params["stiffness"], params["damping"], cmd), -limit, limit)
-        motor = _MotorTensors(*(params[name] for name in _MOTOR_FIELDS))
-        gear = _GearTensors(params["gear_ratio"], params["gear_efficiency"])
-        return drive_torque(
-            cast("PmsmParameters", motor),
-            cast("Gear", gear),
-            desired,
-            cmd.vel,
-            params["bus_voltage"],
-            cls.model,
-        ).torque
+        motor = cast("PmsmParameters", MotorValues(*(params[name] for name in _MOTOR_FIELDS)))
+        gear = cast("Gear", _GearTensors(params["gear_ratio"], params["gear_efficiency"]))
+        asked = (desired, cmd.vel, params["bus_voltage"], cls.model)
+        if not cls.limited:
+            return drive_torque(motor, gear, *asked).torque
+        continuous, level, decay = (params[name] for name in _I2T_PARAMETERS)
+        output, level = i2t_drive(motor, gear, continuous, level, decay, *asked)
+        params["i2t_level"].copy_(level)
+        return output.torque
 
     def initialize(self, mj_model: Any, model: Any, data: Any, device: str) -> None:
         """Lay out the parameters as tensors, one value an environment and joint."""
@@ -112,28 +125,22 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
         values["gear_ratio"] = self.cfg.gear.ratio
         values["gear_efficiency"] = self.cfg.gear.efficiency
         values["bus_voltage"] = self.cfg.bus_voltage
+        if self.cfg.i2t is not None:
+            values["continuous_current"] = self.cfg.i2t.continuous_current
+            values["i2t_decay"] = i2t_decay(self.cfg.i2t, self.cfg.motor, mj_model.opt.timestep)
+            values["i2t_level"] = 0.0
         for name, value in values.items():
             setattr(self, name, torch.full(shape, float(value), dtype=torch.float, device=device))
+
+    def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
+        """As mjlab's; the drives of those environments are cold again."""
+        super().reset(env_ids)
+        if self.limited:
+            self.i2t_level[slice(None) if env_ids is None else env_ids] = 0.0
 
     def set_bus_voltage(self, env_ids: torch.Tensor | slice, voltage: torch.Tensor) -> None:
         """Set the bus voltage [V] of some environments; ``voltage`` is ``(environments,)`` or with joints."""
         self.bus_voltage[env_ids] = voltage.unsqueeze(-1) if voltage.ndim == 1 else voltage
-
-
-class _MotorTensors(NamedTuple):
-    """``PmsmParameters`` without its checks, which would make the host wait for the device in every step."""
-
-    pole_pairs: torch.Tensor
-    stator_resistance: torch.Tensor
-    q_axis_inductance: torch.Tensor
-    flux_linkage: torch.Tensor
-    peak_torque: torch.Tensor
-    saturation: torch.Tensor
-    rotor_inertia: torch.Tensor
-
-    @property
-    def torque_constant(self) -> torch.Tensor:
-        return 1.5 * self.pole_pairs * self.flux_linkage
 
 
 class _GearTensors(NamedTuple):
@@ -143,16 +150,22 @@ class _GearTensors(NamedTuple):
     efficiency: torch.Tensor
 
 
-@cache
-def actuator_type(model: MotorModel) -> type[PmsmActuator]:
-    """The actuator type of a motor model; the same type at every call, so that groups fuse.
+def actuator_type(model: MotorModel, limited: bool = False) -> type[PmsmActuator]:
+    """The actuator type of a motor model, with I²t or without; at every call the same: groups fuse.
 
     Raises:
         InvalidValueError: the model is unknown.
     """
     check_choice("model", model, MOTOR_MODELS)
-    words = model.title().replace("-", "")
-    return type(f"Pmsm{words}Actuator", (PmsmActuator,), {"model": model, "__doc__": PmsmActuator.__doc__})
+    return _actuator_type(model, limited)
+
+
+@cache
+def _actuator_type(model: MotorModel, limited: bool) -> type[PmsmActuator]:
+    words = model.title().replace("-", "") + ("I2t" if limited else "")
+    names = PmsmActuator.param_names + (_I2T_PARAMETERS if limited else ())
+    own = {"model": model, "limited": limited, "param_names": names, "__doc__": PmsmActuator.__doc__}
+    return type(f"Pmsm{words}Actuator", (PmsmActuator,), own)
 
 
 _ROBOT = SceneEntityCfg("robot")

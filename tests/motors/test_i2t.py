@@ -1,0 +1,155 @@
+"""I²t: against the differential equation and its closed form, and what it does to a drive."""
+
+import math
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.integrate import solve_ivp
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Gear,
+    I2tLimit,
+    PmsmParameters,
+    drive_torque,
+    i2t_current,
+    i2t_decay,
+    i2t_drive,
+    i2t_level,
+    i2t_time_constant,
+    squared_current,
+)
+
+MOTORS = st.from_type(PmsmParameters)
+GEAR = Gear(ratio=6.0, efficiency=0.9)
+
+
+def peak_current(motor):
+    return motor.peak_torque / motor.torque_constant
+
+
+def step(level, decay, current, continuous=10.0):
+    """One step in which the drive wants a current: what flows, and the level after it."""
+    flowing = min(current, float(i2t_current(continuous, level, decay)))
+    return flowing, float(i2t_level(continuous, level, flowing**2, decay))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_the_peak_current_flows_for_its_duration_and_then_the_continuous_one(surrogate, share):
+    continuous = share * peak_current(surrogate)
+    limit = I2tLimit(continuous_current=continuous, peak_duration=3.0)
+    decay, level, currents = i2t_decay(limit, surrogate, 0.001), 0.0, []
+    for _ in range(6000):
+        flowing, level = step(level, decay, peak_current(surrogate), continuous)
+        currents.append(flowing)
+        assert level <= 1.0
+    peak = peak_current(surrogate)
+    assert np.allclose(currents[:3000], peak, rtol=1e-9)
+    assert np.allclose(currents[3001:], continuous, rtol=1e-9)
+
+
+@given(st.floats(1.05, 20.0), st.floats(0.1, 100.0))
+def test_a_constant_overload_lasts_as_long_as_the_closed_form_says(overload, time_constant):
+    lasts = time_constant * math.log(overload**2 / (overload**2 - 1.0))
+    level = i2t_level(10.0, 0.0, (10.0 * overload) ** 2, math.exp(-lasts / time_constant))
+    assert level == pytest.approx(1.0, abs=1e-9)
+    shorter = i2t_level(10.0, 0.0, (10.0 * overload) ** 2, math.exp(-0.99 * lasts / time_constant))
+    assert shorter < 1.0
+
+
+def test_the_level_is_the_balance_of_heat_over_any_course_of_currents():
+    """What flowed in, less what flowed off, is what is there: against SciPy's integrator."""
+    random = np.random.default_rng(7)
+    currents, time_constant, continuous = random.uniform(0.0, 14.0, 40), 5.0, 10.0
+    decay = math.exp(-0.1 / time_constant)
+    level = 0.0
+    for current in currents:
+        level = float(i2t_level(continuous, level, current**2, decay))
+
+    def rate(time, state):
+        current = currents[min(int(time / 0.1), 39)]
+        return [((current / continuous) ** 2 - state[0]) / time_constant]
+
+    expected = solve_ivp(rate, (0.0, 4.0), [0.0], max_step=0.01, rtol=1e-9, atol=1e-12).y[0, -1]
+    assert 0.1 < level < 1.0
+    assert level == pytest.approx(expected, abs=2e-3)  # the integrator does not know where the steps are
+
+
+def test_after_a_rest_the_peak_current_is_back():
+    limit_level = 1.0
+    decay = math.exp(-0.001 / 8.0)
+    assert i2t_current(10.0, limit_level, decay) == pytest.approx(10.0)
+    rested = float(i2t_level(10.0, limit_level, 0.0, math.exp(-5.0)))
+    assert rested == pytest.approx(math.exp(-5.0))
+    # 30 A again for nearly as long as from cold
+    lasts = -8.0 * math.log((9.0 - 1.0) / (9.0 - rested))
+    assert i2t_level(10.0, rested, 900.0, math.exp(-lasts / 8.0)) == pytest.approx(1.0)
+    assert lasts > 0.99 * 8.0 * math.log(9.0 / 8.0)
+
+
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+@given(
+    motor=MOTORS,
+    level=st.floats(0.0, 1.0),
+    share=st.floats(0.1, 0.95),
+    wanted=st.floats(-1.5, 1.5),
+    speed=st.floats(-300.0, 300.0),
+)
+def test_it_is_the_motor_law_with_a_lower_current_limit(model, motor, level, share, wanted, speed):
+    continuous, velocity = share * peak_current(motor), speed / GEAR.ratio
+    decay = math.exp(-0.3)
+    desired = wanted * motor.peak_torque * GEAR.ratio
+    output, after = i2t_drive(motor, GEAR, continuous, level, decay, desired, velocity, 60.0, model)
+    allowed = min(peak_current(motor), float(i2t_current(continuous, level, decay)))
+    cut = allowed / peak_current(motor)
+    weaker = replace(motor, peak_torque=motor.peak_torque * cut, saturation=motor.saturation * cut)
+    expected = drive_torque(weaker, GEAR, desired, velocity, 60.0, model)
+    for got, right in zip(output, expected, strict=True):
+        np.testing.assert_allclose(got, right, rtol=1e-9, atol=1e-9)
+    assert squared_current(motor, output) <= allowed**2 * (1.0 + 1e-6)
+    assert 0.0 <= after <= 1.0
+
+
+def test_numpy_and_torch_agree_and_nothing_waits_for_a_device(surrogate, torch):
+    limit = I2tLimit(continuous_current=np.array([15.0, 25.0]), time_constant=4.0)
+    decay = i2t_decay(limit, surrogate, 0.01)
+    level, desired, velocity = np.array([0.2, 0.999]), np.array([70.0, -60.0]), np.array([3.0, -8.0])
+    expected = i2t_drive(surrogate, GEAR, limit.continuous_current, level, decay, desired, velocity, 60.0)
+    tensors = [torch.as_tensor(value) for value in (level, decay, desired, velocity)]
+    actual = i2t_drive(surrogate, GEAR, limit.continuous_current, *tensors, 60.0)
+    np.testing.assert_allclose(actual[0].torque.numpy(), expected[0].torque)
+    np.testing.assert_allclose(actual[1].numpy(), expected[1])
+    nowhere = torch.zeros(2, device="meta")
+    output, after = i2t_drive(surrogate, GEAR, 15.0, nowhere, 0.99, nowhere, nowhere, 60.0)
+    assert output.torque.device.type == after.device.type == "meta"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"continuous_current": 0.0, "time_constant": 1.0}, "i2t.continuous_current"),
+        ({"continuous_current": 5.0, "time_constant": -1.0}, "i2t.time_constant"),
+        ({"continuous_current": 5.0, "peak_duration": math.nan}, "i2t.peak_duration"),
+        ({"continuous_current": 5.0}, "give peak_duration or time_constant"),
+        ({"continuous_current": 5.0, "peak_duration": 1.0, "time_constant": 1.0}, "one of them"),
+    ],
+)
+def test_impossible_limits_are_refused(values, message):
+    with pytest.raises(InvalidValueError, match=message):
+        I2tLimit(**values)
+
+
+def test_a_limit_that_does_not_fit_the_motor_is_refused(surrogate):
+    limit = I2tLimit(continuous_current=1.01 * peak_current(surrogate), time_constant=1.0)
+    with pytest.raises(InvalidValueError, match="must lie below the peak current of 78"):
+        i2t_time_constant(limit, surrogate)
+    several = I2tLimit(continuous_current=np.array([5.0, 6.0, 7.0]), time_constant=np.array([1.0, 2.0]))
+    with pytest.raises(InvalidValueError, match="one for each motor"):
+        i2t_time_constant(several, surrogate)
+    fits = I2tLimit(continuous_current=5.0, time_constant=1.0)
+    with pytest.raises(InvalidValueError, match="duration"):
+        i2t_decay(fits, surrogate, 0.0)
