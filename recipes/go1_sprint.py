@@ -9,26 +9,14 @@ defaults were that day: without a reward for the speed itself, quiet robots and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from sprintlab.api.training import run_script, train_settings
+from sprintlab.api.training import ScriptOptions, run_script, train_settings
 from sprintlab.commands import AdaptiveSchedule
 from sprintlab.training.settings import TrainingSettings
 
-ITERATIONS = 2200
-LONGEST_MINUTES = 60.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Where to put the run, how long to train, on which device, with how many robots."""
-
-    output: Path = Path("runs/go1-sprint")
-    iterations: int = ITERATIONS
-    environments: int = 8192
-    device: str = "auto"
-    resume: bool = False
+DEFAULTS = ScriptOptions(output=Path("runs/go1-sprint"), iterations=2200, minutes=60.0)
 
 
 def go1_settings() -> TrainingSettings:
@@ -51,14 +39,14 @@ def go1_settings() -> TrainingSettings:
     )
 
 
-def main(options: Options) -> Path:
+def main(options: ScriptOptions) -> Path:
     """Train; returns the checkpoint.
 
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    return train_settings(go1_settings(), keep_schedule=True, minutes=LONGEST_MINUTES, **vars(options))
+    return train_settings(go1_settings(), keep_schedule=True, **vars(options))
 
 
 if __name__ == "__main__":
-    run_script(main, Options)
+    run_script(main, DEFAULTS)

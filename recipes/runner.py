@@ -9,26 +9,14 @@ iteration 1100 on. The shipped run ended after 1641 iterations, when its time wa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from sprintlab.api.training import run_script, train_settings
+from sprintlab.api.training import ScriptOptions, run_script, train_settings
 from sprintlab.training.methods import method_settings
 from sprintlab.training.settings import TrainingSettings
 
-ITERATIONS = 1650
-LONGEST_MINUTES = 5.25
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Where to put the run, how long to train, on which device, with how many robots."""
-
-    output: Path = Path("runs/runner")
-    iterations: int = ITERATIONS
-    environments: int = 8192
-    device: str = "auto"
-    resume: bool = False
+DEFAULTS = ScriptOptions(output=Path("runs/runner"), iterations=1650, minutes=5.25)
 
 
 def runner_settings() -> TrainingSettings:
@@ -41,14 +29,14 @@ def runner_settings() -> TrainingSettings:
     )
 
 
-def main(options: Options) -> Path:
+def main(options: ScriptOptions) -> Path:
     """Train; returns the checkpoint.
 
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    return train_settings(runner_settings(), keep_schedule=True, minutes=LONGEST_MINUTES, **vars(options))
+    return train_settings(runner_settings(), keep_schedule=True, **vars(options))
 
 
 if __name__ == "__main__":
-    run_script(main, Options)
+    run_script(main, DEFAULTS)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.evaluation import race_files
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
 from sprintlab.evaluation.results import RaceResult
@@ -46,5 +45,5 @@ def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
 def computed(standing_race: RaceResult, monkeypatch: pytest.MonkeyPatch) -> RaceResult:
     """The race as already computed once: what is tested is what becomes of its result."""
     result = copy.deepcopy(standing_race)
-    monkeypatch.setattr(race_files, "evaluate_race", lambda *_, **__: result)
+    monkeypatch.setattr("sprintlab.evaluation.race.evaluate_race", lambda *_, **__: result)
     return result

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.evaluation import race_files
 
 PROMISED = {
     "time_100m_s",
@@ -58,7 +57,7 @@ def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot
     def evaluate_only_in_name(_policy, robot, **_settings):
         raise SprintlabError(f"this would run {robot.name}")
 
-    monkeypatch.setattr(race_files, "evaluate_race", evaluate_only_in_name)
+    monkeypatch.setattr("sprintlab.evaluation.race.evaluate_race", evaluate_only_in_name)
     outcome = call("race", policy_name, "--top-speed", 2)
     assert outcome.status == 2 and f"this would run {robot_name}" in outcome.err
 

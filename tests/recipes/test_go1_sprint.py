@@ -47,7 +47,9 @@ def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
 
 @pytest.mark.slow
 def test_one_iteration_leaves_a_checkpoint_and_a_log(recipe, tmp_path):
-    options = recipe["Options"](output=tmp_path, iterations=1, environments=16, device="cpu")
+    from sprintlab.api.training import ScriptOptions
+
+    options = ScriptOptions(output=tmp_path, iterations=1, environments=16, device="cpu")
     assert recipe["main"](options) == tmp_path / "checkpoint.pt"
     assert (tmp_path / "checkpoint.pt").is_file()
     assert (tmp_path / "log.jsonl").is_file()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -14,6 +16,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.train import parse_training
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.policy import SHIPPED_POLICIES
+from sprintlab.training.runs.options import TrainOptions
 
 COMMANDS = ("sprint", "sprint-fast")
 """Policies of ``sprintlab train``; the others have a script."""
@@ -47,7 +50,7 @@ def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], M
     contract = load_policy(shipped_policy("go1-sprint")).contract
     settings, record = recipe.go1_settings(), contract.training
     assert contract.robot_name == settings.robot
-    assert (record.iterations, record.seed) == (recipe.ITERATIONS, settings.seed)
+    assert (record.iterations, record.seed) == (recipe.DEFAULTS.iterations, settings.seed)
     assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"
 
 
@@ -56,6 +59,20 @@ def test_the_runner_was_trained_by_its_recipe(load_script: Callable[[str], Modul
     contract = load_policy(shipped_policy("runner")).contract
     settings, record = recipe.runner_settings(), contract.training
     assert contract.robot_name == settings.robot and record.seed == settings.seed
-    assert 0.99 * recipe.ITERATIONS < record.iterations <= recipe.ITERATIONS  # it ended when its time was up
+    assert (
+        0.99 * recipe.DEFAULTS.iterations < record.iterations <= recipe.DEFAULTS.iterations
+    )  # it ended when its time was up
     assert record.environment_steps == record.iterations * 8192 * settings.ppo.steps
     assert record.command_line == "python recipes/runner.py --output runs/runner"
+
+
+def test_a_recipe_trains_the_seed_of_its_settings(
+    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[TrainOptions] = []
+    monkeypatch.setattr("sprintlab.training.runs.run.train", asked.append)
+    recipe = load_script("recipes/runner.py")
+    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own"))
+    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64))
+    assert [options.full_settings().seed for options in asked] == [recipe.runner_settings().seed, 7] == [1, 7]
+    assert [options.full_settings().simulation.environments for options in asked] == [8192, 64]

@@ -45,7 +45,7 @@ def clock_numbers(check: ClockCheck) -> dict[str, Any]:
 
 def clock_table(check: ClockCheck) -> Table:
     """One row a clock."""
-    from sprintlab.evaluation.tables import number_text
+    from sprintlab.evaluation.quantities import number
 
     columns = ("policy clock", "completed", "held [m/s]", "stride [Hz]", "policy steps a stride", "locked")
     title = f"Other policy clocks at {check.top_speed:g} m/s, raw"
@@ -54,9 +54,9 @@ def clock_table(check: ClockCheck) -> Table:
         table.add_row(
             str(item.clock),
             f"{item.completed} of {item.trials}",
-            number_text(item.held_speed, 2),
-            number_text(item.stride_frequency, 2),
-            number_text(item.stride_steps, 2),
+            number(item.held_speed),
+            number(item.stride_frequency),
+            number(item.stride_steps),
             "yes" if item.locked else "no",
         )
     return table

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from sprintlab.core.extras import package_version
 
@@ -62,6 +62,23 @@ class Finding:
     advice: str = ""
 
 
+class Outcome(NamedTuple):
+    """What trying a thing showed; fields as in ``Finding``."""
+
+    state: State
+    found: str
+    advice: str = ""
+
+
+class Check(NamedTuple):
+    """A thing that must be tried; ``slow``: it takes long."""
+
+    name: str
+    needed_for: str
+    attempt: Callable[[], Outcome]
+    slow: bool = False
+
+
 def examine(
     folder: Path, begin: Callable[[str], None] = lambda name: None, thorough: bool = False
 ) -> Iterator[Finding]:
@@ -75,20 +92,12 @@ def examine(
     yield Finding(name="Python", state="ok", found=platform.python_version(), needed_for="everything")
     yield Finding(name="platform", state="ok", found=platform.platform(), needed_for="everything")
     yield from package_findings()
-    checks: tuple[Callable[[], Finding], ...] = (
-        _driver, _cuda, _graph_capture, _compiler, _compilation, _onnxruntime, _opengl,
-    )  # fmt: skip
-    for check in checks:
-        name = (check.__doc__ or "").rstrip(".")
-        begin(name)
-        tried = thorough or check not in _SLOW
-        yield check() if tried else _untried(name, _SLOW[check])
+    untried = Outcome("not tried", "", "sprintlab doctor --thorough tries it")
+    for check in CHECKS:
+        begin(check.name)
+        outcome = check.attempt() if thorough or not check.slow else untried
+        yield Finding(name=check.name, needed_for=check.needed_for, **outcome._asdict())
     yield disk(folder)
-
-
-def _untried(name: str, use: str) -> Finding:
-    advice = "sprintlab doctor --thorough tries it"
-    return Finding(name=name, state="not tried", found="", needed_for=use, advice=advice)
 
 
 # --- packages --------------------------------------------------------------------------------------------
@@ -178,23 +187,17 @@ def _probe(code: str, *arguments: str) -> str | None:
     return lines[-1].strip()[:200] if lines else f"exit status {done.returncode}"
 
 
-def _driver() -> Finding:
-    """GPU driver."""
-    use = "training on a GPU"
+def _driver() -> Outcome:
     if shutil.which("nvidia-smi") is None:
         advice = "install NVIDIA's driver (580 or newer for CUDA 13), or train on the CPU, slowly"
-        return Finding(
-            name="GPU driver", state="missing", found="no nvidia-smi", needed_for=use, advice=advice
-        )
+        return Outcome("missing", "no nvidia-smi", advice)
     query = ["nvidia-smi", "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader"]
     done = subprocess.run(query, capture_output=True, text=True, check=False)
     if done.returncode:
         found = (done.stdout + done.stderr).strip().splitlines()[-1:] or ["it fails"]
         advice = "nvidia-smi must list the GPU: reinstall the driver, or reboot after an upgrade"
-        return Finding(name="GPU driver", state="broken", found=found[0], needed_for=use, advice=advice)
-    return Finding(
-        name="GPU driver", state="ok", found="; ".join(done.stdout.strip().splitlines()), needed_for=use
-    )
+        return Outcome("broken", found[0], advice)
+    return Outcome("ok", "; ".join(done.stdout.strip().splitlines()))
 
 
 def _has_gpu() -> bool:
@@ -203,26 +206,18 @@ def _has_gpu() -> bool:
     return shutil.which("nvidia-smi") is not None or any(device.exists() for device in devices)
 
 
-def _cuda() -> Finding:
-    """CUDA in PyTorch."""
-    use = "training on a GPU"
+def _cuda() -> Outcome:
     if not _installed("torch"):
-        advice = "pip install 'sprintlab[train]'"
-        return Finding(name="CUDA", state="missing", found="no PyTorch", needed_for=use, advice=advice)
+        return _NO_PYTORCH
     if not _has_gpu():
-        advice = "needs a GPU and its driver, see above"
-        return Finding(name="CUDA", state="missing", found="no GPU", needed_for=use, advice=advice)
+        return Outcome("missing", "no GPU", "needs a GPU and its driver, see above")
     wrong = _probe("import torch; torch.zeros(1, device='cuda:0').add_(1)")
     if wrong is not None:
         advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
-        return Finding(name="CUDA", state="broken", found=wrong, needed_for=use, advice=advice)
-    version = _output("import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))")
-    return Finding(name="CUDA", state="ok", found=version, needed_for=use)
-
-
-def _output(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    return done.stdout.strip()
+        return Outcome("broken", wrong, advice)
+    asked = "import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
+    return Outcome("ok", done.stdout.strip())
 
 
 def _has_cuda() -> bool:
@@ -233,81 +228,53 @@ def _has_cuda() -> bool:
     )
 
 
-def _graph_capture() -> Finding:
-    """Capture of a CUDA graph."""
-    use = "training at full speed"
+def _graph_capture() -> Outcome:
     if not _has_cuda():
-        return Finding(
-            name="graph capture", state="missing", found="not tried without CUDA", needed_for=use,
-            advice="needs CUDA, see above",
-        )  # fmt: skip
+        return Outcome("missing", "not tried without CUDA", "needs CUDA, see above")
     wrong = _probe(_CAPTURE)
     if wrong is None:
-        return Finding(name="graph capture", state="ok", found="captured and replayed", needed_for=use)
+        return Outcome("ok", "captured and replayed")
     advice = "update driver and PyTorch; until then train with --no-fused, several times slower"
-    return Finding(name="graph capture", state="broken", found=wrong, needed_for=use, advice=advice)
+    return Outcome("broken", wrong, advice)
 
 
-def _compiler() -> Finding:
-    """C compiler."""
+def _compiler() -> Outcome:
     name = os.environ.get("CC") or next((each for each in ("gcc", "clang", "cc") if shutil.which(each)), None)
-    use = "training at full speed (torch.compile)"
     if name is None or shutil.which(name) is None:
         advice = "install one, e.g. apt install gcc, or train with --no-fused"
-        return Finding(
-            name="C compiler", state="missing", found=f"no {name or 'gcc, clang or cc'}", needed_for=use,
-            advice=advice,
-        )  # fmt: skip
+        return Outcome("missing", f"no {name or 'gcc, clang or cc'}", advice)
     done = subprocess.run([name, "--version"], capture_output=True, text=True, check=False)
-    return Finding(
-        name="C compiler", state="ok", found=(done.stdout.splitlines() or [name])[0], needed_for=use
-    )
+    return Outcome("ok", (done.stdout.splitlines() or [name])[0])
 
 
-def _compilation() -> Finding:
-    """torch.compile."""
-    use = "training at full speed"
+def _compilation() -> Outcome:
     if not _installed("torch"):
-        return Finding(
-            name="torch.compile", state="missing", found="no PyTorch", needed_for=use,
-            advice="pip install 'sprintlab[train]'",
-        )  # fmt: skip
+        return _NO_PYTORCH
     device = "cuda:0" if _has_cuda() else "cpu"
     wrong = _probe(_COMPILE, device)
     if wrong is None:
         triton = f"Triton {metadata.version('triton')}, " if _installed("triton") else ""
-        return Finding(
-            name="torch.compile", state="ok", found=f"{triton}compiled and run on {device}", needed_for=use
-        )
-    state: State = "missing" if _compiler().state == "missing" else "broken"
+        return Outcome("ok", f"{triton}compiled and run on {device}")
     advice = "needs a C compiler, Python's headers (apt install python3-dev) and on a GPU Triton"
-    return Finding(name="torch.compile", state=state, found=wrong, needed_for=use, advice=advice)
+    return Outcome("missing" if _compiler().state == "missing" else "broken", wrong, advice)
 
 
-def _onnxruntime() -> Finding:
-    """ONNX Runtime."""
+def _onnxruntime() -> Outcome:
     try:
         import onnxruntime
     except ImportError as error:
-        return Finding(
-            name="ONNX Runtime", state="broken", found=str(error), needed_for="running policies",
-            advice="pip install --upgrade onnxruntime",
-        )  # fmt: skip
-    providers = ", ".join(onnxruntime.get_available_providers())
-    return Finding(name="ONNX Runtime", state="ok", found=providers, needed_for="running policies")
+        return Outcome("broken", str(error), "pip install --upgrade onnxruntime")
+    return Outcome("ok", ", ".join(onnxruntime.get_available_providers()))
 
 
-def _opengl() -> Finding:
-    """OpenGL backend."""
+def _opengl() -> Outcome:
     from sprintlab.evaluation.video import working_gl_backend
 
     backend = working_gl_backend()
     if backend is not None:
-        return Finding(name="OpenGL backend", state="ok", found=backend, needed_for="videos")
+        return Outcome("ok", backend)
     advice = "install one, e.g. apt install libegl1 libosmesa6; everything but videos works without"
-    return Finding(
-        name="OpenGL backend", state="missing", found="none renders", needed_for="videos", advice=advice
-    )
+    return Outcome("missing", "none renders", advice)
 
 
 def disk(folder: Path) -> Finding:
@@ -315,28 +282,30 @@ def disk(folder: Path) -> Finding:
     place = folder.absolute()
     while not place.exists():
         place = place.parent
+    return Finding(name="disk", needed_for="runs", **_room_at(place)._asdict())
+
+
+def _room_at(place: Path) -> Outcome:
     if not place.is_dir():
-        return Finding(
-            name="disk", state="broken", found=f"{place} is a file", needed_for="runs",
-            advice="choose a folder",
-        )  # fmt: skip
-    free = shutil.disk_usage(place).free
-    found = f"{free / 1e9:.1f} GB free at {place}"
+        return Outcome("broken", f"{place} is a file", "choose a folder")
     if not os.access(place, os.W_OK):
         advice = "choose another folder with --output, or change its permissions"
-        return Finding(
-            name="disk", state="broken", found=f"{place} is read-only", needed_for="runs", advice=advice
-        )
+        return Outcome("broken", f"{place} is read-only", advice)
+    free = shutil.disk_usage(place).free
+    found = f"{free / 1e9:.1f} GB free at {place}"
     if free < LEAST_DISK:
-        advice = f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB"
-        return Finding(name="disk", state="broken", found=found, needed_for="runs", advice=advice)
-    return Finding(name="disk", state="ok", found=found, needed_for="runs")
+        return Outcome("broken", found, f"make room: a run wants {LEAST_DISK / 1e9:.0f} GB")
+    return Outcome("ok", found)
 
 
-_SLOW = {
-    _cuda: "training on a GPU",
-    _graph_capture: "training at full speed",
-    _compilation: "training at full speed",
-    _opengl: "videos",
-}
-"""What takes long to try, and what it is needed for."""
+_NO_PYTORCH = Outcome("missing", "no PyTorch", "pip install 'sprintlab[train]'")
+CHECKS = (
+    Check("GPU driver", "training on a GPU", _driver),
+    Check("CUDA", "training on a GPU", _cuda, slow=True),
+    Check("graph capture", "training at full speed", _graph_capture, slow=True),
+    Check("C compiler", "training at full speed (torch.compile)", _compiler),
+    Check("torch.compile", "training at full speed", _compilation, slow=True),
+    Check("ONNX Runtime", "running policies", _onnxruntime),
+    Check("OpenGL backend", "videos", _opengl, slow=True),
+)
+"""In the order in which one depends on another."""

@@ -7,7 +7,7 @@ in the trajectory made here; nothing that is drawn or printed from a log uses it
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.figures import on_envelope
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.results import Trajectory, TrialResult
+from sprintlab.evaluation.run_report import TrackRun
 from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import RobotDescription
@@ -33,46 +34,13 @@ RATE = 500.0
 _FULL_SHARE = 0.95  # of the highest command: from there on it counts as held
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoggedRun:
-    """The part of a log in which the policy drove.
+def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100.0) -> TrackRun:
+    """The part of a log in which the policy drove; its time starts with the policy.
 
-    Attributes:
-        trial: as a simulated trial; time starts with the policy.
-        fix_time: ``(F,)`` times of the position fixes [s].
-        fix_speed: ``(F,)`` speed along the course at these times [m/s].
-        fix_way: ``(F,)`` way along the course since the start [m].
-        command_time: ``(P,)`` times of the policy steps [s].
-        command: ``(P, 3)`` what the policy was given.
-        faults: how often each fault was noticed.
-    """
-
-    trial: TrialResult
-    fix_time: FloatArray
-    fix_speed: FloatArray
-    fix_way: FloatArray
-    command_time: FloatArray
-    command: FloatArray
-    faults: dict[str, int]
-
-    @property
-    def start(self) -> float:
-        """Time of the first non-zero command [s]; nan if there is none."""
-        moving = np.abs(self.command[:, 0]) > 1e-9
-        return float(self.command_time[int(moving.argmax())]) if moving.any() else float("nan")
-
-    def time_over(self, distance: float) -> float:
-        """From the first non-zero command to the distance, between the fixes straight [s]; nan if not run."""
-        passed = self.fix_way >= distance
-        if not passed.any() or not passed.argmax():
-            return float("nan")
-        after = int(passed.argmax())
-        span = slice(after - 1, after + 1)
-        return float(np.interp(distance, self.fix_way[span], self.fix_time[span])) - self.start
-
-
-def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
-    """Cut out what the policy drove, and turn it into a trial.
+    Args:
+        record: the log.
+        robot: that it is of.
+        distance: to be timed [m].
 
     Raises:
         LogError: the policy never drove, the log holds fewer than two position fixes of that time, or it is
@@ -93,13 +61,14 @@ def logged_run(record: RunRecord, robot: RobotDescription) -> LoggedRun:
     command = record.column("ticks", "velocity")[steps]
     command_time = tick_time[steps] - begin
     faults = Counter(fault for noted in record.ticks.faults.values() for fault in noted)
-    return LoggedRun(
+    return TrackRun(
         trial=_trial(trajectory, robot, _hold(command_time, command), not _fell(faults)),
         fix_time=course.time - begin,
         fix_speed=course.velocity[:, 0],
         fix_way=course.position[:, 0],
         command_time=command_time,
         command=command,
+        distance=distance,
         faults=dict(faults),
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,7 +25,6 @@ from sprintlab.core.files import check_writable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sprintlab.evaluation.race_files import RaceFiles
     from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult, TrialResult
 
 Progress = Callable[[str], None]
@@ -102,14 +102,12 @@ class Race(Drawn):
         Raises:
             SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
-        from sprintlab.evaluation.race_files import write_race
+        from sprintlab.core.files import reserved_directory
+        from sprintlab.evaluation.race_files import default_folder
 
-        place = None if folder is None else Path(folder)
-        files = write_race(
-            self.result, self.policy, self.robot, place, video=video, command_line=command_line()
-        )
-        _with_replay(files, self.policy, self.robot)
-        return files.folder / "report.html"
+        with reserved_directory(Path(folder) if folder else default_folder()) as target:
+            _written(self, target, video, lambda _: None)
+        return target / "report.html"
 
 
 def race(
@@ -158,22 +156,24 @@ def race(
     both = engine == "both"
     plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
     settings = protocol_settings(trials, seed, plant=plant)
-    options: dict[str, Any] = {
-        "top_speed": top_speed, "distance": distance, "settings": settings, "step_check": step_check,
-        "workers": workers, "second_engine": "drake" if both else None,
-    }  # fmt: skip
-    if folder is None:
-        from sprintlab.evaluation.race import evaluate_race
-        from sprintlab.robots import load_robot
+    from sprintlab.core.files import reserved_directory
+    from sprintlab.evaluation.race import evaluate_race
+    from sprintlab.robots import load_robot
 
+    with nullcontext() if folder is None else reserved_directory(Path(folder)) as target:
         progress("running trials")
-        return Race(result=evaluate_race(path, load_robot(name), **options), policy=path, robot=name)
-    from sprintlab.evaluation.race_files import run_race
-
-    words = command_line()
-    files = run_race(path, name, Path(folder), video=video, command_line=words, progress=progress, **options)
-    progress("writing the replay")
-    return _with_replay(files, path, name)
+        result = evaluate_race(
+            path,
+            load_robot(name),
+            top_speed=top_speed,
+            distance=distance,
+            settings=settings,
+            step_check=step_check,
+            second_engine="drake" if both else None,
+            workers=workers,
+        )
+        found = Race(result=result, policy=path, robot=name)
+        return found if target is None else _written(found, target, video, progress)
 
 
 def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:
@@ -187,13 +187,23 @@ def _check_race(top_speed: float | None, seed: int, workers: int | None, folder:
         check_writable(folder)
 
 
-def _with_replay(files: RaceFiles, policy: Path, robot: str) -> Race:
-    """The race that was written, after the 100 m as an interactive page was put beside it."""
+def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race:
+    """The race with its report in a folder, and the 100 m as an interactive page beside it."""
     from sprintlab.api.replay import write_race_replay
+    from sprintlab.evaluation.race_files import write_race
 
-    write_race_replay(files.folder, robot)
-    found = Race(result=files.result, policy=policy, robot=robot)
-    return replace(found, folder=files.folder, video_message=files.video_message)
+    files = write_race(
+        target,
+        found.result,
+        found.policy,
+        found.robot,
+        video=video,
+        command_line=command_line(),
+        progress=progress,
+    )
+    progress("writing the replay")
+    write_race_replay(target, found.robot)
+    return replace(found, folder=target, video_message=files.video_message)
 
 
 def command_line() -> str:
@@ -204,8 +214,8 @@ def command_line() -> str:
 
 def result_table(result: RaceResult) -> Table:
     """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.quantities import QUANTITIES
-    from sprintlab.evaluation.report_text import number, sprint_text
+    from sprintlab.evaluation.quantities import QUANTITIES, number
+    from sprintlab.evaluation.report_text import sprint_text
 
     raw, paced = result.raw, result.self_paced
     title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
@@ -240,7 +250,7 @@ def _i2t_level(group: SpeedResult) -> str:
 
 def battery_text(trial: TrialResult) -> str:
     """Held speed of the trial on battery and warm windings, and what it ended at."""
-    from sprintlab.evaluation.report_text import number
+    from sprintlab.evaluation.quantities import number
 
     held = number(trial.metrics.held_speed, 2)
     if trial.fall_reason:
@@ -292,7 +302,7 @@ def _yes(answer: bool | None) -> str:
 def _share(group: SpeedResult, kind: str) -> str:
     import numpy as np
 
-    from sprintlab.evaluation.report_text import number
+    from sprintlab.evaluation.quantities import number
 
     values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
     return number(float(getattr(values, kind)()), 1)

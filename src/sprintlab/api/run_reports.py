@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from sprintlab.api.policies import policy_path
 
 if TYPE_CHECKING:
-    from sprintlab.api.log_trial import LoggedRun
     from sprintlab.deployment.log import RunRecord
     from sprintlab.evaluation.results import TrialResult
     from sprintlab.evaluation.run_report import TrackRun
@@ -59,10 +58,9 @@ def report_run(
     progress("reading the log", None)
     record = read_log(log)
     described = load_robot(robot or record.facts["robot"])
-    logged = logged_run(record, described)
-    run = _track_run(logged, distance)
-    simulation = _simulate(record, logged, described, policy, progress) if simulate else None
-    numbers = {**run_numbers(run, simulation), "faults": logged.faults, "facts": record.facts}
+    run = logged_run(record, described, distance)
+    simulation = _simulate(record, run, described, policy, progress) if simulate else None
+    numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}
     place = folder or default_folder(prefix="report")
     _write(place, run, simulation, described, numbers, progress)
     return numbers, place
@@ -97,27 +95,11 @@ def _write(
 
 
 def _simulate(
-    record: RunRecord, logged: LoggedRun, robot: RobotDescription, policy: str | None, progress: Progress
+    record: RunRecord, run: TrackRun, robot: RobotDescription, policy: str | None, progress: Progress
 ) -> TrialResult:
     from sprintlab.control import load_policy
     from sprintlab.evaluation.run_report import simulate_commands
 
     progress("simulating the same commands", None)
     loaded = load_policy(policy_path(policy or record.facts.get("policy", "sprint")))
-    hold = logged.trial.hold_interval
-    return simulate_commands(loaded, robot, logged.command_time, logged.command[:, 0], hold)
-
-
-def _track_run(logged: LoggedRun, distance: float) -> TrackRun:
-    from sprintlab.evaluation.run_report import TrackRun
-
-    return TrackRun(
-        trial=logged.trial,
-        fix_time=logged.fix_time,
-        fix_speed=logged.fix_speed,
-        fix_way=logged.fix_way,
-        command_time=logged.command_time,
-        command=logged.command,
-        time_over_distance=logged.time_over(distance),
-        distance=distance,
-    )
+    return simulate_commands(loaded, robot, run.command_time, run.command[:, 0], run.trial.hold_interval)

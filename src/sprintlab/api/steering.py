@@ -153,6 +153,7 @@ def lap(
     robot: RobotChoice = None,
     self_paced: bool = False,
     drive: DriveOptions | None = None,
+    progress: Progress = lambda what, share: None,
 ) -> Lap:
     """Run one lap of a standard track in lane 1.
 
@@ -162,6 +163,7 @@ def lap(
         robot: name, folder or table; that of the policy's contract when left out.
         self_paced: hold the command within 1 m/s of the measured speed.
         drive: motor model, battery and heat; the published numbers' when left out.
+        progress: called with what is being done.
 
     Raises:
         SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
@@ -175,4 +177,5 @@ def lap(
     request = TrialRequest(top_speed=top_speed, self_paced=self_paced, plant=plant, keep_trajectory=True)
     loaded, described = load_policy(path), load_robot(robot_for(path, robot))
     check_contract(loaded.contract, described)
+    progress("running a lap", None)
     return Lap(policy=path.stem, found=run_lap(loaded, described, request), notes=plant.remarks)

@@ -160,14 +160,7 @@ def train(
         minutes=minutes,
         device=device,
         resume=resume,
-        **{
-            "method": settings.method,
-            "environments": settings.simulation.environments,
-            "seed": settings.seed,
-            "keep_schedule": True,
-            "keep_motor_model": True,
-            **options,
-        },
+        **{"keep_schedule": True, "keep_motor_model": True, **options},
     )
     return Training(folder=Path(output))
 
@@ -223,7 +216,30 @@ def require_training() -> None:
         raise SprintlabError(MISSING.format(names=", ".join(missing)))
 
 
-def run_script(main: Callable[[Any], object], options: type[Any]) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ScriptOptions:
+    """What a training script reads from its command line; its own defaults are an instance.
+
+    Attributes:
+        output: folder of the run.
+        minutes: stop after this much time.
+        iterations: stop at this iteration of the run.
+        environments: robots side by side; the settings' when left out.
+        seed: of every random generator; the settings' when left out.
+        device: ``cuda:0``, ``cpu`` or ``auto``.
+        resume: go on from the checkpoint in ``output``.
+    """
+
+    output: Path
+    minutes: float = 20.0
+    iterations: int = 3200
+    environments: int | None = None
+    seed: int | None = None
+    device: str = "auto"
+    resume: bool = False
+
+
+def run_script(main: Callable[[ScriptOptions], object], defaults: ScriptOptions) -> None:
     """Run the main function of a training script: parse its options, print what it returns.
 
     Raises:
@@ -232,7 +248,7 @@ def run_script(main: Callable[[Any], object], options: type[Any]) -> None:
     import tyro
 
     try:
-        print(main(tyro.cli(options)))
+        print(main(tyro.cli(ScriptOptions, default=defaults)))
     except SprintlabError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         raise SystemExit(2) from error
@@ -243,7 +259,8 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
 
     Args:
         settings: of the run.
-        options: fields of ``TrainOptions``.
+        options: fields of ``TrainOptions``; method, environments and seed are the settings' where they are
+            left out or None.
 
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
@@ -251,7 +268,13 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
     require_training()
     from sprintlab.training.runs.options import TrainOptions, check_places
 
-    wanted = TrainOptions(settings=settings, **options)
+    own: dict[str, Any] = {
+        "method": settings.method,
+        "environments": settings.simulation.environments,
+        "seed": settings.seed,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    wanted = TrainOptions(settings=settings, **{**own, **given})
     check_places(wanted)  # before PyTorch is imported, which takes many seconds
     from sprintlab.training.runs.run import train
 

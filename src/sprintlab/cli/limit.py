@@ -8,8 +8,7 @@ from pathlib import Path
 import tyro
 
 from sprintlab.api.limits import limit
-from sprintlab.cli.output import progress_bar, show_result
-from sprintlab.core.files import check_figure_path
+from sprintlab.cli.output import measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,18 +41,5 @@ class Limit:
 
     def run(self) -> int:
         """Print the estimate; raises ``SprintlabError`` for an unknown robot, a bad option, or no SciPy."""
-        check_figure_path(self.figure)
-        with progress_bar(quiet=self.json) as report:
-            found = limit(
-                self.robot,
-                factors=self.factors,
-                quick=self.quick,
-                starts=self.starts,
-                max_stride=self.max_stride,
-                min_duty=self.min_duty,
-                seed=self.seed,
-                results=self.results,
-                progress=report,
-            )
-        show_result(found, self.figure, self.json)
+        measure(limit, self)
         return 0

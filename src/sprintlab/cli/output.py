@@ -6,14 +6,16 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 
 from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole
 from sprintlab.api.tables import plain_table as plain_table
 from sprintlab.api.tables import styled as styled
+from sprintlab.core.files import check_figure_path
+
+Result = TypeVar("Result", bound=Drawn)
 
 
 def stdout_console() -> Console:
@@ -31,18 +33,33 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def show_result(found: Drawn, figure: Path | None, as_json: bool) -> None:
-    """Draw a result into a file where one is named, and print it."""
+def measure(function: Callable[..., Result], command: Any) -> Result:
+    """Call a function of the API with a command's fields as its arguments; draw and print what it finds.
+
+    Args:
+        function: that takes ``progress`` and, by their names, all fields but ``figure`` and ``json``.
+        command: with these two as well: picture to draw, and whether to print JSON only.
+
+    Raises:
+        SprintlabError: the picture cannot be drawn there, or what the function raises.
+    """
+    options = vars(command).copy()
+    figure, as_json = options.pop("figure"), options.pop("json")
+    check_figure_path(figure)
+    with progress_bar(quiet=as_json) as report:
+        report("loading", None)
+        found = function(**options, progress=report)
     if figure is not None:
         from sprintlab.core.theme import save_figure
 
         save_figure(figure, found.plot())
     if as_json:
         print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
-        return
+        return found
     stdout_console().print(found, soft_wrap=True)
     if figure is not None:
         stdout_console().print(f"figure: {figure}", soft_wrap=True)
+    return found
 
 
 @contextmanager

@@ -51,7 +51,7 @@ class Race:
     drive: tyro.conf.FlagCreatePairsOff[DriveOptions] = DriveOptions()
 
     def run(self) -> int:
-        """Run the race and print its numbers; raises ``SprintlabError`` as ``run_race`` does."""
+        """Run the race and print its numbers; raises ``SprintlabError`` where ``race`` does."""
         from sprintlab.evaluation.race_files import default_folder
 
         with progress_bar(quiet=self.json) as report:

@@ -8,8 +8,7 @@ from pathlib import Path
 import tyro
 
 from sprintlab.api.robustness import robustness
-from sprintlab.cli.output import progress_bar, show_result
-from sprintlab.core.files import check_figure_path
+from sprintlab.cli.output import measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,20 +52,5 @@ class Robustness:
         Raises:
             SprintlabError: policy, robot, folder or a setting is refused, or the simulation failed.
         """
-        check_figure_path(self.figure)
-        with progress_bar(quiet=self.json) as report:
-            report("loading", None)
-            found = robustness(
-                self.policy,
-                robot=self.robot,
-                trials=self.trials,
-                cause_trials=self.cause_trials,
-                top_speed=self.top_speed,
-                distance=self.distance,
-                seed=self.seed,
-                workers=self.workers,
-                folder=self.out,
-                progress=report,
-            )
-        show_result(found, self.figure, self.json)
+        measure(lambda out, **options: robustness(folder=out, **options), self)
         return 0

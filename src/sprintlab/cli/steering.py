@@ -9,8 +9,7 @@ import tyro
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.steering import TURNING_SPEEDS, lap, turning
-from sprintlab.cli.output import progress_bar, show_result
-from sprintlab.core.files import check_figure_path
+from sprintlab.cli.output import measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,19 +42,7 @@ class Turning:
         Raises:
             SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
         """
-        if self.figure is not None:
-            check_figure_path(self.figure)
-        with progress_bar(quiet=self.json) as report:
-            report("loading", None)
-            found = turning(
-                self.policy,
-                robot=self.robot,
-                speeds=self.speeds,
-                drive=self.drive,
-                workers=self.workers,
-                progress=report,
-            )
-        show_result(found, self.figure, self.json)
+        measure(turning, self)
         return 0
 
 
@@ -87,12 +74,4 @@ class Lap:
         Raises:
             SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
         """
-        if self.figure is not None:
-            check_figure_path(self.figure)
-        with progress_bar(quiet=self.json) as report:
-            report("running a lap", None)
-            found = lap(
-                self.policy, self.top_speed, robot=self.robot, self_paced=self.self_paced, drive=self.drive
-            )
-        show_result(found, self.figure, self.json)
-        return 1 if found.found.trial.fall_reason else 0
+        return 1 if measure(lap, self).found.trial.fall_reason else 0

@@ -142,24 +142,37 @@ def read_json(
     what: str = "file",
     error: ErrorType = SprintlabError,
 ) -> Any:
-    """Content of a JSON file, whose whole numbers have at most 64 bits.
+    """Content of a JSON file, whose whole numbers have at most 64 bits; NaN and infinity are not JSON.
 
     Raises:
         SprintlabError: or what ``error`` makes: as ``read_bytes``, or not JSON, or nested too deeply.
     """
     text = read_text(path, limit, what=what, error=error)
     try:
-        return parse_json(text)
+        return parse_json(text, constant=_no_constant)
     except ValueError as reason:
         raise error(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
 
 
-def parse_json(text: str | bytes) -> Any:
-    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply."""
+def parse_json(text: str | bytes, constant: Callable[[str], Any] = float) -> Any:
+    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply.
+
+    Args:
+        text: in UTF-8, where it is bytes.
+        constant: what becomes of ``NaN``, ``Infinity`` and ``-Infinity``.
+    """
+    plain = text.decode() if isinstance(text, bytes) else text
     try:
-        return json.loads(text, parse_int=_whole_number)
+        value = json.loads(plain, parse_int=_whole_number, parse_constant=constant)
+        if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def _no_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")
 
 
 def printable(text: object, longest: int = 300) -> str:

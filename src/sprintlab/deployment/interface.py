@@ -378,7 +378,7 @@ class RobotInterface(Protocol):
     malformed: int
 
     def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left. Duplicates are passed on.
+        """The next state in order of arrival; None until another arrives. Duplicates are passed on.
 
         The work of one call is bounded: after ``MOST_DAMAGED`` damaged messages in a row it returns None.
         """
@@ -403,7 +403,7 @@ class RobotEndpoint(Protocol):
     malformed: int
 
     def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None if there is none left."""
+        """The next command in order of arrival; None until another arrives."""
         ...
 
     def publish(self, state: RobotState) -> bool:

@@ -76,6 +76,11 @@ def quantity_numbers(value_of: Callable[[str], Any]) -> dict[str, Any]:
     return {quantity.key: value_of(quantity.field) for quantity in QUANTITIES}
 
 
+def number(value: float, digits: int = 2) -> str:
+    """A number as text; a dash where it is not defined."""
+    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
+
+
 def json_ready(value: Any) -> Any:
     """Arrays become lists, NumPy's numbers plain ones, and what is not finite null."""
     if isinstance(value, dict):

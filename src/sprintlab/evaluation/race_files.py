@@ -21,11 +21,8 @@ from sprintlab.core.files import (
     atomic_write_bytes,
     atomic_write_json,
     atomic_write_text,
-    reserved_directory,
 )
 from sprintlab.evaluation.figures import recorded
-from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.race import evaluate_race
 from sprintlab.evaluation.report import Picture, make_pictures, render_report, representative
 from sprintlab.evaluation.results import RaceResult, Trajectory, TrialResult
 from sprintlab.evaluation.video import render_video
@@ -60,82 +57,30 @@ def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
     return free[0]
 
 
-def run_race(
+def write_race(
+    target: Path,
+    result: RaceResult,
     policy: Path,
     robot_name: str,
-    folder: Path | None = None,
     *,
-    top_speed: float | None = None,
-    distance: float = 100.0,
-    settings: ProtocolSettings | None = None,
-    step_check: bool = False,
-    second_engine: str | None = None,
-    workers: int | None = None,
     video: bool = True,
     command_line: str = "",
     progress: Progress = lambda _: None,
 ) -> RaceFiles:
-    """Run the 100 m and the protocol at top speed, and write the report.
+    """Write the report of a race.
 
     Args:
+        target: where to write, kept free by ``reserved_directory``.
+        result: of the race.
         policy: policy file.
         robot_name: name of a robot, or path of a parameter table.
-        folder: where to write; must not exist yet. ``None`` takes ``runs/race-<date>-<time>``.
-        top_speed: v* [m/s]; ``None`` searches for it.
-        distance: of the sprint [m].
-        settings: trials, seeds, plant.
-        step_check: also compare 1 ms with 0.25 ms steps.
-        second_engine: also run the sprint and the raw trials in this engine.
-        workers: processes; ``None`` takes one a core.
         video: also render an MP4 where that is possible.
         command_line: as typed, for the report.
         progress: called with what is being done.
 
     Raises:
-        SprintlabError: the policy, the robot or the folder is refused, the simulation failed, or the disk is
-            full; nothing half-written is left.
+        SprintlabError: the disk is full; nothing half-written is left.
     """
-    robot = load_robot(robot_name)
-    load_policy(policy)  # refuse a bad file before any work
-    with reserved_directory(folder or default_folder()) as target:
-        progress("running trials")
-        result = evaluate_race(
-            policy,
-            robot,
-            top_speed=top_speed,
-            distance=distance,
-            settings=settings,
-            step_check=step_check,
-            second_engine=second_engine,
-            workers=workers,
-        )
-        return _write(target, result, policy, robot_name, video, command_line, progress)
-
-
-def write_race(
-    result: RaceResult,
-    policy: Path,
-    robot_name: str,
-    folder: Path | None = None,
-    *,
-    video: bool = True,
-    command_line: str = "",
-    progress: Progress = lambda _: None,
-) -> RaceFiles:
-    """Write the report of a race that was run; arguments and errors as in ``run_race``."""
-    with reserved_directory(folder or default_folder()) as target:
-        return _write(target, result, policy, robot_name, video, command_line, progress)
-
-
-def _write(
-    target: Path,
-    result: RaceResult,
-    policy: Path,
-    robot_name: str,
-    video: bool,
-    command_line: str,
-    progress: Progress,
-) -> RaceFiles:
     facts = race_facts(policy, load_policy(policy).contract, command_line)
     with atomic_directory(target) as temporary:
         message = _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)

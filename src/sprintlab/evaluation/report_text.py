@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.evaluation.audit import CLOCK_ITEM
-from sprintlab.evaluation.quantities import QUANTITIES, Quantity
+from sprintlab.evaluation.quantities import QUANTITIES, Quantity, number
 from sprintlab.evaluation.results import (
     REST_SPEED,
     AuditItem,
@@ -30,11 +30,6 @@ from sprintlab.robots import RobotDescription
 
 LANE_MARK = "left its lane"
 """The mark of a time that was run outside the lane."""
-
-
-def number(value: float, digits: int = 2) -> str:
-    """A number as text; a dash where it is not defined."""
-    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def sprint_text(sprint: SprintResult) -> str:

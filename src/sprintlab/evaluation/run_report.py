@@ -18,9 +18,8 @@ from sprintlab.control import Policy
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.quantities import QUANTITIES, json_ready, quantity_numbers
+from sprintlab.evaluation.quantities import QUANTITIES, json_ready, number, quantity_numbers
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
-from sprintlab.evaluation.report_text import number
 from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions
@@ -40,8 +39,8 @@ class TrackRun:
         fix_way: ``(F,)`` along the course [m].
         command_time: ``(P,)`` of the policy steps [s].
         command: ``(P, 3)`` given to the policy.
-        time_over_distance: from the first non-zero command [s]; nan if the distance was not run.
-        distance: [m].
+        distance: to be timed [m].
+        faults: how often each fault was noticed.
     """
 
     trial: TrialResult
@@ -50,8 +49,19 @@ class TrackRun:
     fix_way: FloatArray
     command_time: FloatArray
     command: FloatArray
-    time_over_distance: float
     distance: float
+    faults: dict[str, int]
+
+    @property
+    def time_over_distance(self) -> float:
+        """From the first non-zero command to the distance, between the fixes straight [s]; nan if not run."""
+        passed, moving = self.fix_way >= self.distance, np.abs(self.command[:, 0]) > 1e-9
+        after = int(passed.argmax())
+        if not after or not moving.any():
+            return float("nan")
+        span = slice(after - 1, after + 1)
+        finish = float(np.interp(self.distance, self.fix_way[span], self.fix_time[span]))
+        return finish - float(self.command_time[int(moving.argmax())])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.quantities import QUANTITIES
+from sprintlab.evaluation.quantities import QUANTITIES, number
 from sprintlab.evaluation.results import EngineResult, RaceResult, SpeedResult, SprintResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import DRAKE_TIMESTEP, on_engine
@@ -76,7 +76,7 @@ def engine_rows(first: EngineResult, second: EngineResult) -> Iterator[tuple[str
     distance = f"time over {first.sprint.distance:g} m"
     yield distance, _time(first.sprint), _time(second.sprint), "s"
     for item in QUANTITIES:
-        values = [_number(result.raw.mean(item.field), item.digits) for result in (first, second)]
+        values = [number(result.raw.mean(item.field), item.digits) for result in (first, second)]
         yield item.name, values[0], values[1], item.unit
     falls = [f"{result.raw.falls} of {len(result.raw.trials)}" for result in (first, second)]
     yield "falls", falls[0], falls[1], ""
@@ -117,10 +117,6 @@ def stored_remark(policy: Path) -> str:
     )
     text = f"two engines, stored, command up to {found['top_speed_command_m_s']:g} m/s: it holds {speeds}"
     return f"{text}; MARKED, in Drake {found['mark']}" if found["mark"] else text
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def _time(sprint: SprintResult) -> str:

@@ -1,18 +1,11 @@
-"""Numbers as text for any table; errors of the estimates by speed band."""
+"""Errors of the estimates by speed band, as text for any table."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from sprintlab.evaluation.estimates import total_band
 from sprintlab.evaluation.results import EstimateBand
-
-
-def number_text(value: float, digits: int) -> str:
-    """A number; a dash where it is not defined."""
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
 
 ESTIMATE_COLUMNS = (
     "speed [m/s]",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -55,7 +56,6 @@ ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25)
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
 
-
 METHODS = {
     "baseline": Method(actuator_model="square", schedule=UNIFORM),
     "no-envelope": Method(actuator_model="square", schedule=ACS),
@@ -66,11 +66,24 @@ METHODS = {
     "uniform-commands": Method(actuator_model="refined", schedule=UNIFORM),
     "sprint": Method(actuator_model="refined", schedule=ACS),
 }
-
 """The paper's six, in no order."""
 
 LITERAL_ACS = "literal-acs"
 """A seventh method: the paper's Eq. of ACS as it stands, with no target that the commands move toward."""
+
+
+_NONE = RewardWeight(first=0.0, second=0.0)
+_WITHOUT_GAIT_TERMS: dict[str, Any] = {
+    "fine_speed_tracking": 0.0,
+    "fine_yaw_tracking": 0.0,
+    "electrical_power": _NONE,
+    "gear_torque": _NONE,
+    "foot_force": _NONE,
+    "hasty_touchdowns": _NONE,
+    "short_stances": _NONE,
+    "restlessness": _NONE,
+}
+"""What makes gaits believable is this package's own: no paper's table has it."""
 
 
 def hound_rewards() -> RewardSettings:
@@ -81,20 +94,12 @@ def hound_rewards() -> RewardSettings:
     that it does not print are zero, and those that keep a simulated robot possible stay (end stops, legs,
     knees, no-load speed). The sum is clipped at zero; how Hound adds its terms we could not read.
     """
-    none = RewardWeight(first=0.0, second=0.0)
 
     def weight(printed: float) -> RewardWeight:
         return RewardWeight(first=printed / 6.0, second=printed / 6.0)
 
     return RewardSettings(
-        fine_speed_tracking=0.0,
-        fine_yaw_tracking=0.0,
-        electrical_power=none,
-        gear_torque=none,
-        foot_force=none,
-        hasty_touchdowns=none,
-        short_stances=none,
-        restlessness=none,
+        **_WITHOUT_GAIT_TERMS,
         linear_tracking=1.0,
         angular_tracking=0.5,
         angular_sharpness=1.5,
@@ -105,18 +110,18 @@ def hound_rewards() -> RewardSettings:
         torque=weight(-2e-4),
         vertical_velocity=weight(-4.0 * 0.8),
         tilt_rate=weight(-4.0 * 0.2),
-        joint_power=none,
-        action_rate=none,
-        smoothness=none,
-        roll_pitch_rate=none,
-        orientation=none,
-        base_height=none,
-        joint_acceleration=none,
-        abduction=none,
-        yaw_rate=none,
-        foot_clearance=none,
-        abduction_mirror=none,
-        grounded=none,
+        joint_power=_NONE,
+        action_rate=_NONE,
+        smoothness=_NONE,
+        roll_pitch_rate=_NONE,
+        orientation=_NONE,
+        base_height=_NONE,
+        joint_acceleration=_NONE,
+        abduction=_NONE,
+        yaw_rate=_NONE,
+        foot_clearance=_NONE,
+        abduction_mirror=_NONE,
+        grounded=_NONE,
         aggregation="clipped",
     )
 
@@ -196,27 +201,19 @@ def paper_rewards() -> RewardSettings:
     How the terms are added the paper does not say: they are added as by default, tracking times
     exp(penalties / 2), since a plain sum rewards an early end at an orientation weight of -100.
     """
-    none = RewardWeight(first=0.0, second=0.0)
     return RewardSettings(
         progress=0.0,
-        fine_speed_tracking=0.0,
-        fine_yaw_tracking=0.0,
+        **_WITHOUT_GAIT_TERMS,
         bare_squares=True,
         roll_pitch_rate=RewardWeight(first=-0.02, second=-0.5),
         action_rate=RewardWeight(first=-0.01, second=-0.01),
         smoothness=RewardWeight(first=-0.005, second=-0.005),
         joint_acceleration=RewardWeight(first=-2.5e-7, second=-1e-7),
         collision=RewardWeight(first=-1.0, second=0.0),
-        grounded=none,
-        over_speed=none,
-        touchdown=none,
-        leg_distance=none,
-        electrical_power=none,
-        gear_torque=none,
-        foot_force=none,
-        hasty_touchdowns=none,
-        short_stances=none,
-        restlessness=none,
+        grounded=_NONE,
+        over_speed=_NONE,
+        touchdown=_NONE,
+        leg_distance=_NONE,
     )
 
 
@@ -281,7 +278,7 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         base,
         method=name,
         actuator_model=method.actuator_model,
-        schedule=as_printed(method.schedule) if rewards == paper_rewards() else method.schedule,
+        schedule=as_printed(method.schedule) if base.rewards == paper_rewards() else method.schedule,
         rewards=rewards,
         simulation=simulation,
     )

@@ -108,8 +108,9 @@ class RewardSettings:
         linear_tracking: of ``exp(-|v_xy - command|^2)``.
         angular_tracking: of ``exp(-angular_sharpness (yaw rate - command)^2)``.
         angular_sharpness: one in the paper.
-        progress: of the forward speed over 10 m/s, up to the commanded speed; not in the paper. Under ACS the
-            command follows the robot, so that tracking alone pays no more at 12 m/s than at 8.
+        progress: of the speed in the commanded direction over 10 m/s, up to the commanded speed; not in the
+            paper. Under ACS the command follows the robot, so that tracking alone pays no more at 12 m/s
+            than at 8.
         fine_speed_tracking, fine_yaw_tracking: of ``exp(-|error| / width)`` with narrow widths and the mean
             speed and yaw rate of about a stride; not in the paper, whose kernels are flat below 0.3.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
@@ -121,7 +122,7 @@ class RewardSettings:
             rammed into the ground sink deeper than a real surface allows.
         over_speed: squared share by which a joint exceeds its motor's no-load speed, where the drive can only
             brake; not in the paper.
-        electrical_power: drawn from the bus, over the weight times (speed + 0.5 m/s): about the cost of
+        electrical_power: drawn from the bus, over the weight times (speed + 2 m/s): about the cost of
             transport. Not in the paper, whose mechanical power misses the copper loss.
         gear_torque: squared excess of the torque through a gear, rotor inertia included, over
             ``gear_torque_limit``; foot_force: the same of a foot's force over ``foot_force_limit``. Not in

@@ -204,10 +204,16 @@ def test_a_new_controller_is_taken_when_the_old_one_has_been_silent(lying, sprin
     assert lying.simulated.accepted >= accepted + 98
 
 
-def test_a_stand_up_that_fails_ends_in_a_stop(lying):
+def test_a_stand_up_that_fails_ends_in_a_stop(lying, monkeypatch):
+    """The drives give a fiftieth of the torque that they are asked for."""
     lying.source.request = Request.STAND
-    weak = np.full(12, 1.0)
-    lying.on_command = lambda command: msgspec.structs.replace(command, stiffness=weak)
+    asked = lying.simulated._wanted
+
+    def weakened(position, velocity):
+        torque, target = asked(position, velocity)
+        return 0.02 * torque, target
+
+    monkeypatch.setattr(lying.simulated, "_wanted", weakened)
     tick = lying.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 4.0)
     assert Fault.STAND_FAILED.value in tick.faults
     assert lying.controller.stop_reason == "stand-failed"

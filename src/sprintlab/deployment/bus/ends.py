@@ -71,7 +71,7 @@ class ControllerEnd(BusEnd):
     session: int = 0
 
     def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left."""
+        """The next state in order of arrival; None until another arrives."""
         return self._next(STATE, RobotState)
 
     def receive_fix(self) -> PositionFix | None:

@@ -291,7 +291,7 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
     """The file of a robot that runs.
 
     Raises:
-        BusError: there is none, it is another account's, or the robot behind it has crashed.
+        BusError: no robot of this name runs, it is another account's, or the robot behind it has crashed.
     """
     try:
         file = open(path, "rb+", opener=_private)  # noqa: SIM115

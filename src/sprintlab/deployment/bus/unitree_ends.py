@@ -91,7 +91,7 @@ class UnitreeControllerEnd(ControllerEnd):
         return True
 
     def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None if there is none left.
+        """The next state in order of arrival; None until another arrives.
 
         The first one after a command of somebody else says that the robot obeys another session.
         """

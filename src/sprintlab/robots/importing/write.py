@@ -81,14 +81,14 @@ Lengths, speeds and masses are BP2's, scaled to this robot; every choice of a ru
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
-from sprintlab.api.training import run_script, train_settings
+from sprintlab.api.training import ScriptOptions, run_script, train_settings
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 ROBOT = Path(__file__).resolve().parent
+DEFAULTS = ScriptOptions(output=Path("runs/{name}"), minutes=8.0)
 
 
 def settings() -> TrainingSettings:
@@ -96,20 +96,7 @@ def settings() -> TrainingSettings:
     return scaled_settings(str(ROBOT / "parameters.toml"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """How long to train, where, and with how many robots side by side."""
-
-    output: Path = Path("runs/{name}")
-    minutes: float = 8.0
-    environments: int = 8192
-    iterations: int = 3200
-    device: str = "auto"
-    seed: int = 0
-    resume: bool = False
-
-
-def main(options: Options) -> Path:
+def main(options: ScriptOptions) -> Path:
     """Train; returns the checkpoint.
 
     Raises:
@@ -119,5 +106,5 @@ def main(options: Options) -> Path:
 
 
 if __name__ == "__main__":
-    run_script(main, Options)
+    run_script(main, DEFAULTS)
 '''

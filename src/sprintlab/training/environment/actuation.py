@@ -232,6 +232,27 @@ def wanted_torque(
     return (stiffness * (target - qpos) - damping * qvel) / drive.ratio
 
 
+@wp.func
+def target_now(
+    target: wp.array2d(dtype=float),
+    previous_target: wp.array2d(dtype=float),
+    delay: wp.array(dtype=int),
+    environment: int,
+    joint: int,
+    substep: int,
+):
+    """Joint target in force [rad]: the previous one until the delay is over."""
+    if substep < delay[environment]:
+        return previous_target[environment, joint]
+    return target[environment, joint]
+
+
+@wp.func
+def friction_torque(drive: JointDrive, factor: float, velocity: float):
+    """Dry friction of a joint, smooth around rest."""
+    return drive.dry_friction * factor * wp.tanh(velocity / FRICTION_SPEED)
+
+
 @wp.kernel
 def joint_torque_kernel(
     drives: wp.array(dtype=JointDrive),
@@ -257,7 +278,7 @@ def joint_torque_kernel(
     on_limit: wp.array2d(dtype=float),
     power: wp.array2d(dtype=float),
 ):
-    """Torque on each joint ``(environments, 12)``; ``voltage`` is the phase voltage limit [V].
+    """Torque on each joint ``(environments, joints)``; ``voltage`` is the phase voltage limit [V].
 
     The previous target still holds in the first ``delay`` substeps of a policy step. Where ``heated`` is 1
     the copper loss warms ``winding_temperature`` [degC], else that array is not touched. ``power`` [W] is the
@@ -273,9 +294,7 @@ def joint_torque_kernel(
     now = motor_now(
         drive, heats[joint], heated, temperature, resistance_factor[environment], drive.ratio * velocity
     )
-    wanted = target[environment, joint]
-    if substep < delay[environment]:
-        wanted = previous_target[environment, joint]
+    wanted = target_now(target, previous_target, delay, environment, joint, substep)
     gain = stiffness[environment, joint]
     # The drive sets the current by the cold torque constant.
     desired = now.flux_factor * wanted_torque(
@@ -285,7 +304,7 @@ def joint_torque_kernel(
     motor = wp.min(wp.max(desired, interval[0]), interval[1])
     shaft = shaft_torque(drive, now, motor)
     delivered = geared_torque(drive, shaft, velocity) * strength[environment, joint]
-    friction = drive.dry_friction * friction_factor[environment] * wp.tanh(velocity / FRICTION_SPEED)
+    friction = friction_torque(drive, friction_factor[environment], velocity)
     drive_torque[environment, joint] = delivered
     on_limit[environment, joint] = wp.where(motor == desired, 0.0, 1.0)
     control[environment, joint] = delivered - friction + stop_torque(drive, position, velocity)

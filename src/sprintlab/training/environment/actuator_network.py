@@ -24,7 +24,13 @@ from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import no_load_speed, saturate
 from sprintlab.robots import RobotDescription
-from sprintlab.training.environment.actuation import FRICTION_SPEED, JointDrive, stop_torque, wanted_torque
+from sprintlab.training.environment.actuation import (
+    JointDrive,
+    friction_torque,
+    stop_torque,
+    target_now,
+    wanted_torque,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -140,9 +146,7 @@ def network_torque_kernel(
     drive = drives[joint]
     position = qpos[environment, drive.qpos_index]
     velocity = qvel[environment, drive.qvel_index]
-    asked = target[environment, joint]
-    if substep < delay[environment]:
-        asked = previous_target[environment, joint]
+    asked = target_now(target, previous_target, delay, environment, joint, substep)
     gain = stiffness[environment, joint]
     wanted = drive.ratio * wanted_torque(drive, gain, damping[environment, joint], asked, position, velocity)
     row = kind[joint]
@@ -160,7 +164,7 @@ def network_torque_kernel(
             total += hidden_weight[row, i, j] * hidden[j]
         share += output_weight[row, i] * softsign(total)
     delivered = share * peak_torque[row] * strength[environment, joint]
-    friction = drive.dry_friction * friction_factor[environment] * wp.tanh(velocity / FRICTION_SPEED)
+    friction = friction_torque(drive, friction_factor[environment], velocity)
     current = delivered / (drive.ratio * 1.5 * drive.pole_pairs * drive.flux)
     drawn = share_of_step * (delivered * velocity + 1.5 * drive.resistance * current * current)
     if substep > 0:

@@ -143,13 +143,13 @@ class SprintEnvironment:
         """Encoders whose zero is off: what they say is too high, and what they are driven to too low."""
         shape = (self.num_envs, self.num_actions)
         self._joint_offset = greatest * (2 * torch.rand(shape, device=self.device) - 1)
-        parts = [
-            self._joint_offset
-            if term.name == "joint_position"
-            else torch.zeros(self.num_envs, self.observation.size(term), device=self.device)
-            for term in MEASURED_TERMS
-        ]
-        self._measured_offset = torch.cat(parts, 1)
+        nothing, still = (
+            torch.zeros(self.num_envs, 3, device=self.device),
+            torch.zeros_like(self._joint_offset),
+        )
+        self._measured_offset = join_proprioception(
+            Proprioception(nothing, nothing, self._joint_offset, still)
+        )
 
     def _allocate_state(self) -> None:
         n, joints = self.num_envs, self.num_actions
