@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.motors import Battery
 from sprintlab.training.runs.named_settings import override, parse_assignments
@@ -161,6 +161,13 @@ def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: di
     assert words[:3] == ["sprintlab", "train", "sprint"]
     assert not any("settings." in word for word in words)
     assert parse_training(words[2:]).full_settings().digest() == plan.digest()
+
+
+@pytest.mark.parametrize("name", ["schedule.window", "actuator_model"])
+def test_what_the_method_would_replace_is_refused(tmp_path: Path, name: str) -> None:
+    values = {"schedule.window": 2.0, "actuator_model": "square"}
+    with pytest.raises(InvalidValueError, match="method sprint decides it"):
+        plan_sweep(tmp_path, ["sprint"], [0], {name: values[name]}, {}, **LIMITS)
 
 
 def test_a_folder_with_other_settings_is_refused(tmp_path: Path) -> None:

@@ -10,14 +10,13 @@ import json
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.training.methods import ALL_METHODS, method_settings, preset_settings
+from sprintlab.training.methods import preset_settings
 from sprintlab.training.runs.named_settings import (
     choices,
     dashed,
@@ -25,6 +24,7 @@ from sprintlab.training.runs.named_settings import (
     read_value,
     split_assignment,
 )
+from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import TrainingSettings
 
 RECORD_NAME = "run.json"
@@ -62,15 +62,10 @@ class RunPlan:
     preset: str = "sprintlab"
 
     def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(ALL_METHODS))
-        check_range("seed", self.seed, 0, 2**31)
-        check_range("iterations", self.iterations, 1, 10**9)
-        check_positive("minutes", self.minutes, "min")
-        check_range("environments", self.environments, 2, 10**6)
-        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):  # whether it is there, the worker knows
             raise InvalidValueError("device", self.device, "must be auto, cpu, cuda or cuda:NUMBER")
-        self.base_settings()
+        chosen = {name.partition(".")[0]: f"{name}={value}" for name, value in self.overrides.items()}
+        self.options().check_kept(chosen, "a sweep changes what its methods leave open")
 
     @property
     def name(self) -> str:
@@ -85,11 +80,23 @@ class RunPlan:
             settings = override(settings, name, value)
         return settings
 
+    def options(self) -> TrainOptions:
+        """The run as ``sprintlab train`` takes it."""
+        return TrainOptions(
+            method=self.method,
+            output=self.folder,
+            minutes=self.minutes,
+            iterations=self.iterations,
+            environments=self.environments,
+            seed=self.seed,
+            device=self.device,
+            save_seconds=self.save_seconds,
+            settings=self.base_settings(),
+        )
+
     def digest(self) -> str:
         """Hash of the settings that this run is trained with."""
-        base = self.base_settings()
-        simulation = replace(base.simulation, environments=self.environments)
-        return method_settings(self.method, replace(base, simulation=simulation, seed=self.seed)).digest()
+        return self.options().full_settings().digest()
 
     def command_line(self) -> str:
         """The ``sprintlab train`` that trains the same, for the policy's contract."""
