@@ -115,9 +115,8 @@ class RunPlan:
         words += ["--keep-motor-model"] * self._changes("actuator_model")
         settings, overrides = self.base_settings(), dict(self.overrides)
         if self._changes("schedule"):  # whole: what is typed does not begin with the method's
-            overrides = {
-                name: each for name, each in overrides.items() if name.partition(".")[0] != "schedule"
-            }
+            words += ["--keep-schedule"]
+            overrides = {name: each for name, each in overrides.items() if not _within(name, "schedule")}
             overrides["schedule"] = _without_kinds(plain(settings.schedule))
         return shlex.join(str(word) for word in [*words, *_typed(settings, overrides)])
 
