@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import (
     atomic_directory,
@@ -130,6 +131,7 @@ def test_full_disk_at_the_end_of_a_directory_leaves_nothing_new(tmp_path, monkey
     target = tmp_path / "race"
     target.mkdir()
     (target / "result.json").write_text("old")
+    monkeypatch.setattr(files, "_exchanged", lambda *_: False)
     monkeypatch.setattr(os, step, full_disk)
     with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
         (folder / "half").touch()
@@ -149,6 +151,7 @@ def test_older_directory_comes_back_when_the_new_one_cannot_take_its_name(tmp_pa
             full_disk()
         replace(source, destination)
 
+    monkeypatch.setattr(files, "_exchanged", lambda *_: False)
     monkeypatch.setattr(os, "replace", refuse_the_new_one)
     with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
         (folder / "new").touch()
@@ -218,3 +221,42 @@ def test_what_a_killed_process_left_is_removed_and_what_a_living_one_fills_is_no
     fillers[1].communicate()
     assert left == ["living", "mine"]
     assert (tmp_path / "next").is_dir()
+
+
+KILLED = """
+import os, shutil, sys
+from sprintlab.core.files import atomic_directory
+with atomic_directory(sys.argv[1]) as folder:
+    (folder / "new").touch()
+    replace, remove = os.replace, shutil.rmtree
+    os.replace = lambda *names: (replace(*names), os._exit(9))
+    shutil.rmtree = lambda *_, **__: os._exit(9)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot exchange two names")
+def test_whenever_a_process_is_killed_a_whole_folder_has_the_name(tmp_path):
+    """Killed after its first step, whichever that is."""
+    (tmp_path / "race").mkdir()
+    (tmp_path / "race" / "old").touch()
+    assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "race")], check=False).returncode == 9
+    assert [path.name for path in (tmp_path / "race").iterdir()] == ["new"]
+    with atomic_directory(tmp_path / "next"):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["next", "race"]
+
+
+def test_a_link_to_a_folder_is_replaced_and_what_it_led_to_is_kept(tmp_path):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "old").touch()
+    (tmp_path / "race").symlink_to(tmp_path / "kept")
+    with atomic_directory(tmp_path / "race") as folder:
+        (folder / "new").touch()
+    assert [path.name for path in (tmp_path / "race").iterdir()] == ["new"]
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["old"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept", "race"]
+
+
+def test_a_text_that_is_none_in_utf8_is_written_with_its_code(tmp_path):
+    atomic_write_text(tmp_path / "page.html", "of n\udcff.mcap")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "of n\\udcff.mcap"

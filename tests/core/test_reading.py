@@ -72,6 +72,22 @@ def test_json_that_is_none(tmp_path, text):
         read_json(tmp_path / "a.json")
 
 
+@pytest.mark.parametrize("text", ['["\\ud800"]', '{"\\uDC00": 1}', '["\\ud83d \\ude00"]'])
+def test_json_with_half_a_character_is_refused(tmp_path, text):
+    """Python reads it, and fails where it is printed or written."""
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(SprintlabError, match="not a JSON file"):
+        read_json(tmp_path / "a.json")
+    assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
+
+
+@pytest.mark.parametrize("text", ['{"speed": NaN}', "[-Infinity]"])
+def test_json_files_hold_no_nan(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(SprintlabError, match="is no number of JSON"):
+        read_json(tmp_path / "a.json")
+
+
 def test_terminal_codes_are_shown_not_obeyed():
     assert printable("\x1b[2Jabc\r\n‮") == "\\x1b[2Jabc\\r\\n\\u202e"
     assert printable("x" * 1000) == "x" * 300 + "..."

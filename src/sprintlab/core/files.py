@@ -82,8 +82,11 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as UTF-8 in one step; errors as in ``atomic_write_bytes``."""
-    atomic_write_bytes(path, text.encode("utf-8"))
+    """Write ``text`` as UTF-8 in one step; errors as in ``atomic_write_bytes``.
+
+    What UTF-8 cannot say, such as names of files that are no text, appears as its code.
+    """
+    atomic_write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
 
 
 def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
@@ -113,8 +116,8 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     except OSError as error:
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
-        if temporary is not None and temporary.exists():
-            shutil.rmtree(temporary, ignore_errors=True)
+        if temporary is not None:
+            _remove(temporary)
         _unlock(held)
 
 
@@ -144,6 +147,7 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
         raise
 
 
+_HERE, _EXCHANGE = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
 _UNFINISHED = ".sprintlab-unfinished"
 """How the names of folders end that are being filled."""
 
@@ -184,12 +188,17 @@ def _begin_directory(target: Path) -> tuple[Path, int | None]:
 
 
 def _swap_in(temporary: Path, target: Path) -> None:
-    """Give ``temporary`` the name ``target``; an older folder of that name stays until this has worked."""
+    """Give ``temporary`` the name ``target``; an older folder of that name stays until this has worked.
+
+    Linux exchanges the two names in one step: whenever the process is killed, a whole folder has the name.
+    """
     if not target.exists():
         os.replace(temporary, target)
         return
     if not target.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(target))
+    if _exchanged(temporary, target):
+        return
     aside = temporary.with_name(temporary.name + ".old")
     os.replace(target, aside)
     try:
@@ -198,3 +207,22 @@ def _swap_in(temporary: Path, target: Path) -> None:
         os.replace(aside, target)
         raise
     shutil.rmtree(aside, ignore_errors=True)
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Give each of two folders the other's name; False where the system or its disk cannot."""
+    import ctypes
+
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):
+        return False
+    return rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0
+
+
+def _remove(folder: Path) -> None:
+    """A folder with all in it, or a link to one; nothing where there is none."""
+    if folder.is_symlink():
+        folder.unlink()
+    else:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -139,24 +139,37 @@ def read_json(
     path: str | os.PathLike[str],
     what: str = "file",
 ) -> Any:
-    """Content of a JSON file, whose whole numbers have at most 64 bits.
+    """Content of a JSON file, whose whole numbers have at most 64 bits; NaN and infinity are not JSON.
 
     Raises:
         SprintlabError: as ``read_bytes``, or not JSON, or nested too deeply.
     """
     text = read_text(path, JSON_LIMIT, what=what)
     try:
-        return parse_json(text)
+        return parse_json(text, constant=_no_constant)
     except ValueError as reason:
         raise SprintlabError(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
 
 
-def parse_json(text: str | bytes) -> Any:
-    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply."""
+def parse_json(text: str | bytes, constant: Callable[[str], Any] = float) -> Any:
+    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply.
+
+    Args:
+        text: in UTF-8, where it is bytes.
+        constant: what becomes of ``NaN``, ``Infinity`` and ``-Infinity``.
+    """
+    plain = text.decode() if isinstance(text, bytes) else text
     try:
-        return json.loads(text, parse_int=_whole_number)
+        value = json.loads(plain, parse_int=_whole_number, parse_constant=constant)
+        if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
+            json.dumps(value, ensure_ascii=False).encode()
+        return value
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def _no_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")
 
 
 def printable(text: object, longest: int = 300) -> str:

@@ -13,6 +13,8 @@ from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
 
 zenoh = pytest.importorskip("zenoh")
 
+from sprintlab.deployment.bus.zenoh_session import load_security  # noqa: E402
+
 USERS, TLS = "transport/auth/usrpwd", "transport/link/tls"
 
 
@@ -247,3 +249,53 @@ def listening():
         for line in Path(f"/proc/self/net/{table}").read_text().splitlines()[1:]
     ]
     return {row[1] for row in lines if f"socket:[{row[9]}]" in own}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"transport":{"auth":{"usrpwd":{"user":"a","password":"a secret"},,}}}',
+        '{"transport":{"auth":{"usrpwd":"a secret"}}}',
+    ],
+)
+def test_a_broken_configuration_is_refused_without_its_text(tmp_path, text):
+    file = tmp_path / "broken.json"
+    file.write_text(text)
+    with pytest.raises(BusError, match=r"line 1, column \d+$") as refusal:
+        load_security(file, robot=False)
+    assert "a secret" not in str(refusal.value) and refusal.value.__suppress_context__
+
+
+def test_a_configuration_that_would_end_the_process_is_refused(tmp_path):
+    file = tmp_path / "deep.json"
+    file.write_text("[" * 100_000)
+    with pytest.raises(BusError, match="nested too deeply"):
+        load_security(file, robot=False)
+
+
+@pytest.mark.parametrize("ending", ["json", "json5", "yaml"])
+def test_zenoh_reads_a_copy_of_a_configuration(tmp_path, ending, monkeypatch):
+    """Some files wait for ever when they are read again, /proc/kmsg among them."""
+    file = write_config(tmp_path / f"robot.{ending}", users={"user": "robot", "password": "r"})
+    read = []
+    from_file = zenoh.Config.from_file
+    monkeypatch.setattr(zenoh.Config, "from_file", lambda name: (read.append(name), from_file(name))[1])
+    assert load_security(file, robot=False).user == "robot"
+    assert read and str(file) not in read and not os.path.exists(read[0])
+
+
+@pytest.mark.parametrize("place", ["/dev/zero", "pipe"])
+@pytest.mark.parametrize("what", ["configuration", "user file", "connect_private_key"])
+def test_a_pipe_or_a_device_is_refused_wherever_a_file_is_wanted(tmp_path, place, what):
+    """Each would be read for ever, in zenoh, where not even a signal is heard."""
+    if place == "pipe":
+        place = str(tmp_path / "pipe")
+        os.mkfifo(place)
+    file = Path(place) if what == "configuration" else tmp_path / "config.json"
+    if what == "user file":
+        write_config(file, users={"user": "robot", "password": "r", "dictionary_file": place})
+    elif what == "connect_private_key":
+        names = ("connect_certificate", "connect_private_key", "root_ca_certificate")
+        write_config(file, tls={"enable_mtls": True, **dict.fromkeys(names, place)})
+    with pytest.raises(BusError, match="no regular file"):
+        load_security(file, robot=what == "user file")

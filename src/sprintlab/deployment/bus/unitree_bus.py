@@ -7,6 +7,7 @@ lets everybody in: whoever is in the network can drive the robot.
 from __future__ import annotations
 
 import contextlib
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from sprintlab.core.reading import printable
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, STATE, BusEnd
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
@@ -243,9 +245,11 @@ def _participant(address: BusAddress) -> Any:
     """A participant at ``INTERFACE``, ``INTERFACE:DOMAIN`` or ``:DOMAIN``; loopback and 0 are left out."""
     interface, _, number = address.place.partition(":")
     number = number or "0"
-    if not number.isdecimal() or int(number) > 230:
-        raise BusError(f"a DDS domain is a number from 0 to 230, not {number!r}")
+    if not re.fullmatch("[0-9]{1,3}", number) or int(number) > 230:
+        raise BusError(f"a DDS domain is a number from 0 to 230, not {printable(number, 20)}")
     interface = interface or "lo"
+    if not re.fullmatch("[A-Za-z0-9_.-]{1,64}", interface):
+        raise BusError(f"no network interface has the name {printable(interface, 80)}")
     domain = int(number)
     try:
         if domain not in _domains:

@@ -12,6 +12,8 @@ import hashlib
 import hmac
 import ipaddress
 import json
+import re
+import tempfile
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,9 +21,11 @@ from typing import Any
 
 import zenoh
 
+from sprintlab.core.reading import read_text
 from sprintlab.deployment.bus.address import BusAddress, BusError
 
 _FIRST_PORT, _PORTS = 17447, 10000  # below the ports that systems hand out
+_MOST_BRACKETS = 200  # of a configuration; zenoh's parser ends the process at some ten thousand
 _TLS, _USERS = "transport/link/tls", "transport/auth/usrpwd"
 _ROBOT_TLS = ("listen_certificate", "listen_private_key", "root_ca_certificate")
 _CONTROLLER_TLS = ("connect_certificate", "connect_private_key", "root_ca_certificate")
@@ -56,12 +60,15 @@ def load_security(path: Path, *, robot: bool) -> Security:
     Raises:
         BusError: the file cannot be read, or would let strangers in.
     """
+    text = read_text(path, what="configuration", error=BusError)
+    if text.count("[") + text.count("{") > _MOST_BRACKETS:
+        raise BusError(f"{path} is no configuration of zenoh: it is nested too deeply")
     try:
-        config = zenoh.Config.from_file(str(path))
+        config = _parsed(text, path.suffix)
         tls = _section(config, _TLS)
         users = _section(config, _USERS)
     except (zenoh.ZError, OSError, ValueError) as error:
-        raise BusError(f"{path} is no configuration of zenoh: {_short(error)}") from error
+        raise BusError(f"{path} is no configuration of zenoh{_where(error)}") from None
     security = Security(tls=tls, **_credentials(path, users, robot))
     if tls:
         _check_tls(path, tls, robot, users_checked=bool(users))
@@ -122,6 +129,14 @@ def _configuration(endpoint: str, security: Security, listen: bool) -> Any:
     return config
 
 
+def _parsed(text: str, ending: str) -> Any:
+    """A configuration in the format of its ending. zenoh gets a copy: some files wait when read again."""
+    with tempfile.NamedTemporaryFile("w", suffix=ending, encoding="utf-8") as copy:
+        copy.write(text)
+        copy.flush()
+        return zenoh.Config.from_file(copy.name)
+
+
 def _section(config: Any, key: str) -> dict[str, Any]:
     """What a section sets."""
     return {name: value for name, value in json.loads(config.get_json(key)).items() if value is not None}
@@ -138,10 +153,7 @@ def _credentials(path: Path, section: dict[str, Any], robot: bool) -> dict[str, 
     if not robot:
         return found
     file = Path(section.get("dictionary_file", ""))
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:
-        raise BusError(f"{path}: the user file {str(file)!r} cannot be read: {_short(error)}") from error
+    lines = read_text(file, what="user file", error=BusError).splitlines()
     users = dict(line.split(":", 1) for line in lines if ":" in line)
     if not users or not all(name and word for name, word in users.items()):
         # zenoh takes an empty file for "no authentication" and lets everybody in.
@@ -158,6 +170,17 @@ def _check_tls(path: Path, tls: dict[str, Any], robot: bool, *, users_checked: b
         raise BusError(f"{path}: {_TLS} needs enable_mtls, or anybody could connect")
     if tls.get("verify_name_on_connect") is False:
         raise BusError(f"{path}: {_TLS} must not switch verify_name_on_connect off")
+    for name in tls.keys() & {*_ROBOT_TLS, *_CONTROLLER_TLS}:
+        read_text(tls[name], what=name, error=BusError)  # zenoh would wait for a pipe for ever
+
+
+def _where(error: Exception) -> str:
+    """Where a configuration has an error, and nothing else of its text: passwords may stand in it."""
+    place = re.search(r"(?:line: |--> )(\d+)(?:, column: |:)(\d+)", str(error))
+    field = re.search(r"unknown field `\w+`|Invalid configuration", str(error))
+    said = [field[0]] if field else []
+    said += [f"line {place[1]}, column {place[2]}"] if place else []
+    return ": " + ", ".join(said) if said else ""
 
 
 def _is_loopback(place: str) -> bool:
