@@ -23,9 +23,18 @@ def test_nothing_typed_shows_the_same_and_is_no_success(capsys):
     assert "see it" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("rase", "race"), ("trian", "train"), ("replays", "replay")])
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("rase", "race"),
+        ("trian", "train"),
+        ("replays", "replay"),
+        ("motor identfy bench.csv", "identify"),
+        ("robot lst", "list"),
+    ],
+)
 def test_a_mistyped_command_is_answered_with_the_nearest(typed, meant, capsys):
-    assert main([typed]) == 2
+    assert main(typed.split()) == 2
     error = capsys.readouterr().err
     assert "did you mean" in error and meant in error and len(error.splitlines()) == 1
 
@@ -33,3 +42,5 @@ def test_a_mistyped_command_is_answered_with_the_nearest(typed, meant, capsys):
 def test_words_far_from_any_command_get_the_list(capsys):
     assert main(["xyzzy"]) == 2
     assert "sprintlab --help lists" in capsys.readouterr().err
+    assert main(["motor", "xyzzy"]) == 2
+    assert "sprintlab motor --help lists" in capsys.readouterr().err

@@ -17,6 +17,7 @@ from sprintlab.motors import (
     critical_speed,
     no_load_speed,
     phase_voltage_limit,
+    prepared_torque_limits,
     torque_limits,
     voltage_infeasible,
 )
@@ -33,6 +34,15 @@ def phase_voltage(motor, torque, speed, model="refined"):
     direct = -electrical_speed * motor.q_axis_inductance * current
     quadrature = motor.stator_resistance * current + electrical_speed * motor.flux_linkage
     return np.hypot(direct if model == "refined" else 0.0, quadrature)
+
+
+@given(MOTORS, st.lists(SPEED_SHARES, min_size=1, max_size=5), st.floats(0.0, 100.0))
+def test_prepared_limits_are_the_same_to_the_last_bit(motor, shares, bus):
+    speed = np.array(shares) * float(no_load_speed(motor, 48.0))
+    for got, expected in zip(
+        prepared_torque_limits(motor)(speed, bus), torque_limits(motor, speed, bus), strict=True
+    ):
+        np.testing.assert_array_equal(got, expected)
 
 
 @given(MOTORS, SPEED_SHARES, BUSES, st.sampled_from(["refined", "simplified-dc"]))

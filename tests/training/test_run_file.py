@@ -145,6 +145,21 @@ def test_a_missing_file_is_refused(words: list[str], message: str) -> None:
         parse_training(words)
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["sprint", "schedule:uniform-schedule"], "--keep-schedule keeps yours"),
+        (["sprint", "schedule:adaptive-schedule", "--schedule.window", "2"], "method sprint decides it"),
+        (["sprint", "--actuator-model", "square"], "--keep-motor-model keeps yours"),
+    ],
+)
+def test_what_the_method_would_replace_is_refused_where_it_is_typed(words: list[str], named: str) -> None:
+    with pytest.raises(InvalidValueError, match=named):
+        parse_training(words)
+    kept = parse_training([words[0], "--keep-schedule", "--keep-motor-model", *words[1:]])
+    assert kept.full_settings().schedule == kept.settings.schedule
+
+
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SprintlabError, match="is not a TOML file"):
         parse_training(["--config", str(written_text(tmp_path, "method: sprint\n"))])

@@ -12,15 +12,16 @@ import threading
 import time
 import types
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.motors import Battery
+from sprintlab.training.methods import method_settings
 from sprintlab.training.runs.named_settings import override, parse_assignments
 from sprintlab.training.runs.sweep import (
     LocalCluster,
@@ -147,6 +148,7 @@ def test_what_does_not_fit_a_setting_that_is_none_is_refused(name: str, value: A
         {"simulation.battery.capacity": 9.0, "simulation.heat": {"ambient_temperature": 30.0}},
         {"simulation.battery": {"capacity": 9.0, "charge_table": [0.0, 1.0], "voltage_table": [3.0, 4.0]}},
         {"simulation.heat": None, "schedule.window": 0.8, "schedule.targets.grid": None},
+        {"actuator_model": "square", "schedule.ramp": [1.0, 3.0]},
         {"schedule.targets.grid.yaw_limit": 2.0, "simulation.heat.heat_capacity": 200.0},
     ],
 )
@@ -161,6 +163,16 @@ def test_the_command_line_of_a_run_trains_the_same(tmp_path: Path, overrides: di
     assert words[:3] == ["sprintlab", "train", "sprint"]
     assert not any("settings." in word for word in words)
     assert parse_training(words[2:]).full_settings().digest() == plan.digest()
+
+
+def test_a_schedule_is_the_methods_own_but_for_what_is_set(tmp_path: Path) -> None:
+    varied = {"schedule.window": [0.8, 2.0], "actuator_model": ["square"]}
+    made = [plan.options().full_settings() for plan in plans(tmp_path, seeds=(0,), varied=varied)]
+    own = method_settings("sprint").schedule
+    assert [settings.schedule for settings in made] == [replace(own, window=window) for window in (0.8, 2.0)]
+    assert {settings.actuator_model for settings in made} == {"square"}
+    with pytest.raises(InvalidValueError, match=r"schedule\.window = 0\.8 is not allowed: there is no such"):
+        plans(tmp_path, ("baseline",), varied=varied)  # its schedule is uniform
 
 
 def test_a_folder_with_other_settings_is_refused(tmp_path: Path) -> None:

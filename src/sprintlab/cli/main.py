@@ -12,7 +12,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Sequence
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_type_hints
 
 import tyro
 
@@ -75,13 +75,17 @@ GROUPS = {
 """The commands by what one wants; a command that stands nowhere else is listed under "more"."""
 
 
+def named_commands(union: Any) -> dict[str, Any]:
+    """The classes of a union of commands by the names that people type."""
+    return {how.name: kind for kind, how, *_ in map(get_args, get_args(union))}
+
+
 def commands() -> dict[str, str]:
     """Every command and the first sentence of what it does."""
-    found = {}
-    for member in get_args(Command):
-        kind, how = get_args(member)[:2]
-        found[how.name] = (kind.__doc__ or "").strip().partition("\n")[0].replace("``", "")
-    return found
+    return {
+        name: (kind.__doc__ or "").strip().partition("\n")[0].replace("``", "")
+        for name, kind in named_commands(Command).items()
+    }
 
 
 def grouped_help() -> str:
@@ -105,18 +109,24 @@ def grouped_help() -> str:
     )
 
 
-def refuse_unknown(name: str) -> None:
-    """Name the nearest command where somebody mistyped one.
+def refuse_unknown(words: Sequence[str]) -> None:
+    """Name the nearest command where somebody mistyped one, also one of ``motor`` or ``robot``.
 
     Raises:
         SprintlabError: there is no such command.
     """
-    known = commands()
-    if name.startswith("-") or name in known:
-        return
-    near = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else "sprintlab --help lists all commands"
-    raise SprintlabError(f"there is no command {printable(name)}: {hint}")
+    level, typed = Command, "sprintlab"
+    for word in words:
+        known = named_commands(level)
+        if word.startswith("-"):
+            return
+        if word not in known:
+            near = difflib.get_close_matches(word, known, n=2, cutoff=0.5)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"{typed} --help lists all commands"
+            raise SprintlabError(f"there is no command {printable(word)}: {hint}")
+        level, typed = get_type_hints(known[word], include_extras=True).get("command"), f"{typed} {word}"
+        if level is None:
+            return
 
 
 def parse(arguments: Sequence[str]) -> Any:
@@ -149,7 +159,7 @@ def run(arguments: Sequence[str]) -> int:
     if not arguments or list(arguments[:1]) in (["--help"], ["-h"]):
         print(grouped_help())
         return 0 if arguments else REFUSED
-    refuse_unknown(arguments[0])
+    refuse_unknown(arguments)
     if list(arguments) == ["--version"]:
         print(f"sprintlab {package_version('sprintlab')}")
         return 0

@@ -86,7 +86,11 @@ def parse_training(arguments: Sequence[str]) -> TrainOptions:
     for word in (word.partition("=")[0] for word in words):
         if word in DECIDED:
             raise SprintlabError(f"{public_text(word)} is decided by the run: use {DECIDED[word]}")
-    return _parse(TrainOptions() if config is None else read_run_file(config), words)
+    options = _parse(TrainOptions() if config is None else read_run_file(config), words)
+    named = ((re.match(r"(?:--)?settings\.([\w-]+)", word), word) for word in words)
+    typed = {found[1].replace("-", "_"): public_text(word) for found, word in named if found}
+    options.check_kept(typed, "{option} keeps yours")
+    return options
 
 
 def without_config(words: Sequence[str]) -> tuple[list[str], Path | None]:

@@ -33,24 +33,20 @@ def heading_command(
     lateral_offset: Array | float,
     speed: Array | float,
     *,
-    heading_gain: float = HEADING_GAIN,
-    lateral_gain: float = LATERAL_GAIN,
     limit: float = 1.0,
     friction: Array | float = 0.7,
 ) -> Array:
     """Yaw-rate command [rad/s] that brings heading and lateral offset to zero.
 
-    Course angle ``-lateral_gain * offset / v`` (at most 0.3 rad, ``v`` at least 1 m/s in magnitude), yaw
-    rate ``heading_gain * (course - heading)``. With ``offset' = v heading`` the loop has the characteristic
-    polynomial ``s^2 + kh s + kh ky``: critically damped, poles at -1 1/s, for the default gains
+    Course angle ``-ky offset / v`` (at most 0.3 rad, ``v`` at least 1 m/s in magnitude), yaw
+    rate ``kh (course - heading)``. With ``offset' = v heading`` the loop has the characteristic
+    polynomial ``s^2 + kh s + kh ky``: critically damped, poles at -1 1/s, for
     ``kh = 2 1/s`` and ``ky = 0.5 1/s`` at every speed above 1 m/s.
 
     Args:
         heading: yaw away from the course [rad], positive to the left.
         lateral_offset: distance from the course [m], positive to the left.
         speed: commanded forward speed [m/s].
-        heading_gain: kh [1/s].
-        lateral_gain: ky [1/s].
         limit: greatest yaw rate [rad/s].
         friction: coefficient for ``|v w| <= mu g``; the default is the lowest of the evaluation.
     """
@@ -58,6 +54,6 @@ def heading_command(
     xp = namespace(angle, offset, forward)
     direction = xp.where(forward < 0.0, filled(-1.0, forward), filled(1.0, forward))
     pace = direction * xp.maximum(xp.abs(forward), filled(1.0, forward))
-    course = clip(-lateral_gain * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
-    yaw_rate = clip(heading_gain * wrap_angle(course - angle), -limit, limit)
+    course = clip(-LATERAL_GAIN * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
+    yaw_rate = clip(HEADING_GAIN * wrap_angle(course - angle), -limit, limit)
     return limit_yaw_rate(yaw_rate, forward, friction)

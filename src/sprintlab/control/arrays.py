@@ -7,7 +7,7 @@ capture refuses; ``full_like`` makes it on the device.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import array_api_compat
 import numpy as np
@@ -15,12 +15,17 @@ import numpy as np
 Array: TypeAlias = Any
 """A NumPy array or a PyTorch tensor."""
 
+_compat: Any = array_api_compat  # its guards are typed by libraries that need not be installed
+_NUMPY = _compat.array_namespace(np.empty(0))
+_NUMPY_KINDS = (np.ndarray, np.generic)
+_PLAIN = (int, float, *_NUMPY_KINDS)
+
 
 def namespace(*values: Array | float) -> Any:
     """Array API namespace of the arrays among the arguments; NumPy if all are Python scalars."""
-    arrays = [value for value in values if not isinstance(value, (int, float))]
-    compat: Any = array_api_compat
-    return compat.array_namespace(*arrays) if arrays else compat.array_namespace(np.empty(0))
+    if all(isinstance(value, _PLAIN) for value in values):
+        return _NUMPY  # a controller comes here a hundred times in a policy step
+    return _compat.array_namespace(*(value for value in values if not isinstance(value, (int, float))))
 
 
 def as_array(value: Array | float) -> Array:
@@ -29,7 +34,9 @@ def as_array(value: Array | float) -> Array:
 
 
 def filled(value: Array | float, like: Array) -> Array:
-    """A Python scalar as an array like ``like``, made on its device; an array as it is."""
+    """A Python scalar in the type of ``like``, on its device, to broadcast with it; an array as it is."""
+    if isinstance(like, _NUMPY_KINDS):
+        return np.asarray(value, dtype=cast("Any", like).dtype) if isinstance(value, (int, float)) else value
     return namespace(like).full_like(like, value) if isinstance(value, (int, float)) else value
 
 

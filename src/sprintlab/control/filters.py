@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from sprintlab.control.arrays import Array, where_rows
 from sprintlab.core.checks import check_positive
@@ -54,7 +55,7 @@ class LowPass:
                 "cutoff_hz", self.cutoff_hz, f"at most rate_hz / 2 = {self.rate_hz / 2:g} Hz"
             )
 
-    @property
+    @cached_property
     def coefficient(self) -> float:
         """Weight of the newest sample."""
         return low_pass_coefficient(self.cutoff_hz, self.rate_hz)

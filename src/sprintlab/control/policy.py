@@ -347,5 +347,5 @@ def _check_batch(field: str, value: FloatArray, size: int) -> None:
 def _check_numbers(field: str, value: Any, size: int) -> None:
     if np.shape(value) != (size,):
         raise InvalidValueError(field, np.shape(value), f"must have shape ({size},)")
-    if not np.all(np.isfinite(value)):
+    if not np.isfinite(value).all():
         raise InvalidValueError(field, value, "must be finite numbers")

@@ -18,12 +18,11 @@ FIGURE_FORMATS = ("png", "pdf", "svg")
 """What a figure can be written as; the ending of its name says which."""
 
 
-def check_figure_path(path: str | os.PathLike[str] | None, field: str = "figure") -> None:
+def check_figure_path(path: str | os.PathLike[str] | None) -> None:
     """Refuse a figure that could not be written at the end, before any work is spent on it.
 
     Args:
         path: the file to come; ``None`` where no figure was asked for.
-        field: the option that names it, for the message.
 
     Raises:
         InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
@@ -33,9 +32,9 @@ def check_figure_path(path: str | os.PathLike[str] | None, field: str = "figure"
     target = Path(path)
     if target.suffix.removeprefix(".").lower() not in FIGURE_FORMATS:
         allowed = ", ".join(f".{ending}" for ending in FIGURE_FORMATS)
-        raise InvalidValueError(field, str(target), f"its ending says the format: one of {allowed}")
+        raise InvalidValueError("figure", str(target), f"its ending says the format: one of {allowed}")
     if not target.parent.is_dir():
-        raise InvalidValueError(field, str(target), f"there is no folder {target.parent}; make it first")
+        raise InvalidValueError("figure", str(target), f"there is no folder {target.parent}; make it first")
 
 
 def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:

@@ -137,21 +137,18 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def read_json(
     path: str | os.PathLike[str],
-    limit: int = JSON_LIMIT,
-    *,
     what: str = "file",
-    error: ErrorType = SprintlabError,
 ) -> Any:
     """Content of a JSON file, whose whole numbers have at most 64 bits; NaN and infinity are not JSON.
 
     Raises:
-        SprintlabError: or what ``error`` makes: as ``read_bytes``, or not JSON, or nested too deeply.
+        SprintlabError: as ``read_bytes``, or not JSON, or nested too deeply.
     """
-    text = read_text(path, limit, what=what, error=error)
+    text = read_text(path, JSON_LIMIT, what=what)
     try:
         return parse_json(text, constant=_no_constant)
     except ValueError as reason:
-        raise error(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
+        raise SprintlabError(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
 
 
 def parse_json(text: str | bytes, constant: Callable[[str], Any] = float) -> Any:

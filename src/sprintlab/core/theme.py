@@ -158,9 +158,9 @@ def axis_legend(axis: Axes, theme: Theme, *, fontsize: float = 8.0, **kwargs: An
     axis.legend(frameon=False, fontsize=fontsize, labelcolor=theme.foreground, **kwargs)
 
 
-def legend_above(axis: Axes, theme: Theme, columns: int = 3) -> None:
+def legend_above(axis: Axes, theme: Theme) -> None:
     """A legend to the right above the axes, where no curve can run through it."""
-    axis_legend(axis, theme, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2)
+    axis_legend(axis, theme, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
 
 
 def figure_legend(

@@ -336,7 +336,7 @@ def new_session() -> int:
 def within_bounds(field: str, value: FloatArray) -> bool:
     """Whether all numbers of a command's field are within ``COMMAND_BOUNDS``; NaN is not."""
     least, greatest = COMMAND_BOUNDS[field]
-    return bool(((value >= least) & (value <= greatest)).all())
+    return all(least <= number <= greatest for number in value.tolist())
 
 
 def check_command(command: JointCommand, joints: int) -> None:

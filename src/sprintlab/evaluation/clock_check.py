@@ -69,32 +69,22 @@ class ClockCheck:
         return 1.0 - min(others) / own if all(map(math.isfinite, others)) else math.nan
 
 
-def check_clock(
-    pool: TrialPool,
-    top_speed: float,
-    *,
-    settings: ProtocolSettings | None = None,
-    clocks: Sequence[PolicyClock] = CLOCKS,
-    progress: Callable[[ClockTrials], None] = lambda _: None,
-) -> ClockCheck:
+def check_clock(pool: TrialPool, top_speed: float, *, settings: ProtocolSettings | None = None) -> ClockCheck:
     """Run the protocol's seeded trials at v* (raw command) with each clock.
 
     Args:
         pool: policy, robot and processes.
         top_speed: v* [m/s].
         settings: seeds, number of trials, plant.
-        clocks: the policy's own first.
-        progress: called with the result of every clock.
 
     Raises:
         SimulationError: as ``run_trial``.
     """
     requests = (settings or ProtocolSettings()).requests(top_speed, self_paced=False)
     found: list[ClockTrials] = []
-    for clock in clocks:
+    for clock in CLOCKS:
         trials = pool.trials([replace(item, clock=clock, keep_trajectory=False) for item in requests])
         found.append(clock_trials(clock, trials))
-        progress(found[-1])
     return ClockCheck(top_speed=top_speed, clocks=tuple(found))
 
 

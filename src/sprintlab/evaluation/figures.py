@@ -37,6 +37,8 @@ GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows
 POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
 
+_SPLIT = 10.0  # [m] way between the times that the figure of a sprint tells
+
 
 def require_finite(trajectory: Trajectory) -> None:
     """Refuse a trajectory that holds NaN or infinity.
@@ -80,17 +82,15 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
     return figure
 
 
-def sprint_figure(
-    raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT, split: float = 10.0
-) -> Figure:
-    """Speed over the way run, with the time at every ``split`` metres."""
+def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT) -> Figure:
+    """Speed over the way run, with the time at every ten metres."""
     figure, axes = themed_figure(theme, (9.5, 3.9), 1, 1)
     axis = axes[0]
     for sprint, name, colour, height in (
         (raw, "raw", theme.speed, 0.13),
         (self_paced, "self-paced", theme.second, 0.04),
     ):
-        way, speed, splits = _way(sprint, split)
+        way, speed, splits = _way(sprint)
         axis.plot(way, speed, color=colour, label=f"{name}: {_sprint_label(sprint)}")
         for distance, moment in splits:
             axis.text(
@@ -104,7 +104,7 @@ def sprint_figure(
             )
     axis.set_xlim(0.0, raw.distance)
     axis.set_ylim(bottom=0.0)
-    axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * split, split))
+    axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * _SPLIT, _SPLIT))
     axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
     axis.set_ylabel("forward speed [m/s]")
     legend_above(axis, theme)
@@ -266,7 +266,7 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
         axis.text(trial.fall_time, 0.5, label, color=theme.on_limit, fontsize=9, ha="right")
 
 
-def _way(sprint: SprintResult, split: float) -> tuple[Array, Array, list[tuple[float, float]]]:
+def _way(sprint: SprintResult) -> tuple[Array, Array, list[tuple[float, float]]]:
     """Way and speed from the first non-zero command, and the moment each split was passed."""
     trajectory = recorded(sprint.trial)
     moving = np.abs(trajectory.profile_speed) > 1e-9
@@ -274,7 +274,7 @@ def _way(sprint: SprintResult, split: float) -> tuple[Array, Array, list[tuple[f
     way = trajectory.qpos[start:, 0] - trajectory.qpos[0, 0]
     moments = trajectory.time[start:] - trajectory.time[start]
     splits = []
-    for distance in np.arange(split, sprint.distance + 0.5 * split, split):
+    for distance in np.arange(_SPLIT, sprint.distance + 0.5 * _SPLIT, _SPLIT):
         passed = way >= distance
         if passed.any():
             splits.append((float(distance), float(moments[int(np.argmax(passed))])))

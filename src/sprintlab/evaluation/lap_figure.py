@@ -7,25 +7,25 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, Track
-from sprintlab.core.theme import LIGHT, Theme, axis_legend, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, axis_legend, set_title, themed_figure
 from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.lap import LapResult
 
 
-def lap_figure(lap: LapResult, theme: Theme = LIGHT) -> Figure:
+def lap_figure(lap: LapResult) -> Figure:
     """The path of the trunk and lane 1, from above; axes in metres."""
     motion = recorded(lap.trial)
-    figure, (axis,) = themed_figure(theme, (8.0, 4.8), 1, 1)
+    figure, (axis,) = themed_figure(LIGHT, (8.0, 4.8), 1, 1)
     line = Track()
     for outward in (-KERB_DISTANCE, LANE_WIDTH - KERB_DISTANCE):
-        axis.plot(*_oval(line, outward).T, color=theme.muted, linewidth=0.7)
+        axis.plot(*_oval(line, outward).T, color=LIGHT.muted, linewidth=0.7)
     places = motion.qpos[:, :2] - motion.qpos[0, :2]
-    axis.plot(*places.T, color=theme.speed, linewidth=1.2, label="path of the trunk")
+    axis.plot(*places.T, color=LIGHT.speed, linewidth=1.2, label="path of the trunk")
     axis.set_aspect("equal")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
-    set_title(axis, "One lap in lane 1, anticlockwise from (0, 0)", theme)
-    axis_legend(axis, theme, loc="center")
+    set_title(axis, "One lap in lane 1, anticlockwise from (0, 0)", LIGHT)
+    axis_legend(axis, LIGHT, loc="center")
     return figure
 
 

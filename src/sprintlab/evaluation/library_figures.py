@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sprintlab.core.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
 from sprintlab.motors import LibraryMotor, joint_torque, no_load_speed, saturate, torque_limits
 
 _POINTS = 400
@@ -18,13 +18,13 @@ _COLORS = ("#0b6bcb", "#c2410c", "#0e9384", "#7a5af8", "#d92d20", "#667085")
 _STYLES = ("-", "--", ":")  # six colours in each
 
 
-def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> Figure:
+def library_figure(actuators: Sequence[LibraryMotor]) -> Figure:
     """Driving torque over speed behind the gear, refined with saturation: absolute, and normalised.
 
     On the right speed is a share of the no-load speed and torque one of the torque at standstill: the longer
     a curve stays at 1, the later the voltage takes its torque away.
     """
-    figure, (absolute, normalised) = themed_figure(theme, (12.5, 5.6), 1, 2)
+    figure, (absolute, normalised) = themed_figure(LIGHT, (12.5, 5.6), 1, 2)
     for index, actuator in enumerate(actuators):
         speed, torque = driving_envelope(actuator)
         look: dict[str, Any] = {
@@ -34,15 +34,15 @@ def library_figure(actuators: Sequence[LibraryMotor], theme: Theme = LIGHT) -> F
         }
         absolute.plot(speed, torque, label=actuator.title, **look)
         normalised.plot(speed / speed[-1], torque / torque[0], **look)
-    _finish(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque after saturation [N m]", theme)
-    _finish(normalised, "Normalised", "speed / no-load speed", "torque / torque at standstill", theme)
+    _finish(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque after saturation [N m]")
+    _finish(normalised, "Normalised", "speed / no-load speed", "torque / torque at standstill")
     absolute.set_xscale("log")
     absolute.set_yscale("log")
     absolute.set_xlim(left=2.0)
     absolute.set_ylim(bottom=0.5, top=2.0 * absolute.dataLim.y1)
     normalised.set_xlim(0.0, 1.0)
     normalised.set_ylim(0.0, 1.05)
-    figure_legend(figure, theme, labelled(absolute), columns=3, place="lower")
+    figure_legend(figure, LIGHT, labelled(absolute), columns=3, place="lower")
     return figure
 
 
@@ -55,7 +55,7 @@ def driving_envelope(actuator: LibraryMotor) -> tuple[NDArray[Any], NDArray[Any]
     return speed / ratio, joint_torque(actuator.gear, saturate(actuator.motor, upper))
 
 
-def _finish(axis: Axes, title: str, xlabel: str, ylabel: str, theme: Theme) -> None:
-    set_title(axis, title, theme)
+def _finish(axis: Axes, title: str, xlabel: str, ylabel: str) -> None:
+    set_title(axis, title, LIGHT)
     axis.set_xlabel(xlabel)
     axis.set_ylabel(ylabel)

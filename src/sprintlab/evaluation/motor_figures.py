@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from sprintlab.core.theme import LIGHT, Theme, figure_legend, labelled, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
 from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
 from sprintlab.motors.chart import (
@@ -41,29 +41,26 @@ _ROOM = 0.93  # share of the envelope within which a label stays clear of its ed
 _WIDEST = 1.6  # times the no-load speed: how much of flux weakening is shown
 
 
-def workbench_figure(
-    drive: JointDrive, title: str, operated: OperatingPoints | None = None, theme: Theme = LIGHT
-) -> Figure:
+def workbench_figure(drive: JointDrive, title: str, operated: OperatingPoints | None = None) -> Figure:
     """All envelopes on the left; copper loss and mechanical power inside the refined one on the right.
 
     Args:
         drive: motor, gear and bus.
         title: printed above the left axes.
         operated: samples drawn over the envelopes; none when left out.
-        theme: colours.
     """
-    figure, (models, inside) = themed_figure(theme, (13.0, 5.4), 1, 2, sharex=True, sharey=True)
+    figure, (models, inside) = themed_figure(LIGHT, (13.0, 5.4), 1, 2, sharex=True, sharey=True)
     top = shown_speed(drive)
-    _draw_models(models, drive, top, theme)
-    _draw_marks(models, drive, theme)
-    _draw_inside(inside, figure, drive, top, theme)
+    _draw_models(models, drive, top)
+    _draw_marks(models, drive)
+    _draw_inside(inside, figure, drive, top)
     if operated is not None:
         for axis in (models, inside):
-            _draw_points(axis, operated, theme)
+            _draw_points(axis, operated)
     for axis, text in ((models, title), (inside, "Copper loss and mechanical power, after saturation")):
-        _finish(axis, text, top, drive, theme)
+        _finish(axis, text, top, drive)
     models.set_ylabel("joint torque [N m], before saturation but where the legend says after")
-    figure_legend(figure, theme, labelled(models), columns=4, place="lower")
+    figure_legend(figure, LIGHT, labelled(models), columns=4, place="lower")
     return figure
 
 
@@ -75,35 +72,35 @@ def shown_speed(drive: JointDrive) -> float:
     return 1.12 * max(min(longest, farthest), drive.no_load_speed)
 
 
-def _draw_models(axis: Axes, drive: JointDrive, top: float, theme: Theme) -> None:
-    colours = {"refined": theme.foreground, SATURATED: theme.speed, "flux-weakening": theme.second}
+def _draw_models(axis: Axes, drive: JointDrive, top: float) -> None:
+    colours = {"refined": LIGHT.foreground, SATURATED: LIGHT.speed, "flux-weakening": LIGHT.second}
     for name in envelope_names():
         speed = _shown_speeds(drive, name, top, _CURVE_POINTS)
         lower, upper = joint_limits(drive, speed, name)
         look = {
-            "color": colours.get(name, theme.muted),
+            "color": colours.get(name, LIGHT.muted),
             "linestyle": _STYLES.get(name, "-."),
             "linewidth": _WIDTHS.get(name, 1.0),
         }
         axis.plot(speed, upper, label=LABELS.get(name, name), **look)
         axis.plot(speed, lower, **look)
         if name == SATURATED:
-            axis.fill_between(speed, lower, upper, color=theme.envelope, linewidth=0, zorder=0)
+            axis.fill_between(speed, lower, upper, color=LIGHT.envelope, linewidth=0, zorder=0)
 
 
-def _draw_marks(axis: Axes, drive: JointDrive, theme: Theme) -> None:
+def _draw_marks(axis: Axes, drive: JointDrive) -> None:
     """Where the whole peak torque ends, and where the motor runs free."""
     marks: tuple[tuple[MotorModel, str], ...] = (("refined", "o"), ("simplified-dc", "s"))
     for model, marker in marks:
         speed = peak_torque_speed(drive, model)
         if speed:
             label = f"peak torque up to {speed:.1f} rad/s ({LABELS[model]})"
-            axis.plot([speed], [drive.peak_torque], marker, color=theme.on_limit, markersize=5, label=label)
+            axis.plot([speed], [drive.peak_torque], marker, color=LIGHT.on_limit, markersize=5, label=label)
     label = f"no-load speed {drive.no_load_speed:.1f} rad/s"
-    axis.plot([drive.no_load_speed], [0.0], "D", color=theme.second, markersize=5, label=label)
+    axis.plot([drive.no_load_speed], [0.0], "D", color=LIGHT.second, markersize=5, label=label)
 
 
-def _draw_inside(axis: Axes, figure: Figure, drive: JointDrive, top: float, theme: Theme) -> None:
+def _draw_inside(axis: Axes, figure: Figure, drive: JointDrive, top: float) -> None:
     """Filled contours of copper loss, lines of constant mechanical power, inside what the joint can give."""
     across = _shown_speeds(drive, SATURATED, top, _GRID_POINTS)
     lower, upper = joint_limits(drive, across, SATURATED)
@@ -113,12 +110,12 @@ def _draw_inside(axis: Axes, figure: Figure, drive: JointDrive, top: float, them
     loss, power = joint_copper_loss(drive, torque), speed * torque
     filled = axis.contourf(speed, torque, loss, levels=10, cmap="YlOrRd", alpha=0.85)
     for limit in (lower, upper):
-        axis.plot(across, limit, color=theme.speed, linewidth=1.3)
+        axis.plot(across, limit, color=LIGHT.speed, linewidth=1.3)
     bar = figure.colorbar(filled, ax=axis, pad=0.02)
-    bar.set_label("copper loss [W]", color=theme.foreground, fontsize=9)
-    bar.ax.tick_params(colors=theme.muted, labelsize=8)
+    bar.set_label("copper loss [W]", color=LIGHT.foreground, fontsize=9)
+    bar.ax.tick_params(colors=LIGHT.muted, labelsize=8)
     levels = MaxNLocator(nbins=10).tick_values(float(power.min()), float(power.max()))
-    lines = axis.contour(speed, torque, power, levels[levels != 0.0], colors=theme.foreground, linewidths=0.7)
+    lines = axis.contour(speed, torque, power, levels[levels != 0.0], colors=LIGHT.foreground, linewidths=0.7)
     axis.clabel(lines, fmt="%.0f W", fontsize=7, manual=_label_points(drive, np.asarray(levels), top))
 
 
@@ -159,23 +156,23 @@ def _last_speed(drive: JointDrive, model: MotorModel, top: float) -> float:
     return inside
 
 
-def _draw_points(axis: Axes, operated: OperatingPoints, theme: Theme) -> None:
+def _draw_points(axis: Axes, operated: OperatingPoints) -> None:
     axis.scatter(
         operated.speed,
         operated.torque,
         s=1.6,
-        color=theme.inside,
+        color=LIGHT.inside,
         alpha=0.35,
         linewidths=0,
         rasterized=True,
     )
-    axis.plot([], [], ".", color=theme.inside, label="recorded")  # in the legend large enough to see
+    axis.plot([], [], ".", color=LIGHT.inside, label="recorded")  # in the legend large enough to see
 
 
-def _finish(axis: Axes, text: str, top: float, drive: JointDrive, theme: Theme) -> None:
-    axis.axhline(0.0, color=theme.muted, linewidth=0.6)
-    axis.axvline(0.0, color=theme.muted, linewidth=0.6)
+def _finish(axis: Axes, text: str, top: float, drive: JointDrive) -> None:
+    axis.axhline(0.0, color=LIGHT.muted, linewidth=0.6)
+    axis.axvline(0.0, color=LIGHT.muted, linewidth=0.6)
     axis.set_xlim(-top, top)
     axis.set_ylim(-1.12 * drive.peak_torque, 1.12 * drive.peak_torque)
     axis.set_xlabel("joint speed [rad/s]")
-    set_title(axis, text, theme)
+    set_title(axis, text, LIGHT)

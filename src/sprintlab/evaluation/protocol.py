@@ -226,17 +226,16 @@ def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialReques
 
 
 def step_size_requests(
-    top_speed: float, plant: PlantOptions | None = None, coarse_step: float = COARSE_STEP, hold: float = 10.0
+    top_speed: float, plant: PlantOptions, hold: float
 ) -> tuple[TrialRequest, TrialRequest]:
     """The same nominal trial with coarse and with the plant's own steps; the motor loop stays at its rate.
 
     The coarse one has the stiffest contact that its steps allow, two of them.
     """
-    plant = plant or PlantOptions()
     fine = TrialRequest(top_speed=top_speed, plant=plant, hold=hold)
     softer = replace(
         plant,
-        timestep=coarse_step,
-        contact_time_constant=max(plant.contact_time_constant, 2.0 * coarse_step),
+        timestep=COARSE_STEP,
+        contact_time_constant=max(plant.contact_time_constant, 2.0 * COARSE_STEP),
     )
     return replace(fine, plant=softer), fine

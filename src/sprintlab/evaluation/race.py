@@ -154,7 +154,7 @@ def _run_all(
     pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
 ) -> _Outcome:
     """Everything in one batch, longest first, so that no core waits for another."""
-    coarse, fine = step_size_requests(top_speed, settings.plant, hold=settings.hold)
+    coarse, fine = step_size_requests(top_speed, settings.plant, settings.hold)
     sprint_requests = [
         TrialRequest(
             top_speed=top_speed,

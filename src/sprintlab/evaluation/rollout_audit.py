@@ -21,7 +21,7 @@ from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes
-from sprintlab.core.theme import LIGHT, Theme, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, set_title, themed_figure
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
@@ -330,14 +330,12 @@ def _from_csv(text: str, path: Path) -> Rollout:
 # --- picture ------------------------------------------------------------------------------------------------
 
 
-def rollout_figure(
-    rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_voltage: float, theme: Theme = LIGHT
-) -> Figure:
+def rollout_figure(rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_voltage: float) -> Figure:
     """Torque over speed of every joint on what its motor gives; red is what it does not."""
     joints = rollout.joint_torque.shape[1]
     columns = min(joints, 4)
     rows = -(-joints // columns)
-    figure, axes = themed_figure(theme, (3.0 * columns + 0.6, 2.6 * rows + 0.4), rows, columns)
+    figure, axes = themed_figure(LIGHT, (3.0 * columns + 0.6, 2.6 * rows + 0.4), rows, columns)
     limits = joint_envelope(motor, gear, bus_voltage, rollout.joint_velocity, "refined")
     reach = MARGIN * np.asarray(joint_torque(gear, motor.peak_torque))
     beyond = (rollout.joint_torque > limits[1] + reach) | (rollout.joint_torque < limits[0] - reach)
@@ -351,13 +349,13 @@ def rollout_figure(
         if joint >= joints:
             axis.remove()
             continue
-        axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=theme.envelope, linewidth=0)
-        for mask, color in ((~beyond[:, joint], theme.inside), (beyond[:, joint], theme.on_limit)):
+        axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=LIGHT.envelope, linewidth=0)
+        for mask, color in ((~beyond[:, joint], LIGHT.inside), (beyond[:, joint], LIGHT.on_limit)):
             speed, torque = rollout.joint_velocity[mask, joint], rollout.joint_torque[mask, joint]
             axis.scatter(speed, torque, s=2.5, color=color, alpha=0.5, linewidths=0, rasterized=True)
-        set_title(axis, rollout.names[joint], theme)
+        set_title(axis, rollout.names[joint], LIGHT)
         share = _percent(float(beyond[:, joint].mean()))
-        axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=theme.muted)
+        axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=LIGHT.muted)
         axis.set_xlabel("joint speed [rad/s]")
         if joint % columns == 0:
             axis.set_ylabel("joint torque [N m], recorded;\nfilled: after saturation, gear")

@@ -22,7 +22,7 @@ from sprintlab.evaluation.quantities import QUANTITIES, json_ready, number, quan
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
 from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course
-from sprintlab.plant import BaseState, PlantOptions
+from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
@@ -87,7 +87,6 @@ def simulate_commands(
     time: FloatArray,
     forward: FloatArray,
     hold: tuple[float, float],
-    plant: PlantOptions | None = None,
 ) -> TrialResult:
     """Give the commanded speeds of a log to the same policy in simulation.
 
@@ -99,15 +98,12 @@ def simulate_commands(
         time: ``(P,)`` of the commands, rising from zero [s].
         forward: ``(P,)`` commanded forward speed [m/s].
         hold: interval that counts as the hold [s].
-        plant: how to simulate.
 
     Raises:
         SimulationError: the simulation left the realm of finite numbers.
         ContractMismatchError: the policy was not made for this robot.
     """
-    request = TrialRequest(
-        top_speed=max(float(forward.max()), 0.1), plant=plant or PlantOptions(), keep_trajectory=True
-    )
+    request = TrialRequest(top_speed=max(float(forward.max()), 0.1), keep_trajectory=True)
     trial = run_course(policy, robot, request, _LoggedCourse(time=time, forward=forward))
     metrics = trial_metrics(figures.recorded(trial), robot, hold, plant=request.plant)
     return replace(trial, metrics=metrics, hold_interval=hold)

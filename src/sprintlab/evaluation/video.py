@@ -72,10 +72,10 @@ def gl_backends() -> tuple[str, ...]:
     return ("egl", "osmesa") if sys.platform.startswith("linux") else ("",)
 
 
-def working_gl_backend(timeout: float = 30.0) -> str | None:
+def working_gl_backend() -> str | None:
     """The first backend that renders a frame (in a process of its own); ``None`` when none does."""
     for backend in gl_backends():
-        if _run([sys.executable, "-c", _PROBE], backend, timeout) == 0:
+        if _run([sys.executable, "-c", _PROBE], backend, _PROBE_SECONDS) == 0:
             return backend or "default"
     return None
 
@@ -85,9 +85,7 @@ def has_encoder() -> bool:
     return importlib.util.find_spec("imageio_ffmpeg") is not None
 
 
-def render_video(
-    trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float], timeout: float = 150.0
-) -> str:
+def render_video(trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float]) -> str:
     """Render ``trajectory.npz`` to ``target`` in a subprocess.
 
     Args:
@@ -95,7 +93,6 @@ def render_video(
         target: the MP4 to write.
         robot_name: whose model to draw.
         hold: start and end of the hold [s], shown once more in slow motion; the printed clock stops there.
-        timeout: seconds after which a hanging backend is given up.
 
     Returns:
         An empty string when ``target`` was written, else one line that says what to install. Never raises
@@ -106,12 +103,14 @@ def render_video(
     command = [sys.executable, "-m", "sprintlab.evaluation.video", str(trajectory), str(target)]
     command += ["--robot", robot_name, "--hold", str(hold[0]), str(hold[1])]
     for backend in gl_backends():
-        if _run(command, backend, timeout) == 0 and target.exists():
+        if _run(command, backend, _RENDER_SECONDS) == 0 and target.exists():
             return ""
         target.unlink(missing_ok=True)
     return INSTALL_BACKEND
 
 
+_PROBE_SECONDS, _RENDER_SECONDS = 30.0, 150.0
+"""After which a hanging backend is given up [s]."""
 _PROBE = (
     "import mujoco as m; r = m.Renderer(m.MjModel.from_xml_string("
     "'<mujoco><worldbody><geom size=\"1\"/></worldbody></mujoco>'), 32, 32); r.render()"

@@ -16,6 +16,7 @@ from sprintlab.motors.envelope import (
     MotorModel,
     critical_speed,
     no_load_speed,
+    prepared_torque_limits,
     torque_limits,
     voltage_infeasible,
 )
@@ -97,6 +98,7 @@ __all__ = [
     "no_load_speed",
     "open_circuit_voltage",
     "phase_voltage_limit",
+    "prepared_torque_limits",
     "reflected_inertia",
     "resistance_factor",
     "saturate",

@@ -15,7 +15,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     within_bounds,
 )
-from sprintlab.motors import torque_limits
+from sprintlab.motors import prepared_torque_limits
 from sprintlab.robots import RobotDescription
 
 
@@ -47,12 +47,13 @@ class CommandGuard:
     """
 
     def __init__(self, robot: RobotDescription) -> None:
-        self._motors = robot.motors
+        self._limits = prepared_torque_limits(robot.motors)
         self._ratio = np.asarray(robot.gear.ratio)
         self._lower, self._upper = np.ascontiguousarray(robot.position_limits.T)
         self._zone = robot.soft_stop.zone
         self._highest_voltage = 1.25 * robot.bus_voltage
-        self._acceleration = np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+        acceleration = np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+        self._band = acceleration * _BAND
 
     def torque_interval(self, state: RobotState, age: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Least and greatest joint torque [N m] ``(joints,)`` that may be asked for.
@@ -62,8 +63,8 @@ class CommandGuard:
             age: of the state when the command acts [s].
         """
         lower, upper = self._envelope(state, age)
-        above = np.clip((self._upper - state.joint_position) / self._zone, 0.0, 1.0)
-        below = np.clip((state.joint_position - self._lower) / self._zone, 0.0, 1.0)
+        above = _share((self._upper - state.joint_position) / self._zone)
+        below = _share((state.joint_position - self._lower) / self._zone)
         # Above its no-load speed a motor brakes whatever it is told: then the envelope overrules the stop.
         least = np.minimum(np.where(lower < 0.0, lower * below, lower), upper)
         return least, np.maximum(np.where(upper > 0.0, upper * above, upper), lower)
@@ -73,8 +74,8 @@ class CommandGuard:
         voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
         speed = state.joint_velocity * self._ratio
         if age > 0.0:
-            speed = speed + age * self._acceleration * _BAND
-        lower, upper = torque_limits(self._motors, speed, voltage)
+            speed = speed + age * self._band
+        lower, upper = self._limits(speed, voltage)
         if age > 0.0:
             lower, upper = lower.min(axis=0), upper.max(axis=0)
         return lower * self._ratio, upper * self._ratio
@@ -136,9 +137,14 @@ class CommandGuard:
         return servo if _sound(servo) else GuardedServo(zeros, zeros, damping, zeros)
 
 
+def _share(value: FloatArray) -> FloatArray:
+    return np.minimum(np.maximum(value, 0.0), 1.0)  # np.clip takes five times as long
+
+
 def _finite(state: RobotState) -> bool:
     with np.errstate(all="ignore"):
-        total = float(state.joint_position.sum()) + float(state.joint_velocity.sum()) + state.bus_voltage
+        total = float(np.add.reduce(state.joint_position)) + float(np.add.reduce(state.joint_velocity))
+        total += state.bus_voltage
     return math.isfinite(total)
 
 

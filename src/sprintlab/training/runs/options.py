@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from sprintlab.commands import check_schedule
 from sprintlab.core.checks import check_choice, check_positive, check_range
@@ -103,6 +105,24 @@ class TrainOptions:
         if self.keep_motor_model:
             settings = replace(settings, actuator_model=base.actuator_model)
         return replace(settings, schedule=base.schedule) if self.keep_schedule else settings
+
+    def check_kept(self, chosen: Mapping[str, Any], way: str) -> None:
+        """Refuse settings that the method would silently replace.
+
+        Args:
+            chosen: names of settings, and what was written for them.
+            way: how to keep one, with ``{name}`` (keep_schedule) or ``{option}`` in it.
+
+        Raises:
+            InvalidValueError: names the first of them.
+        """
+        for name, switch in (("schedule", "keep_schedule"), ("actuator_model", "keep_motor_model")):
+            if name not in chosen or getattr(self, switch):
+                continue
+            if getattr(self.full_settings(), name) != getattr(self.settings, name):
+                option = "--" + switch.replace("_", "-")
+                reason = f"method {self.method} decides it: {way.format(name=switch, option=option)}"
+                raise InvalidValueError(name, chosen[name], reason)
 
 
 def check_places(options: TrainOptions, restartable: bool = False) -> None:

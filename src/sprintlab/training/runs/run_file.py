@@ -91,16 +91,5 @@ def _options(document: Mapping[str, Any]) -> TrainOptions:
     if asked.robot is not None:
         base = scaled_settings(asked.robot, base, base)  # what the file says itself is not scaled
     options = replace(asked, robot=None, preset=PRESETS[0], settings=replaced(base, given))
-    _check_kept(options, given)
+    options.check_kept(given, "write {name} = true to keep yours")
     return options
-
-
-def _check_kept(options: TrainOptions, given: Mapping[str, Any]) -> None:
-    """Refuse what the method would silently replace."""
-    decided = options.full_settings()
-    for name, switch in (("schedule", "keep_schedule"), ("actuator_model", "keep_motor_model")):
-        wanted = getattr(options.settings, name)
-        if name in given and getattr(decided, name) != wanted:
-            raise InvalidValueError(
-                name, given[name], f"method {options.method} decides it: write {switch} = true to keep yours"
-            )

@@ -52,22 +52,11 @@ def train_run(plan: RunPlan) -> None:
     Raises:
         SprintlabError: training or the export is refused, or the disk is.
     """
-    from sprintlab.training.runs.run import TrainOptions, train
+    from sprintlab.training.runs.run import train
 
     if plan.finished():
         return
-    options = TrainOptions(
-        method=plan.method,
-        output=plan.folder,
-        minutes=plan.minutes,
-        iterations=plan.iterations,
-        environments=plan.environments,
-        seed=plan.seed,
-        device=plan.device,
-        save_seconds=plan.save_seconds,
-        settings=plan.base_settings(),
-    )
-    checkpoint = train(options, restartable=True, typed=plan.command_line())
+    checkpoint = train(plan.options(), restartable=True, typed=plan.command_line())
     _write_record(plan, checkpoint)
 
 

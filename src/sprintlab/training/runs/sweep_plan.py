@@ -14,17 +14,19 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.training.methods import ALL_METHODS, method_settings, preset_settings
+from sprintlab.training.methods import method_settings, preset_settings
 from sprintlab.training.runs.named_settings import (
+    KIND,
     choices,
     dashed,
     override,
+    plain,
     read_value,
     split_assignment,
 )
+from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import TrainingSettings
 
 RECORD_NAME = "run.json"
@@ -62,15 +64,9 @@ class RunPlan:
     preset: str = "sprintlab"
 
     def __post_init__(self) -> None:
-        check_choice("method", self.method, tuple(ALL_METHODS))
-        check_range("seed", self.seed, 0, 2**31)
-        check_range("iterations", self.iterations, 1, 10**9)
-        check_positive("minutes", self.minutes, "min")
-        check_range("environments", self.environments, 2, 10**6)
-        check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", self.device):  # whether it is there, the worker knows
             raise InvalidValueError("device", self.device, "must be auto, cpu, cuda or cuda:NUMBER")
-        self.base_settings()
+        self.options()
 
     @property
     def name(self) -> str:
@@ -78,25 +74,51 @@ class RunPlan:
         variant = self.folder.parent.parent.name if self.overrides else ""
         return f"{variant} {self.method} {self.seed}" if "=" in variant else f"{self.method} {self.seed}"
 
+    def _changes(self, part: str) -> bool:
+        """Whether an override changes ``schedule`` or ``actuator_model``, which else the method decides."""
+        return any(_within(name, part) for name in self.overrides)
+
     def base_settings(self) -> TrainingSettings:
-        """The preset's settings with the overrides in place."""
+        """The preset's settings, the method's schedule where it is changed, and the overrides in place."""
         settings = preset_settings(self.preset)
+        if self._changes("schedule"):
+            settings = replace(settings, schedule=method_settings(self.method, settings).schedule)
         for name, value in self.overrides.items():
             settings = override(settings, name, value)
         return settings
 
+    def options(self) -> TrainOptions:
+        """The run as ``sprintlab train`` takes it."""
+        return TrainOptions(
+            method=self.method,
+            output=self.folder,
+            minutes=self.minutes,
+            iterations=self.iterations,
+            environments=self.environments,
+            seed=self.seed,
+            device=self.device,
+            save_seconds=self.save_seconds,
+            settings=self.base_settings(),
+            keep_schedule=self._changes("schedule"),
+            keep_motor_model=self._changes("actuator_model"),
+        )
+
     def digest(self) -> str:
         """Hash of the settings that this run is trained with."""
-        base = self.base_settings()
-        simulation = replace(base.simulation, environments=self.environments)
-        return method_settings(self.method, replace(base, simulation=simulation, seed=self.seed)).digest()
+        return self.options().full_settings().digest()
 
     def command_line(self) -> str:
         """The ``sprintlab train`` that trains the same, for the policy's contract."""
         words = ["sprintlab", "train", self.method, "--seed", self.seed, "--environments", self.environments]
         words += ["--preset", self.preset] if self.preset != "sprintlab" else []
         words += ["--iterations", self.iterations, "--minutes", self.minutes]
-        return shlex.join(str(word) for word in [*words, *_typed(self.base_settings(), self.overrides)])
+        words += ["--keep-motor-model"] * self._changes("actuator_model")
+        settings, overrides = self.base_settings(), dict(self.overrides)
+        if self._changes("schedule"):  # whole: what is typed does not begin with the method's
+            words += ["--keep-schedule"]
+            overrides = {name: each for name, each in overrides.items() if not _within(name, "schedule")}
+            overrides["schedule"] = _without_kinds(plain(settings.schedule))
+        return shlex.join(str(word) for word in [*words, *_typed(settings, overrides)])
 
     def asked(self) -> dict[str, Any]:
         """What the run's record says about what was wanted."""
@@ -244,6 +266,15 @@ def _flattened(overrides: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from _flattened({f"{name}.{part}": each for part, each in value.items()})
         else:
             yield name, value
+
+
+def _without_kinds(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values without the words for what kind a part is."""
+    return {
+        name: _without_kinds(value) if isinstance(value, dict) else value
+        for name, value in values.items()
+        if name != KIND
+    }
 
 
 def _within(name: str, part: str) -> bool:
