@@ -1,8 +1,8 @@
 """Heat in the windings: copper loss warms them, and warm copper and magnets give less.
 
 One node: ``C dT/dt = P - (T - T_ambient) / R_th``; or two, winding and housing (``HousedHeat``). Copper
-resists ``1 + 0.00393 (T - 20)`` times its value at
-20 degrees Celsius; the magnets follow the winding part of the way and lose flux linearly.
+resists ``1 + 0.00393 (T - 20)`` times its value at 20 degrees Celsius; the magnets follow the winding part of
+the way and lose flux linearly.
 """
 
 from __future__ import annotations
