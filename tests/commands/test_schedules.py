@@ -133,6 +133,17 @@ def test_a_lower_target_may_draw_the_command_further_than_a_higher_one():
     assert np.array_equal(before.command[above], state.command[above])
 
 
+@pytest.mark.parametrize("keeps_rest", [False, True])
+def test_a_robot_that_is_to_rest_is_disturbed_unless_its_rest_is_kept(keeps_rest):
+    schedule = AdaptiveSchedule(keeps_rest=keeps_rest, targets=TargetSampling(top_share=0.0, zero_share=1.0))
+    generator = np.random.default_rng(5)
+    state, commands = initial_state(200, np.zeros(1)), []
+    for _ in range(100):
+        state = advance(schedule, state, draw_inputs(generator, 200) | {"speed": np.zeros(200)})
+        commands.append(state.command[:, 0])
+    assert (np.abs(commands).max() == 0.0) == keeps_rest
+
+
 def test_backward_targets_have_their_share():
     targets = TargetSampling(top_share=0.4, zero_share=0.1, backward_share=0.2, grid=None)
     random = np.random.default_rng(13).random((50_000, 8))

@@ -289,13 +289,15 @@ class AdaptiveSchedule(TargetSchedule):
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
             fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
-            is symmetric, and 1 m/s is its width; then
-            nobody is ever asked to stop from more than 1 m/s, and who is asked for it by somebody else falls.
+            is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more than 1 m/s, and
+            who is asked for it by somebody else falls.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
         ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
             of the robot if it cannot follow, as a user's command does.
         ramp: least and greatest such acceleration [m/s^2].
+        keeps_rest: whether a robot whose target is rest gets no uniform draws. With them it is asked to walk
+            on every second or so, and trots on the spot in between.
 
     Raises:
         InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
@@ -307,6 +309,7 @@ class AdaptiveSchedule(TargetSchedule):
     biased_share: float = 0.75
     ramp_share: float = 0.0
     ramp: tuple[float, float] = (2.0, 4.0)
+    keeps_rest: bool = False
 
     def __post_init__(self) -> None:
         for field in ("window", "braking_window"):
@@ -347,7 +350,10 @@ class AdaptiveSchedule(TargetSchedule):
         braking_window = self.window + (braking_window - self.window) * random[:, 5]
         biased = clip(target, speed - braking_window, speed + self.window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
-        return xp.where(random[:, 6] < self.biased_share, biased, anywhere)
+        toward = random[:, 6] < self.biased_share
+        if self.keeps_rest:
+            toward = toward | (target == 0.0)
+        return xp.where(toward, biased, anywhere)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,10 +43,15 @@ def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
         SprintlabError: weights and settings do not fit each other.
     """
     settings: TrainingSettings = state["settings"]
-    actor = build_actor(settings, load_robot(settings.robot))
+    robot, weights = load_robot(settings.robot), state["learner"]["actor"]
     try:
-        actor.load_state_dict(state["learner"]["actor"])
-    except (RuntimeError, TypeError, AttributeError) as error:
+        with torch.device("meta"):  # settings may say what fits no memory: first the sizes alone
+            sizes = {name: value.shape for name, value in build_actor(settings, robot).state_dict().items()}
+        if {name: value.shape for name, value in weights.items()} != sizes:
+            raise ValueError("other sizes")
+        actor = build_actor(settings, robot)
+        actor.load_state_dict(weights)
+    except (RuntimeError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise SprintlabError(
             "the policy of this checkpoint is not of the size that its settings say"
         ) from error
