@@ -22,6 +22,9 @@ from tensorboard.backend.event_processing import event_accumulator
 from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
+from sprintlab.training.learner.algorithm import build_actor
+from sprintlab.training.runs import export
+from sprintlab.training.runs.checkpoint import write_checkpoint
 from sprintlab.training.runs.figures import grid_figure, learning_figures, robot_speeds, speed_figure
 from sprintlab.training.runs.progress import Board, clock, time_to_go
 from sprintlab.training.runs.run import TrainOptions, train
@@ -60,6 +63,60 @@ def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path,
     assert said["figures"] == [str(tmp_path / f"{n}.png") for n in ("learning", "curriculum", "speeds")]
     assert main(["learning", str(tmp_path / "nothing")]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def changed(state: dict, path: str, value: object) -> None:
+    *above, last = path.split("/")
+    for name in above:
+        state = state[name]
+    state[last] = value
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("growth", None),
+        ("growth/upper", 1e308),
+        ("grid_weights", torch.zeros(4)),
+        ("grid_weights", torch.zeros(1000, 1000)),
+        ("environment", [1, 2]),
+        ("environment/running_speed", torch.tensor([0.0, 1e9])),
+        ("environment/running_speed", torch.full((8,), float("nan"))),
+        ("environment/commands.command", torch.zeros(8)),
+        ("learner/rolled_back", float("nan")),
+        ("others", 5),
+    ],
+)
+def test_numbers_that_no_run_has_are_refused_in_a_sentence(
+    folder: Path, tmp_path: Path, capsys, path: str, value: object
+) -> None:
+    """Histograms of 32 GB, pictures of minutes, and tracebacks."""
+    state = read_checkpoint(folder / "checkpoint.pt")
+    changed(state, path, value)
+    write_checkpoint(state, tmp_path / "checkpoint.pt")
+    assert main(["learning", str(tmp_path)]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.startswith("sprintlab: ") and complaint.count("\n") == 1
+
+
+def test_a_random_generator_that_stands_outside_of_its_numbers_is_refused(folder: Path) -> None:
+    """NumPy takes any place, and reads the memory there: the process dies."""
+    state = read_checkpoint(folder / "checkpoint.pt")
+    kind, numbers, _, *rest = state["generators"]["numpy"]
+    state["generators"]["numpy"] = (kind, numbers, 10**8, *rest)
+    with pytest.raises(SprintlabError, match="outside of its numbers"):
+        Runner(TINY, "cpu", "").load(state)
+
+
+def test_an_export_compares_sizes_before_it_takes_memory(folder: Path, monkeypatch) -> None:
+    """Settings of a stranger may want more than there is."""
+    state = read_checkpoint(folder / "checkpoint.pt")
+    state["settings"] = replace(TINY, ppo=replace(TINY.ppo, hidden=(4096,) * 20))
+    made = []
+    monkeypatch.setattr(export, "build_actor", lambda *given: (made.append(build_actor(*given)), made[-1])[1])
+    with pytest.raises(SprintlabError, match="not of the size"):
+        export.actor_from_checkpoint(state)
+    assert len(made) == 1 and next(made[0].parameters()).is_meta
 
 
 def test_the_grid_is_drawn_as_it_is() -> None:

@@ -48,6 +48,7 @@ class Learning:
         require_training()
         checkpoint = self.run_folder / "checkpoint.pt" if self.run_folder.is_dir() else self.run_folder
         from sprintlab.core.files import check_writable
+        from sprintlab.core.reading import refused_as_damaged
         from sprintlab.training.runs.checkpoint import check_checkpoint, read_checkpoint
 
         # Before PyTorch is imported, which takes many seconds.
@@ -59,9 +60,10 @@ class Learning:
             from sprintlab.training.runs.figures import learning_figures, learning_numbers
 
             state = read_checkpoint(checkpoint)
-            numbers = learning_numbers(state)
-            report("drawing", None)
-            pictures = learning_figures(checkpoint, self.output or checkpoint.parent)
+            with refused_as_damaged(checkpoint):
+                numbers = learning_numbers(state)
+                report("drawing", None)
+                pictures = learning_figures(checkpoint, self.output or checkpoint.parent)
         if self.json:
             print_json({**numbers, "figures": [str(path) for path in pictures]})
             return 0

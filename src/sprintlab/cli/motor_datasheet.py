@@ -31,7 +31,8 @@ class MotorFromDatasheet:
         sheet: the data sheet (TOML): entries as printed, with their units and conventions.
         template: print a blank data sheet and do nothing else.
         out: motor file to write; none when left out.
-        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t].
+        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t],
+            winding and housing as [heat], where the sheet gives them.
         tolerance: difference between entries that say the same, taken for rounding.
         json: print JSON only.
     """

@@ -7,7 +7,7 @@ capture refuses; ``full_like`` makes it on the device.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import array_api_compat
 import numpy as np
@@ -36,7 +36,7 @@ def as_array(value: Array | float) -> Array:
 def filled(value: Array | float, like: Array) -> Array:
     """A Python scalar in the type of ``like``, on its device, to broadcast with it; an array as it is."""
     if isinstance(like, _NUMPY_KINDS):
-        return np.asarray(value, dtype=like.dtype) if isinstance(value, (int, float)) else value
+        return np.asarray(value, dtype=cast("Any", like).dtype) if isinstance(value, (int, float)) else value
     return namespace(like).full_like(like, value) if isinstance(value, (int, float)) else value
 
 

@@ -172,6 +172,24 @@ def _no_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
+@contextmanager
+def refused_as_damaged(path: object) -> Generator[None, None, None]:
+    """What numbers of a stranger bring about in the block becomes one sentence about their file.
+
+    Raises:
+        SprintlabError: an error of the kinds that impossible numbers lead to.
+    """
+    try:
+        yield
+    except SprintlabError:
+        raise
+    except (
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError, RuntimeError,
+    ) as error:  # fmt: skip
+        reason = printable(" ".join(str(error).split()) or type(error).__name__, 150)
+        raise SprintlabError(f"{printable(path)} is damaged: {reason}") from error
+
+
 def printable(text: object, longest: int = 300) -> str:
     """Text of a stranger as it may stand on a terminal: no control characters, no turned writing, not long.
 

@@ -10,6 +10,7 @@ import torch
 from matplotlib.figure import Figure
 
 from sprintlab.commands import CommandGrid
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, set_title, style_axis, themed_figure
@@ -18,6 +19,9 @@ from sprintlab.training.settings import TrainingSettings
 
 _SIZE = (7.0, 4.2)
 _DRAWN = {"seconds", "range_upper", "speed_p999", "speed_p95", "speed_median", "falls", "reward"}
+_FASTEST = 100.0  # m/s
+_MOST_BINS, _MOST_ROWS = 100_000, 100_000
+_LARGEST = 1e18  # of what is drawn
 _BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
 
 
@@ -35,11 +39,15 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
     lacking = sorted(_DRAWN - set.intersection(*(set(row) for row in state["progress"].log)))
     if lacking:
         raise SprintlabError(f"{checkpoint} has a log without {', '.join(lacking)}: nothing can be drawn")
+    _check_log(state["progress"].log)
     figures = {"learning": learning_curve(state["progress"].log)}
     settings: TrainingSettings = state["settings"]
     grid = getattr(getattr(settings.schedule, "targets", None), "grid", None)
     if grid is not None:
-        figures["curriculum"] = grid_figure(grid, state["grid_weights"].cpu().numpy(), state["growth"])
+        check_range("growth.upper", state["growth"]["upper"], -_FASTEST, _FASTEST, "m/s")
+        weights = state["grid_weights"].float().cpu().numpy()
+        check_range("bins of the grid", weights.size, 1, _MOST_BINS)
+        figures["curriculum"] = grid_figure(grid, weights, state["growth"])
     speeds = robot_speeds(state)
     if speeds is not None:
         figures["speeds"] = speed_figure(*speeds)
@@ -48,6 +56,14 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
         written.append(folder / f"{name}.png")
         atomic_write_bytes(written[-1], png_bytes(figure))
     return written
+
+
+def _check_log(log: list[dict[str, float]]) -> None:
+    """Refuse what cannot be drawn. Raises ``InvalidValueError``."""
+    check_range("iterations in the log", len(log), 1, _MOST_ROWS)
+    for name in sorted(_DRAWN):
+        values = np.array([row[name] for row in log], dtype=float)
+        check_range(name, values[np.isfinite(values)], -_LARGEST, _LARGEST)
 
 
 def learning_curve(log: list[dict[str, float]]) -> Figure:
@@ -107,7 +123,9 @@ def robot_speeds(state: dict[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     running = torch.cat([robots["running_speed"].cpu() for robots in saved])
     commanded = torch.cat([robots["commands.command"][:, 0].cpu() for robots in saved])
-    return running.numpy(), commanded.numpy()
+    for name, speeds in (("running_speed", running), ("commands.command", commanded)):
+        check_range(name, speeds, -_FASTEST, _FASTEST, "m/s")
+    return running.float().numpy(), commanded.float().numpy()
 
 
 def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:

@@ -247,6 +247,8 @@ class Runner:
             self.environment.load_state(robots)
         generators = state["generators"]
         torch.set_rng_state(generators["torch"].cpu())
+        if not 0 <= generators["numpy"][2] <= len(generators["numpy"][1]):
+            raise ValueError("a random generator stands outside of its numbers")  # NumPy reads on from there
         np.random.set_state(generators["numpy"])
         random.setstate(generators["python"])
         if self.device.startswith("cuda") and "cuda" in generators:

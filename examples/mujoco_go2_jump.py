@@ -1,0 +1,195 @@
+"""A jump of MuJoCo Menagerie's Go2 in plain MuJoCo: on its model's own motors, then on refined ones.
+
+    python examples/mujoco_go2_jump.py mujoco_menagerie/unitree_go2/go2.xml --figure jump.png
+
+A PD loop crouches, stretches all legs at once and lands. The model's own motors give their peak torque at
+every speed. In both runs the joints' damping is that of the table of `go2`: the published model has 2 N m
+s/rad, which takes 20 N m of a joint at 10 rad/s, as a stand-in for what the motor law says. Meshes are left
+out: only cameras need them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from contextlib import nullcontext
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, style_axis, themed_figure
+from sprintlab.integrations.mjcf import motor_callback
+from sprintlab.motors import Gear, PmsmParameters, drive_torque, no_load_speed
+from sprintlab.robots import RobotDescription, load_robot
+
+FloatArray = NDArray[np.float64]
+
+PARTS = {"hip": "abad", "thigh": "hip", "calf": "knee"}  # the model's names of a leg's joints, the table's
+CROUCH = {"hip": 0.0, "thigh": 1.2, "calf": -2.5}  # [rad]
+STRETCH = {"hip": 0.0, "thigh": 0.5, "calf": -1.0}
+LAND = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}
+PHASES = ((0.6, CROUCH), (0.78, STRETCH), (1.5, LAND))  # until when [s]
+PARAMETERS = [item.name for item in fields(PmsmParameters)]
+STIFFNESS, DAMPING = 250.0, 3.0  # [N m/rad], [N m s/rad]
+
+
+class Jump(NamedTuple):
+    """What one jump was; ``n`` steps, joints in the order of the model's actuators."""
+
+    height: float
+    """Greatest rise of the trunk above where it stands [m]."""
+    speed: FloatArray
+    """Of the joints [rad/s] ``(n, joints)``."""
+    asked: FloatArray
+    """Torque of the PD loop [N m] ``(n, joints)``."""
+    delivered: FloatArray
+    """On the joints [N m] ``(n, joints)``."""
+
+
+def load_model(path: Path, robot: RobotDescription) -> mujoco.MjModel:
+    """The model on a floor, without meshes and with the table's friction.
+
+    Raises:
+        ValueError: MuJoCo cannot read or compile it.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5.0, 5.0, 0.1])
+    spec.option.timestep = 0.001
+    model = spec.compile()
+    model.dof_damping[6:] = robot.viscous_friction[0]
+    return model
+
+
+def drives(model: mujoco.MjModel, robot: RobotDescription) -> tuple[PmsmParameters, Gear]:
+    """The table's motors and gears in the order of the model's actuators."""
+    places: list[int] = []
+    for joint in model.actuator_trnid[:, 0]:
+        leg, part, _ = model.joint(joint).name.split("_")
+        places.append(robot.joint_names.index(f"{leg}_{PARTS[part]}"))
+    values = {name: np.broadcast_to(getattr(robot.motors, name), len(places)) for name in PARAMETERS}
+    motor = PmsmParameters(**{name: value[places] for name, value in values.items()})
+    return motor, Gear(ratio=robot.gear.ratio[places], efficiency=robot.gear.efficiency[places])
+
+
+def jump(model: mujoco.MjModel, refined: tuple[PmsmParameters, Gear, float] | None) -> Jump:
+    """One jump: on the model's own motors, or on motors and gears behind a bus voltage [V]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    joints = model.actuator_trnid[:, 0]
+    places, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    parts = [model.joint(joint).name.split("_")[1] for joint in joints]
+    poses = [(end, np.array([pose[part] for part in parts])) for end, pose in PHASES]
+
+    def wanted(state: Any) -> FloatArray:
+        target = next(pose for end, pose in poses if state.time < end or end == PHASES[-1][0])
+        return STIFFNESS * (target - state.qpos[places]) - DAMPING * state.qvel[dofs]
+
+    start, samples = data.qpos[2], []
+    with nullcontext() if refined is None else motor_callback(wanted, *refined):
+        while data.time < PHASES[-1][0]:
+            asked, speed = wanted(data), data.qvel[dofs].copy()
+            if refined is None:
+                data.ctrl[:] = asked
+            mujoco.mj_step(model, data)
+            samples.append((data.qpos[2], speed, asked, data.qfrc_actuator[dofs].copy()))
+    height, speed, asked, delivered = (np.array(values) for values in zip(*samples, strict=True))
+    return Jump(float(height.max() - start), speed, asked, delivered)
+
+
+def numbers(own: Jump, refined: Jump) -> dict[str, float]:
+    """How high, and how fast the fastest joint was."""
+    return {
+        "rise_own_m": round(own.height, 3),
+        "rise_refined_m": round(refined.height, 3),
+        "fastest_joint_own_rad_s": round(float(np.abs(own.speed).max()), 1),
+        "fastest_joint_refined_rad_s": round(float(np.abs(refined.speed).max()), 1),
+    }
+
+
+def limits(
+    motor: PmsmParameters, gear: Gear, bus_voltage: float, speed: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest joint torque [N m] at joint speeds [rad/s]."""
+    most = 10.0 * motor.peak_torque * gear.ratio
+    lower, upper = (drive_torque(motor, gear, sign * most, speed, bus_voltage).torque for sign in (-1.0, 1.0))
+    return lower, upper
+
+
+def impossible_share(own: Jump, motor: PmsmParameters, gear: Gear, bus_voltage: float) -> float:
+    """Share of the own motors' driving work that refined ones could not have done at the same speeds [-]."""
+    possible = np.clip(own.delivered, *limits(motor, gear, bus_voltage, own.speed))
+    done = np.maximum(own.delivered * own.speed, 0.0)
+    return float(1.0 - np.clip(possible * own.speed, 0.0, done).sum() / done.sum())
+
+
+def draw(path: Path, jumps: dict[str, Jump], motor: PmsmParameters, gear: Gear, bus_voltage: float) -> None:
+    """Torque over speed, asked and delivered: thighs above calves, one column a jump."""
+    figure, axes = themed_figure(LIGHT, (9.0, 6.4), 2, 2, sharex=True)
+    for row, part in enumerate(("thigh", "calf")):
+        joints = np.arange(row + 1, len(gear.ratio), 3)
+        envelope = _envelope(motor, gear, bus_voltage, int(joints[0]))
+        for column, (name, found) in enumerate(jumps.items()):
+            axis = axes[2 * row + column]
+            style_axis(axis, LIGHT)
+            axis.fill_between(*envelope, color=LIGHT.envelope, lw=0.0, label="what the motor can give")
+            speed, kept = found.speed[:, joints].ravel(), slice(None, None, 2)
+            for values, color, label in (
+                (found.asked, LIGHT.muted, "asked by the PD loop"),
+                (found.delivered, LIGHT.on_limit, "delivered"),
+            ):
+                axis.plot(speed[kept], values[:, joints].ravel()[kept], ".", ms=2.5, color=color, label=label)
+            axis.set_ylim(1.6 * envelope[1].min(), 1.6 * envelope[2].max())
+            set_title(axis, f"{part}, {name}: jumps {100.0 * found.height:.0f} cm", LIGHT)
+            axis.set_xlabel("joint speed [rad/s]" if row else "")
+            axis.set_ylabel("" if column else "joint torque [N m]")
+    axis_legend(axes[2], LIGHT, loc="lower right", markerscale=4.0)
+    save_figure(path, figure, dpi=110)
+
+
+def _envelope(
+    motor: PmsmParameters, gear: Gear, bus_voltage: float, joint: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speeds [rad/s], least and greatest torque [N m] of one joint."""
+    one = PmsmParameters(**{name: np.asarray(getattr(motor, name))[joint] for name in PARAMETERS})
+    alone = Gear(ratio=gear.ratio[joint], efficiency=gear.efficiency[joint])
+    top = 1.3 * float(no_load_speed(one, bus_voltage)) / alone.ratio
+    speeds = np.linspace(-top, top, 201)
+    return speeds, *limits(one, alone, bus_voltage, speeds)
+
+
+def main() -> None:
+    """Jump twice, print, draw."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("model", type=Path, help="go2.xml of MuJoCo Menagerie")
+    parser.add_argument("--figure", type=Path, help="torque over speed, PNG, PDF or SVG")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    given = parser.parse_args()
+    robot = load_robot("go2")
+    model = load_model(given.model, robot)
+    motor, gear = drives(model, robot)
+    own, refined = jump(model, None), jump(model, (motor, gear, robot.bus_voltage))
+    found = numbers(own, refined)
+    found["impossible_work_share"] = round(impossible_share(own, motor, gear, robot.bus_voltage), 3)
+    if given.figure is not None:
+        draw(
+            given.figure,
+            {"model's own motors": own, "refined motors": refined},
+            motor,
+            gear,
+            robot.bus_voltage,
+        )
+    print(json.dumps(found) if given.json else "\n".join(f"{name}: {value}" for name, value in found.items()))
+
+
+if __name__ == "__main__":
+    main()
