@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -57,9 +58,15 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
         print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
         return found
     stdout_console().print(found, soft_wrap=True)
-    if figure is not None:
-        stdout_console().print(f"figure: {figure}", soft_wrap=True)
+    show_files(figure=figure)
     return found
+
+
+def show_files(**paths: Path | None) -> None:
+    """Say where files were written, each under its name."""
+    for name, path in paths.items():
+        if path is not None:
+            stdout_console().print(f"{name.replace('_', ' ')}: {path}", soft_wrap=True)
 
 
 @contextmanager
