@@ -1,4 +1,4 @@
-"""A jump of MuJoCo Menagerie's Go2 in plain MuJoCo: on its model's own motors, then on refined ones.
+"""A jump of MuJoCo Menagerie's Go2 in plain MuJoCo: on its model's motors, `<dcmotor>`s, refined ones.
 
     python examples/mujoco_go2_jump.py mujoco_menagerie/unitree_go2/go2.xml --figure jump.png
 
@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, style_axis, themed_figure
-from sprintlab.integrations.mjcf import motor_callback
+from sprintlab.integrations.mjcf import dc_motor, motor_callback
 from sprintlab.motors import Gear, PmsmParameters, drive_torque, no_load_speed
 from sprintlab.robots import RobotDescription, load_robot
 
 FloatArray = NDArray[np.float64]
+Control = Callable[[FloatArray, FloatArray], FloatArray]
 
 PARTS = {"hip": "abad", "thigh": "hip", "calf": "knee"}  # the model's names of a leg's joints, the table's
 CROUCH = {"hip": 0.0, "thigh": 1.2, "calf": -2.5}  # [rad]
@@ -50,8 +53,8 @@ class Jump(NamedTuple):
     """On the joints [N m] ``(n, joints)``."""
 
 
-def load_model(path: Path, robot: RobotDescription) -> mujoco.MjModel:
-    """The model on a floor, without meshes and with the table's friction.
+def load_text(path: Path) -> str:
+    """The model's MJCF on a floor and without meshes.
 
     Raises:
         ValueError: MuJoCo cannot read or compile it.
@@ -63,7 +66,13 @@ def load_model(path: Path, robot: RobotDescription) -> mujoco.MjModel:
         spec.delete(mesh)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5.0, 5.0, 0.1])
     spec.option.timestep = 0.001
-    model = spec.compile()
+    spec.compile()
+    return spec.to_xml()
+
+
+def compiled(text: str, robot: RobotDescription) -> mujoco.MjModel:
+    """The model with the table's friction."""
+    model = mujoco.MjModel.from_xml_string(text)
     model.dof_damping[6:] = robot.viscous_friction[0]
     return model
 
@@ -79,8 +88,32 @@ def drives(model: mujoco.MjModel, robot: RobotDescription) -> tuple[PmsmParamete
     return motor, Gear(ratio=robot.gear.ratio[places], efficiency=robot.gear.efficiency[places])
 
 
-def jump(model: mujoco.MjModel, refined: tuple[PmsmParameters, Gear, float] | None) -> Jump:
-    """One jump: on the model's own motors, or on motors and gears behind a bus voltage [V]."""
+def on_dc_motors(
+    text: str, model: mujoco.MjModel, motor: PmsmParameters, gear: Gear, bus_voltage: float
+) -> tuple[str, Control]:
+    """The same model's MJCF on the `<dcmotor>`s nearest to the motors, and their voltages for wanted torques.
+
+    Their rotors are left out: the model's armature has them.
+    """
+    found = [dc_motor(*single(motor, gear, index), bus_voltage) for index in range(model.nu)]
+    names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
+    elements = [replace(element, rotor_inertia=0.0) for element in found]
+    lines = "".join(element.element(name) for element, name in zip(elements, names, strict=True))
+    other = re.sub("<actuator>.*</actuator>", f"<actuator>{lines}</actuator>", text, flags=re.DOTALL)
+
+    def volts(asked: FloatArray, speed: FloatArray) -> FloatArray:
+        parts = zip(elements, asked, speed, strict=True)
+        return np.array([element.control(torque, velocity) for element, torque, velocity in parts])
+
+    return other, volts
+
+
+def jump(
+    model: mujoco.MjModel,
+    refined: tuple[PmsmParameters, Gear, float] | None = None,
+    control: Control = lambda asked, speed: asked,
+) -> Jump:
+    """One jump: on the model's actuators, or on motors and gears behind a bus voltage [V]."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     joints = model.actuator_trnid[:, 0]
@@ -97,21 +130,24 @@ def jump(model: mujoco.MjModel, refined: tuple[PmsmParameters, Gear, float] | No
         while data.time < PHASES[-1][0]:
             asked, speed = wanted(data), data.qvel[dofs].copy()
             if refined is None:
-                data.ctrl[:] = asked
+                data.ctrl[:] = control(asked, speed)
             mujoco.mj_step(model, data)
             samples.append((data.qpos[2], speed, asked, data.qfrc_actuator[dofs].copy()))
     height, speed, asked, delivered = (np.array(values) for values in zip(*samples, strict=True))
     return Jump(float(height.max() - start), speed, asked, delivered)
 
 
-def numbers(own: Jump, refined: Jump) -> dict[str, float]:
+def numbers(jumps: dict[str, Jump]) -> dict[str, float]:
     """How high, and how fast the fastest joint was."""
-    return {
-        "rise_own_m": round(own.height, 3),
-        "rise_refined_m": round(refined.height, 3),
-        "fastest_joint_own_rad_s": round(float(np.abs(own.speed).max()), 1),
-        "fastest_joint_refined_rad_s": round(float(np.abs(refined.speed).max()), 1),
-    }
+    rises = {f"rise_{name}_m": round(found.height, 3) for name, found in jumps.items()}
+    tops = {name: round(float(np.abs(found.speed).max()), 1) for name, found in jumps.items()}
+    return rises | {f"fastest_joint_{name}_rad_s": top for name, top in tops.items()}
+
+
+def single(motor: PmsmParameters, gear: Gear, joint: int) -> tuple[PmsmParameters, Gear]:
+    """Motor and gear of one joint."""
+    one = PmsmParameters(**{name: np.asarray(getattr(motor, name))[joint] for name in PARAMETERS})
+    return one, Gear(ratio=gear.ratio[joint], efficiency=gear.efficiency[joint])
 
 
 def limits(
@@ -158,8 +194,7 @@ def _envelope(
     motor: PmsmParameters, gear: Gear, bus_voltage: float, joint: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speeds [rad/s], least and greatest torque [N m] of one joint."""
-    one = PmsmParameters(**{name: np.asarray(getattr(motor, name))[joint] for name in PARAMETERS})
-    alone = Gear(ratio=gear.ratio[joint], efficiency=gear.efficiency[joint])
+    one, alone = single(motor, gear, joint)
     top = 1.3 * float(no_load_speed(one, bus_voltage)) / alone.ratio
     speeds = np.linspace(-top, top, 201)
     return speeds, *limits(one, alone, bus_voltage, speeds)
@@ -175,10 +210,13 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     given = parser.parse_args()
     robot = load_robot("go2")
-    model = load_model(given.model, robot)
+    text = load_text(given.model)
+    model = compiled(text, robot)
     motor, gear = drives(model, robot)
-    own, refined = jump(model, None), jump(model, (motor, gear, robot.bus_voltage))
-    found = numbers(own, refined)
+    own, refined = jump(model), jump(model, (motor, gear, robot.bus_voltage))
+    dc_text, volts = on_dc_motors(text, model, motor, gear, robot.bus_voltage)
+    dc_motors = jump(compiled(dc_text, robot), control=volts)
+    found = numbers({"own": own, "dcmotor": dc_motors, "refined": refined})
     found["impossible_work_share"] = round(impossible_share(own, motor, gear, robot.bus_voltage), 3)
     if given.figure is not None:
         draw(

@@ -148,7 +148,8 @@ def _supply() -> Kind:
 
     text = (
         b"[battery]\nseries_cells = 14\ninternal_resistance = 0.05\ncapacity = 10.0\n"
-        b"[heat]\nheat_capacity = 90.0\n"
+        b"[heat]\nheat_capacity = 90.0\nhousing_heat_capacity = 400.0\nhousing_thermal_resistance = 0.5\n"
+        b"[i2t]\ncontinuous_current = [20.0, 25.0]\npeak_duration = 2.0\n"
     )
     return Kind(name="supply", suffix=".toml", make=lambda _: [text], read=load_supply)
 

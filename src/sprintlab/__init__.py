@@ -17,6 +17,7 @@ TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to
 if TYPE_CHECKING:
     from sprintlab.api.drive import DriveOptions
     from sprintlab.api.evaluations import Evaluation, evaluate
+    from sprintlab.api.grounds import Grounds, ground
     from sprintlab.api.limits import Limit, limit
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
@@ -34,6 +35,7 @@ __version__ = "0.1.0"
 __all__ = [
     "DriveOptions",
     "Evaluation",
+    "Grounds",
     "Lap",
     "Limit",
     "Race",
@@ -45,6 +47,7 @@ __all__ = [
     "Turning",
     "evaluate",
     "export",
+    "ground",
     "lap",
     "limit",
     "load_policy",
@@ -62,6 +65,7 @@ __all__ = [
 _HOMES = {
     "DriveOptions": "api.drive",
     "Evaluation": "api.evaluations",
+    "Grounds": "api.grounds",
     "Lap": "api.steering",
     "Limit": "api.limits",
     "Race": "api.races",
@@ -73,6 +77,7 @@ _HOMES = {
     "Turning": "api.steering",
     "evaluate": "api.evaluations",
     "export": "api.training",
+    "ground": "api.grounds",
     "lap": "api.steering",
     "limit": "api.limits",
     "load_policy": "api.policies",

@@ -125,12 +125,12 @@ def reported_table(known: Evidence) -> str:
 
 def variants_table(known: Evidence) -> str:
     """Max velocity of the kept policy of each method in every variant, in Markdown."""
-    from sprintlab.evaluation.tables import number_text
+    from sprintlab.evaluation.quantities import number
     from studies.paper.pages import markdown_table
     from studies.paper.variants import VARIANTS
 
     rows = [
-        [method, *(number_text(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
+        [method, *(number(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
         for method, speeds in known.variants.items()
     ]
     note = (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
-from sprintlab.evaluation.tables import ESTIMATE_COLUMNS, estimate_cells
+from sprintlab.evaluation.estimates import ESTIMATE_COLUMNS, estimate_cells
 from studies.paper.record import COLLAPSE_SPEED
 from studies.paper.table import (
     CLOCK_COLUMNS,

@@ -11,8 +11,8 @@ from typing import Any
 from sprintlab.commands import CurriculumSchedule
 from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.estimates import merge_bands
+from sprintlab.evaluation.quantities import number as number_text
 from sprintlab.evaluation.results import EstimateBand
-from sprintlab.evaluation.tables import number_text
 from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.record import (

@@ -3,7 +3,7 @@
 import pytest
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.motors import Battery, I2tLimit, WindingHeat
+from sprintlab.motors import Battery, HousedHeat, I2tLimit, WindingHeat
 from sprintlab.plant import PlantOptions
 
 
@@ -31,6 +31,9 @@ def test_a_supply_file_turns_on_what_it_holds(tmp_path):
     plant = DriveOptions(supply=path).plant()
     assert plant.battery is None
     assert plant.heat is not None and plant.heat.heat_capacity.shape == (12,)
+    path.write_text("[heat]\nhousing_heat_capacity = 80.0\nhousing_thermal_resistance = 1.5\n")
+    housed = HousedHeat(housing_heat_capacity=80.0, housing_thermal_resistance=1.5)
+    assert DriveOptions(supply=path).plant().heat == housed
     path.write_text("[i2t]\ncontinuous_current = 20.0\npeak_duration = 2.0\n")
     plant = DriveOptions(supply=path).plant()
     assert plant.i2t == I2tLimit(continuous_current=20.0, peak_duration=2.0)
@@ -49,6 +52,7 @@ def test_a_supply_file_turns_on_what_it_holds(tmp_path):
         ("[battery]\nvoltage_table = [3.0, 'x']\n", "battery.voltage_table"),
         ("[heat]\nmagnet_share = 3\n", "heat.magnet_share"),
         ("[heat]\nheat_capacity = ['a']\n", "heat"),
+        ("[heat]\nhousing_heat_capacity = 80\n", "heat"),
         ("[i2t]\ncontinuous_current = 20.0\n", "give peak_duration or time_constant"),
         ("[i2t]\ntime_constant = 2.0\n", "i2t"),
         ("[i2t]\ncontinuous_current = -1\ntime_constant = 2.0\n", "i2t.continuous_current"),

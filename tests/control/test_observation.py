@@ -108,6 +108,22 @@ def test_proprioception_joins_to_thirty_numbers_and_splits_again():
         np.testing.assert_array_equal(before, after)
 
 
+def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    random = np.random.default_rng(1)
+    quaternion = random.normal(size=(5, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    slope = random.uniform(-0.3, 0.3, 5)
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation.from_quat(
+        quaternion, scalar_first=True
+    )
+    down = np.stack([-np.sin(slope), np.zeros(5), -np.cos(slope)], axis=-1)
+    turned = rotation.from_quat(quaternion, scalar_first=True).inv().apply(down)
+    np.testing.assert_allclose(projected_gravity(quaternion, slope), turned, atol=1e-12)
+    on_torch = projected_gravity(torch.from_numpy(quaternion), torch.from_numpy(slope))
+    np.testing.assert_allclose(on_torch.numpy(), turned, atol=1e-12)
+
+
 def test_projected_gravity_is_the_world_down_axis_in_the_body_frame(torch):
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation.random(
         20, rng=np.random.default_rng(3)

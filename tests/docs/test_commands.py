@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sprintlab.api.training import ScriptOptions
 from sprintlab.cli.main import main, parse
 from sprintlab.control import shipped_policy
 from sprintlab.motors import PmsmParameters, save_motor
@@ -194,6 +195,8 @@ def check_python(arguments):
     else:
         source = next(path for path in (ROOT / arguments[0], Path(arguments[0])) if path.is_file())
     text = source.read_text(encoding="utf-8")
+    if "ScriptOptions" in text:
+        text += " ".join(field.name for field in fields(ScriptOptions))
     for option in (word for word in arguments if word.startswith("--")):
         name = option.split("=")[0].removeprefix("--")
         assert name in text or name.replace("-", "_") in text, f"{source.name} does not know --{name}"

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from sprintlab.evaluation.robustness import (
     StudySettings,
     draw_request,
     run_study,
+    study,
     summarize,
     wilson_interval,
 )
@@ -256,6 +258,35 @@ def test_a_broken_or_strange_file_is_refused_by_name(standing_policy, robot, tmp
         (tmp_path / "all-000001.json").write_text(text)
         with pytest.raises(SprintlabError, match=r"all-000001\.json .*remove it"):
             run_study(pool, standing_policy, SHORT, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change", [{"upright": "yes"}, {"fall_reason": []}, {"held_speed_m_s": "fast"}, None]
+)
+def test_a_sprint_with_impossible_numbers_is_refused(tmp_path, change):
+    piece = {"group": "all", "seed": 1, "upright": True, "left_lane": False, "fall_reason": ""}
+    piece |= {"time_s": 10.0, "held_speed_m_s": None}
+    path = tmp_path / "all-000001.json"
+    path.write_text(json.dumps(piece))
+    assert study._read(tmp_path, "all", 1) == piece
+    path.unlink()
+    if change is None:
+        os.mkfifo(path)
+    else:
+        path.write_text(json.dumps(piece | change))
+    with pytest.raises(SprintlabError, match="remove it"):
+        study._read(tmp_path, "all", 1)
+
+
+@pytest.mark.parametrize("text", ["[]", "5", None])
+def test_a_folder_that_says_nothing_of_its_study_is_refused(tmp_path, text):
+    if text is None:
+        os.mkfifo(tmp_path / "study.json")
+    else:
+        (tmp_path / "study.json").write_text(text)
+    with pytest.raises(SprintlabError, match=r"another policy|no regular file"):
+        study.check_identity(tmp_path, {"policy": "a"})
+    assert study.known_top_speed(tmp_path) is None
 
 
 def test_a_folder_with_other_files_is_refused(standing_policy, robot, tmp_path):

@@ -2,11 +2,12 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sprintlab.motors import drive_torque
+from sprintlab.motors import Gear, drive_torque, no_load_speed
 
 LEGS = {"FR": (0.19, -0.14), "FL": (0.19, 0.14), "RR": (-0.19, -0.14), "RL": (-0.19, 0.14)}
 PEAKS = {"hip": 23.7, "thigh": 23.7, "calf": 45.43}
@@ -45,10 +46,10 @@ def example(load_script, tmp_path):
 
 def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     robot = example.load_robot("go2")
-    model = example.load_model(tmp_path / "go2.xml", robot)
+    model = example.compiled(example.load_text(tmp_path / "go2.xml"), robot)
     assert model.nmesh == 0 and (model.dof_damping[6:] == robot.viscous_friction[0]).all()
     motor, gear = example.drives(model, robot)
-    own, refined = example.jump(model, None), example.jump(model, (motor, gear, robot.bus_voltage))
+    own, refined = example.jump(model), example.jump(model, (motor, gear, robot.bus_voltage))
     assert 0.05 < refined.height < own.height - 0.05
     peaks = np.tile(list(PEAKS.values()), 4)
     np.testing.assert_allclose(own.delivered, np.clip(own.asked, -peaks, peaks), atol=1e-9)
@@ -58,9 +59,23 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     assert example.impossible_share(refined, motor, gear, robot.bus_voltage) < 1e-6
 
 
+def test_dc_motors_jump_as_a_law_without_inductance_and_losses(example, tmp_path):
+    """At every step of the jump MuJoCo's motors give the simplified law's torque."""
+    robot, text = example.load_robot("go2"), example.load_text(tmp_path / "go2.xml")
+    model = example.compiled(text, robot)
+    motor, gear = example.drives(model, robot)
+    other, volts = example.on_dc_motors(text, model, motor, gear, robot.bus_voltage)
+    found = example.jump(example.compiled(other, robot), control=volts)
+    simple = replace(motor, saturation=np.zeros(12), q_axis_inductance=np.zeros(12))
+    ideal = Gear(ratio=gear.ratio, efficiency=np.ones(12))
+    law = drive_torque(simple, ideal, found.asked, found.speed, robot.bus_voltage).torque
+    slow = np.abs(found.speed) < 0.99 * no_load_speed(motor, robot.bus_voltage) / gear.ratio
+    np.testing.assert_allclose(found.delivered[slow], law[slow], rtol=1e-5, atol=1e-3)
+
+
 def test_gears_stand_where_the_models_actuators_stand(example, tmp_path):
     robot = example.load_robot("go2")
-    _, gear = example.drives(example.load_model(tmp_path / "go2.xml", robot), robot)
+    _, gear = example.drives(example.compiled(example.load_text(tmp_path / "go2.xml"), robot), robot)
     assert gear.ratio.tolist() == pytest.approx([6.33, 6.33, 12.13] * 4, abs=0.01)
 
 
@@ -70,5 +85,5 @@ def test_it_runs_from_the_command_line(example, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", arguments)
     example.main()
     found = json.loads(capsys.readouterr().out)
-    assert found["rise_refined_m"] < found["rise_own_m"]
+    assert found["rise_refined_m"] < found["rise_dcmotor_m"] < found["rise_own_m"]
     assert figure.read_bytes().startswith(b"\x89PNG")

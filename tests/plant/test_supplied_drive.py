@@ -8,6 +8,7 @@ import pytest
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     Battery,
+    HousedHeat,
     I2tLimit,
     MotorValues,
     WindingHeat,
@@ -26,6 +27,7 @@ from sprintlab.motors import (
     saturate,
     squared_current,
     warmed,
+    warmed_with_housing,
 )
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
 from sprintlab.robots import load_robot
@@ -111,6 +113,25 @@ def test_warm_drives_on_a_battery_count_the_currents_that_flow():
             drive.state.i2t_level, i2t_level(15.0, before.i2t_level, flowing, decay), atol=1e-12
         )
     assert drive.state.i2t_level.max() > 0.99
+
+
+def test_winding_and_housing_warm_by_the_law_of_two_nodes():
+    heat = HousedHeat(heat_capacity=2.0, housing_heat_capacity=4.0, housing_thermal_resistance=0.3)
+    drive = SuppliedDrive(ROBOT, 60.0, heat=heat, winding_temperature=40.0)
+    assert (drive.state.housing_temperature == 40.0).all()
+    for desired, velocity in zip(*motion(), strict=True):
+        before = drive.state
+        output = drive(desired, velocity)
+        motors = heated_motor(ROBOT.motors, heat, before.winding_temperature)
+        loss = copper_loss(motors, output.motor_torque)
+        expected = warmed_with_housing(
+            heat, before.winding_temperature, before.housing_temperature, loss, STEP
+        )
+        np.testing.assert_allclose(drive.state.winding_temperature, expected[0])
+        np.testing.assert_allclose(drive.state.housing_temperature, expected[1])
+    assert (drive.state.winding_temperature > drive.state.housing_temperature).all()
+    assert drive.state.housing_temperature.max() > 40.5
+    assert SuppliedDrive(ROBOT, 60.0, heat=WindingHeat()).state.housing_temperature is None
 
 
 def test_a_stiff_battery_and_cold_windings_change_nothing():

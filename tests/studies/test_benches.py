@@ -143,6 +143,26 @@ def test_one_node_is_that_of_the_product():
     assert heat.simulated((gain, constant), run)[-1] == pytest.approx(hottest, rel=0.1)
 
 
+def test_two_nodes_are_those_of_the_product():
+    """As above, a winding of 29 s on a body of 766 s, about those of the AK10-9."""
+    from sprintlab.motors import HousedHeat, warmed_with_housing
+
+    gain, constant, ratio, body, current = 1.8e-3, 29.0, 5.4, 766.0, 15.0
+    run = heat.Run(name="run", current=np.full(600, current), temperature=np.full(600, 22.0), ambient=22.0)
+    model = HousedHeat(
+        heat_capacity=50.0,
+        thermal_resistance=constant / 50.0,
+        housing_heat_capacity=ratio * 50.0,
+        housing_thermal_resistance=body / (ratio * 50.0),
+        ambient_temperature=22.0,
+    )
+    loss = 50.0 * gain * current**2
+    found = heat.simulated((gain, constant, ratio, body), run) - 22.0
+    for second in (30, 100, 599):
+        expected = float(warmed_with_housing(model, 22.0, 22.0, loss, second)[0]) - 22.0
+        assert expected < found[second] < 1.25 * expected  # copper that warms gives more heat
+
+
 def test_missing_data_are_named_with_the_command_that_makes_them(tmp_path, capsys):
     with pytest.raises(SprintlabError, match=r"fetch_bench_data\.py ri50"):
         shaft(tmp_path, "stall-april-1")

@@ -14,11 +14,11 @@ import onnx
 import torch
 
 from sprintlab.control import load_policy
-from sprintlab.core.errors import InvalidValueError, PolicyFileError
+from sprintlab.core.errors import PolicyFileError
 from sprintlab.robots import load_robot
 from sprintlab.training.runs import export
 from sprintlab.training.runs.export import export_checkpoint
-from sprintlab.training.runs.replay import read_recording, replay, run_in_plant
+from sprintlab.training.runs.observed_run import observe_run
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -37,25 +37,6 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def write_recording(path: Path, samples: int = 400, **changes: np.ndarray) -> Path:
-    """A random run at 500 Hz, in the form of a race's trajectory."""
-    random = np.random.default_rng(3)
-    qpos = random.normal(size=(samples, 23))
-    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
-    shapes = {"angular_velocity": 3, "joint_position": 12, "joint_velocity": 12, "command": 3}
-    arrays = {name: random.normal(size=(samples, width)) for name, width in shapes.items()}
-    np.savez(path, **{"time": np.arange(samples) / 500.0, "qpos": qpos, **arrays, **changes})
-    return path
-
-
-def test_a_recorded_run_goes_through_both_runtimes(checkpoint, tmp_path):
-    recording = write_recording(tmp_path / "trajectory.npz")
-    exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx", recording)
-    assert exported.replayed == 40  # 0.8 s at 50 Hz
-    assert exported.difference <= 1e-4
-    assert load_policy(exported.path, load_robot("bp2")).contract.training.config_hash == SETTINGS.digest()
-
-
 def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
     """First layers are filled up with zeros for a GPU's sake; a robot's computer need not know."""
     exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
@@ -65,17 +46,16 @@ def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
     assert not [warning for warning in recwarn if "Constant folding" in str(warning.message)]
 
 
-def test_without_a_recording_the_policy_runs_in_the_plant(checkpoint, tmp_path):
+def test_a_run_goes_through_both_runtimes(checkpoint, tmp_path):
     exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
     assert exported.replayed >= 10 and exported.difference <= 1e-4
+    assert load_policy(exported.path, load_robot("bp2")).contract.training.config_hash == SETTINGS.digest()
 
 
-def test_a_replay_shows_the_network_what_the_runtime_builds(checkpoint, tmp_path):
-    robot = load_robot("bp2")
+def test_a_run_shows_what_the_network_sees_and_says(checkpoint, tmp_path):
     policy = load_policy(export_checkpoint(checkpoint, tmp_path / "policy.onnx").path)
-    run = run_in_plant(policy, robot)
-    seen = replay(policy, robot, run)
-    assert seen.observation.shape == (len(run.command), policy.layout.input_size)
+    seen = observe_run(policy, load_robot("bp2"))
+    assert seen.observation.shape == (len(seen.action), policy.layout.input_size)
     newest = seen.observation[:, -policy.layout.input_size // policy.layout.history_length :]
     np.testing.assert_allclose(
         newest[1:, -12:], policy.layout.layout.previous_action_scale * seen.action[:-1], atol=1e-6
@@ -98,28 +78,5 @@ def test_a_network_that_differs_is_refused_and_nothing_is_written(checkpoint, tm
 
     monkeypatch.setattr(export, "_onnx_bytes", slightly_other)
     with pytest.raises(PolicyFileError, match=r"differs by .*, allowed 1e-04"):
-        export_checkpoint(checkpoint, tmp_path / "policy.onnx", write_recording(tmp_path / "run.npz"))
+        export_checkpoint(checkpoint, tmp_path / "policy.onnx")
     assert not (tmp_path / "policy.onnx").exists()
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"command": np.zeros((400, 2))},
-        {"joint_position": np.full((400, 12), np.nan)},
-        {"qpos": np.zeros((3, 23))},
-        {"time": np.zeros(1)},
-    ],
-)
-def test_a_recording_of_another_form_is_refused(tmp_path, changes):
-    with pytest.raises(InvalidValueError, match="recording"):
-        read_recording(write_recording(tmp_path / "run.npz", **changes))
-
-
-def test_what_is_no_recording_is_refused(tmp_path):
-    for name, content in (("text.npz", b"a poem"), ("empty.npz", b"")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(InvalidValueError, match="npz that a race has written"):
-            read_recording(tmp_path / name)
-    with pytest.raises(InvalidValueError, match=r"missing\.npz"):
-        read_recording(tmp_path / "missing.npz")

@@ -13,7 +13,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.train import parse_training
 from sprintlab.commands import AdaptiveSchedule, UniformSchedule
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import Battery, WindingHeat
+from sprintlab.motors import Battery, HousedHeat, WindingHeat
 from sprintlab.training.methods import ALL_METHODS
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.runs.run_file import read_run_file, run_text
@@ -170,3 +170,9 @@ def test_the_example_of_the_page_is_read(tmp_path: Path) -> None:
     (block,) = re.findall(r"^```toml\n(method = .*?)^```", page, re.MULTILINE | re.DOTALL)
     settings = read_run_file(written_text(tmp_path, block)).full_settings()
     assert (settings.robot, settings.ppo.precision) == ("go1", "bfloat16")
+
+
+def test_the_training_world_knows_one_thermal_node():
+    heat = HousedHeat(housing_heat_capacity=80.0, housing_thermal_resistance=1.5)
+    with pytest.raises(InvalidValueError, match="heat = 'with a housing'"):
+        SimulationSettings(heat=heat)

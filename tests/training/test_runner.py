@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +13,11 @@ pytest.importorskip("rsl_rl")
 
 import torch
 
+from sprintlab.api.training import ScriptOptions
 from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
-from sprintlab.robots.importing import write
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runs.run_file import read_run_file
@@ -189,7 +188,7 @@ def test_a_training_begins_where_another_run_has_come_to(tmp_path: Path) -> None
 def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None:
     iterations = TrainOptions().iterations
     assert Sweep(out=Path("runs")).iterations == iterations
-    assert f"iterations: int = {iterations}\n" in inspect.getsource(write)
+    assert ScriptOptions(output=Path("runs")).iterations == iterations
     assert (TrainOptions().settings.stages.steady_iteration or 0) < iterations
 
 

@@ -189,9 +189,21 @@ def test_a_folder_with_other_settings_is_refused(tmp_path: Path) -> None:
 def test_a_damaged_record_is_refused(tmp_path: Path) -> None:
     plan = plans(tmp_path)[0]
     plan.begin()
-    (plan.folder / "run.json").write_text("{")
-    with pytest.raises(SprintlabError, match=r"run\.json is damaged"):
-        plan.finished()
+    for text in ("{", "[1]", "5", "[" * 100_000):
+        (plan.folder / "run.json").write_text(text)
+        with pytest.raises(SprintlabError, match=r"run\.json is "):
+            plan.finished()
+
+
+@pytest.mark.parametrize("text", [None, "5", "[]", "{}", '{"iteration": "x"}', "[" * 5000])
+def test_a_log_that_no_training_writes_shows_nothing(tmp_path: Path, text: str | None) -> None:
+    plan = plans(tmp_path)[0]
+    plan.begin()
+    if text is None:
+        os.mkfifo(plan.folder / "log.jsonl")
+    else:
+        (plan.folder / "log.jsonl").write_text(text)
+    assert plan.last_row() == {} and plan.share() == 0.0
 
 
 def test_a_curve_is_thinned_and_keeps_its_end() -> None:

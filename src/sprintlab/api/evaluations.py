@@ -296,8 +296,8 @@ def audit_failures(speeds: list[dict[str, Any]]) -> dict[str, list[float]]:
 
 
 def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Table:
+    from sprintlab.evaluation.estimates import ESTIMATE_COLUMNS, estimate_cells
     from sprintlab.evaluation.results import EstimateBand
-    from sprintlab.evaluation.tables import ESTIMATE_COLUMNS, estimate_cells
 
     title = f"Estimate against truth at the highest speed, {name}"
     table = plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:])

@@ -165,30 +165,28 @@ def train(
     return Training(folder=Path(output))
 
 
-def export(checkpoint: Path | str, output: Path | str, recording: Path | None = None) -> Path:
+def export(checkpoint: Path | str, output: Path | str) -> Path:
     """A training checkpoint as one ONNX file with its contract; see ``Training.export``.
 
     Args:
         checkpoint: of a training run.
         output: the file to write.
-        recording: trajectory.npz of a race, replayed through both runtimes; when left out, the policy runs
-            in the plant for four seconds.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
     """
     require_training()
-    check_export(Path(checkpoint), Path(output), recording)
+    check_export(Path(checkpoint), Path(output))
     from sprintlab.training.runs.export import export_checkpoint
 
-    return export_checkpoint(Path(checkpoint), Path(output), recording).path
+    return export_checkpoint(Path(checkpoint), Path(output)).path
 
 
-def check_export(checkpoint: Path, output: Path, recording: Path | None) -> None:
+def check_export(checkpoint: Path, output: Path) -> None:
     """Refuse at once what can be seen without PyTorch, whose import takes many seconds.
 
     Raises:
-        SprintlabError: the checkpoint or the recording cannot be read, or the policy cannot be written.
+        SprintlabError: the checkpoint cannot be read, or the policy cannot be written.
     """
     from sprintlab.core.files import check_writable
     from sprintlab.training.runs.checkpoint import check_checkpoint
@@ -199,10 +197,6 @@ def check_export(checkpoint: Path, output: Path, recording: Path | None) -> None
         raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
     check_checkpoint(checkpoint)
     check_writable(output)
-    if recording is not None:
-        from sprintlab.training.runs.replay import read_recording
-
-        read_recording(recording)
 
 
 def require_training() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.rollout_audit import Rollout, RolloutVerdict
@@ -139,5 +139,4 @@ def _print(verdict: RolloutVerdict, figure: Path | None) -> None:
         if value:
             console.print(f"{text}: {value}")
     console.print(verdict.sentence, style="bold", soft_wrap=True)
-    if figure is not None:
-        console.print(f"figure: {figure}", soft_wrap=True)
+    show_files(figure=figure)

@@ -18,30 +18,26 @@ class Export:
     Attributes:
         checkpoint: checkpoint of a training run.
         output: the ONNX file to write.
-        recording: trajectory.npz or profile.npz of a race, to be replayed through both runtimes; when left
-            out, the policy runs in the plant for four seconds.
         json: print JSON only.
     """
 
     checkpoint: tyro.conf.Positional[Path]
     output: tyro.conf.Positional[Path]
-    recording: Path | None = None
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
         """Export.
 
         Raises:
-            SprintlabError: the checkpoint or the recording is missing or refused, or the extra is not
-                installed.
+            SprintlabError: the checkpoint is missing or refused, or the extra is not installed.
         """
         require_training()
-        check_export(self.checkpoint, self.output, self.recording)
+        check_export(self.checkpoint, self.output)
         from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:
             report("exporting", None)
-            exported = export_checkpoint(self.checkpoint, self.output, self.recording)
+            exported = export_checkpoint(self.checkpoint, self.output)
         if self.json:
             print_json({**exported._asdict(), "path": str(exported.path)})
             return 0

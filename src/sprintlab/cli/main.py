@@ -20,6 +20,7 @@ from sprintlab.cli.audit import Audit
 from sprintlab.cli.doctor import Doctor
 from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
+from sprintlab.cli.ground import Ground
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.learning import Learning
 from sprintlab.cli.limit import Limit
@@ -49,6 +50,7 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Turning, tyro.conf.subcommand(name="turning")]
     | Annotated[Lap, tyro.conf.subcommand(name="lap")]
+    | Annotated[Ground, tyro.conf.subcommand(name="ground")]
     | Annotated[Audit, tyro.conf.subcommand(name="audit")]
     | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
     | Annotated[Robot, tyro.conf.subcommand(name="robot")]
@@ -67,7 +69,7 @@ Command = (
 
 GROUPS = {
     "see it": ("race", "play", "replay"),
-    "measure": ("evaluate", "turning", "lap", "robustness", "audit", "limit"),
+    "measure": ("evaluate", "turning", "lap", "ground", "robustness", "audit", "limit"),
     "motors and robots": ("motor", "robot"),
     "train": ("train", "sweep", "learning", "export", "doctor"),
     "deploy": ("run", "robot-sim", "report"),

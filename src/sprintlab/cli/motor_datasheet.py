@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 from sprintlab.core.errors import InvalidValueError
 
 PARAMETER_UNITS = {
@@ -31,7 +31,8 @@ class MotorFromDatasheet:
         sheet: the data sheet (TOML): entries as printed, with their units and conventions.
         template: print a blank data sheet and do nothing else.
         out: motor file to write; none when left out.
-        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t].
+        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t],
+            winding and housing as [heat], where the sheet gives them.
         tolerance: difference between entries that say the same, taken for rounding.
         json: print JSON only.
     """
@@ -85,10 +86,7 @@ class MotorFromDatasheet:
         console.print(parameter_table(numbers["motor"]))
         for note in numbers["notes"]:
             console.print(f"note: {note}")
-        if self.out is not None:
-            console.print(f"motor file: {self.out}", soft_wrap=True)
-        if self.supply_out is not None:
-            console.print(f"supply file: {self.supply_out}", soft_wrap=True)
+        show_files(motor_file=self.out, supply_file=self.supply_out)
 
 
 def parameter_table(motor: dict[str, float]) -> Any:

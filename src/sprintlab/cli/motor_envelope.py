@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from sprintlab.api.motors import ChosenMotor, chosen_motor, envelope_numbers, operating_points
-from sprintlab.cli.output import plain_table, print_json, stdout_console, styled
+from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console, styled
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -86,8 +86,7 @@ def _print(title: str, numbers: dict[str, Any], figure: Path | None) -> None:
         console.print()
         console.print(_operating_table(numbers["operating_points"]))
     console.print("\nspeed in rad/s, torque in N m, power in W, all on the joint's side of the gear")
-    if figure is not None:
-        console.print(f"figure: {figure}", soft_wrap=True)
+    show_files(figure=figure)
 
 
 def _limits_table(title: str, rows: list[dict[str, float]]) -> Table:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stdout_console
+from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_figure_path
 
@@ -133,9 +133,7 @@ class MotorIdentify:
             console.print(f"warning: {warning}")
         if result.bench.unused:
             console.print(f"columns not read: {', '.join(result.bench.unused)}")
-        for name, path in (("motor file", self.out), ("figure", self.figure)):
-            if path is not None:
-                console.print(f"{name}: {path}", soft_wrap=True)
+        show_files(motor_file=self.out, figure=self.figure)
 
 
 def identification_numbers(result: Identification) -> dict[str, Any]:

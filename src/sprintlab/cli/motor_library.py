@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stdout_console, styled
+from sprintlab.cli.motor_datasheet import PARAMETER_UNITS
+from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console, styled
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,13 +18,7 @@ if TYPE_CHECKING:
 
 _UNITS = {
     "bus_voltage": "V",
-    "motor.pole_pairs": "",
-    "motor.stator_resistance": "ohm",
-    "motor.q_axis_inductance": "H",
-    "motor.flux_linkage": "Wb",
-    "motor.peak_torque": "N m",
-    "motor.saturation": "",
-    "motor.rotor_inertia": "kg m^2",
+    **{f"motor.{name}": unit for name, unit in PARAMETER_UNITS.items()},
     "gear.ratio": "",
     "gear.efficiency": "",
 }
@@ -76,9 +71,7 @@ class MotorLibrary:
             )
         else:
             console.print(_sources(actuators[0]))
-        for path, what in ((self.figure, "figure"), (self.save, "motor file")):
-            if path is not None:
-                console.print(f"{what}: {path}", soft_wrap=True)
+        show_files(figure=self.figure, motor_file=self.save)
 
 
 def actuator_numbers(actuator: LibraryMotor) -> dict[str, Any]:

@@ -6,16 +6,17 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
 
-from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole
+from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole, Printed
 from sprintlab.api.tables import plain_table as plain_table
 from sprintlab.api.tables import styled as styled
 from sprintlab.core.files import check_figure_path
 
-Result = TypeVar("Result", bound=Drawn)
+Result = TypeVar("Result", bound=Printed)
 
 
 def stdout_console() -> Console:
@@ -38,28 +39,35 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
 
     Args:
         function: that takes ``progress`` and, by their names, all fields but ``figure`` and ``json``.
-        command: with these two as well: picture to draw, and whether to print JSON only.
+        command: with these two as well: picture to draw, if it offers one, and whether to print JSON only.
 
     Raises:
         SprintlabError: the picture cannot be drawn there, or what the function raises.
     """
     options = vars(command).copy()
-    figure, as_json = options.pop("figure"), options.pop("json")
+    figure, as_json = options.pop("figure", None), options.pop("json")
     check_figure_path(figure)
     with progress_bar(quiet=as_json) as report:
         report("loading", None)
         found = function(**options, progress=report)
-    if figure is not None:
+    if figure is not None and isinstance(found, Drawn):
         from sprintlab.core.theme import save_figure
 
         save_figure(figure, found.plot())
     if as_json:
-        print_json({**found.to_dict(), "figure": None if figure is None else str(figure)})
+        drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
+        print_json({**found.to_dict(), **drawn})
         return found
     stdout_console().print(found, soft_wrap=True)
-    if figure is not None:
-        stdout_console().print(f"figure: {figure}", soft_wrap=True)
+    show_files(figure=figure)
     return found
+
+
+def show_files(**paths: Path | None) -> None:
+    """Say where files were written, each under its name."""
+    for name, path in paths.items():
+        if path is not None:
+            stdout_console().print(f"{name.replace('_', ' ')}: {path}", soft_wrap=True)
 
 
 @contextmanager

@@ -173,12 +173,21 @@ def split_proprioception(values: Array) -> Proprioception:
     )
 
 
-def projected_gravity(quaternion: Array) -> Array:
-    """Unit gravity vector in the body frame ``(..., 3)`` from a unit quaternion w, x, y, z ``(..., 4)``."""
+def projected_gravity(quaternion: Array, slope: Array | None = None) -> Array:
+    """Unit gravity vector in the body frame ``(..., 3)`` from a unit quaternion w, x, y, z ``(..., 4)``.
+
+    Args:
+        quaternion: of the body, against the ground.
+        slope: angle ``(...)`` [rad] by which the ground rises along x; ``None``: it is level.
+    """
     xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., index] for index in range(4))
     down = (2 * (w * y - x * z), -2 * (w * x + y * z), 2 * (x * x + y * y) - 1)
-    return xp.stack(down, axis=-1)
+    level = xp.stack(down, axis=-1)
+    if slope is None:
+        return level
+    uphill = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
+    return xp.cos(slope)[..., None] * level - xp.sin(slope)[..., None] * xp.stack(uphill, axis=-1)
 
 
 def observation_frame(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,17 @@ BAND_WIDTH = 2.0
 
 CONTACT_PROBABILITY = 0.5
 """A foot with a higher estimated probability counts as on the ground."""
+
+ESTIMATE_COLUMNS = (
+    "speed [m/s]",
+    "policy steps",
+    "forward bias [m/s]",
+    "forward error [m/s]",
+    "velocity error [m/s]",
+    "height error [cm]",
+    "contact right [%]",
+)
+"""Headings of ``estimate_cells``; errors are root mean squares."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +93,22 @@ def total_band(bands: Iterable[EstimateBand]) -> EstimateBand | None:
     for band in bands:
         total = band if total is None else _sum(total, band)
     return total
+
+
+def estimate_cells(bands: Sequence[EstimateBand]) -> Iterator[tuple[str, ...]]:
+    """One row a speed band, and one for all of them, as text under ``ESTIMATE_COLUMNS``."""
+    total = total_band(bands)
+    rows = [(f"{band.lower:g} to {band.upper:g}", band) for band in bands]
+    for name, band in rows + ([("all", total)] if total is not None else []):
+        yield (
+            name,
+            str(band.samples),
+            f"{band.forward_bias:+.2f}",
+            f"{band.forward_error:.2f}",
+            f"{band.velocity_error:.2f}",
+            f"{100 * band.height_error:.1f}",
+            f"{100 * band.contact_accuracy:.1f}",
+        )
 
 
 def _truth(trajectory: Trajectory, fresh: slice) -> FloatArray:

@@ -13,7 +13,7 @@ from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.results import Trajectory
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import SupplyState
+from sprintlab.plant import RoughGround, SupplyState, foot_table
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
@@ -32,6 +32,7 @@ class Recorder:
         estimates: whether ``estimate`` is set at every policy step and shall be kept.
         supply: what to ask for battery and windings at every sample; ``None`` where they do not change.
         motor_rate: rate of the motor loop [Hz]; over one of its steps the gears' torques are averaged.
+        rough: the ground, from which the feet's heights then count; ``None`` where it is even.
     """
 
     def __init__(
@@ -42,9 +43,10 @@ class Recorder:
         estimates: bool = False,
         supply: Callable[[], SupplyState | None] | None = None,
         motor_rate: float = 1000.0,
+        rough: RoughGround | None = None,
     ) -> None:
         self._robot = robot
-        self._supply = supply
+        self._supply, self._rough = supply, rough
         self._count = 0
         self.command = np.zeros(3)
         self.profile_speed = 0.0
@@ -99,8 +101,12 @@ class Recorder:
 
     def watch_step(self, data: mujoco.MjData) -> None:
         """Remember how low the feet are and what they bear: an impact is over before the next sample."""
-        np.minimum(self._lowest_foot, data.geom_xpos[self._feet, 2], out=self._lowest_foot)
+        np.minimum(self._lowest_foot, self._height(data.geom_xpos[self._feet]), out=self._lowest_foot)
         self._loads.watch_step(data)
+
+    def _height(self, feet: FloatArray) -> FloatArray:
+        """Of places ``(..., 3)`` above the ground below them [m]."""
+        return feet[..., 2] if self._rough is None else feet[..., 2] - self._rough.height(feet[..., :2])
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
         """Copy one sample. ``data`` must hold the kinematics of its present state (after ``mj_step1``)."""
@@ -119,7 +125,7 @@ class Recorder:
         raw["joint_torque"][index] = drive.torque
         self._sample_supply(index)
         positions = data.geom_xpos
-        np.minimum(self._lowest_foot, positions[self._feet, 2], out=self._lowest_foot)
+        np.minimum(self._lowest_foot, self._height(positions[self._feet]), out=self._lowest_foot)
         raw["foot_force"][index], raw["gear_torque"][index] = self._loads.take()
         raw["foot_position"][index] = positions[self._feet]
         raw["lowest_foot"][index] = self._lowest_foot
@@ -174,7 +180,7 @@ class Recorder:
     def _contacts(self, raw: dict[str, FloatArray]) -> dict[str, NDArray]:
         radius = self._robot.foot_radius
         return {
-            "foot_contact": raw["foot_position"][..., 2] < radius,
+            "foot_contact": self._height(raw["foot_position"]) < radius,
             "foot_penetration": np.maximum(radius - raw["lowest_foot"], 0.0),
             "foot_slip_speed": np.linalg.norm(_lowest_point_velocity(raw, radius)[..., :2], axis=-1),
             "leg_distance": self._leg_distance(raw),
@@ -197,11 +203,7 @@ class _Loads:
         self._substeps = round(1.0 / (motor_rate * self._step))
         self._joints = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         self._armature = model.dof_armature[self._joints].copy()
-        self._leg = np.full((model.ngeom, model.ngeom), -1)
-        floor = model.geom("floor").id
-        for leg, name in enumerate(robot.leg_names):
-            foot = model.geom(f"{name}_foot").id
-            self._leg[floor, foot] = self._leg[foot, floor] = leg
+        self._leg = foot_table(model, robot)
         self._wrench = np.zeros(6)
         self._velocity = np.zeros(len(self._joints))
         self._force = np.zeros(len(robot.leg_names))
@@ -221,7 +223,7 @@ class _Loads:
         geoms = data.contact.geom
         for contact, leg in enumerate(self._leg[geoms[:, 0], geoms[:, 1]].tolist()):
             if leg >= 0:
-                # Normal force first; the ground is level, so it is the vertical one.
+                # Normal force first: the vertical one on level ground.
                 mujoco.mj_contactForce(self._model, data, contact, self._wrench)
                 self._force[leg] += self._wrench[0]
 

@@ -212,6 +212,7 @@ def _drive(
         estimates=policy.estimates,
         supply=None if plant.supply is None else lambda: plant.supply,
         motor_rate=request.plant.motor_rate,
+        rough=plant.rough,
     )
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     disturbances = Disturbances(robot, request.settings, request.plant.motor_rate)

@@ -45,11 +45,13 @@ from sprintlab.motors.saturation import desaturate, saturate
 from sprintlab.motors.supply_files import SupplyFile, load_supply, save_supply
 from sprintlab.motors.thermal import (
     COPPER_COEFFICIENT,
+    HousedHeat,
     WindingHeat,
     flux_factor,
     heated_motor,
     resistance_factor,
     warmed,
+    warmed_with_housing,
 )
 from sprintlab.motors.voltage import VOLTAGE_UTILIZATION, phase_voltage_limit
 
@@ -63,6 +65,7 @@ __all__ = [
     "DqCurrents",
     "DriveOutput",
     "Gear",
+    "HousedHeat",
     "I2tLimit",
     "LibraryMotor",
     "LibraryValue",
@@ -111,5 +114,6 @@ __all__ = [
     "torque_limits",
     "voltage_infeasible",
     "warmed",
+    "warmed_with_housing",
     "weakening_current",
 ]

@@ -16,7 +16,7 @@ from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import read_toml
 from sprintlab.motors.battery import Battery
 from sprintlab.motors.i2t import I2tLimit
-from sprintlab.motors.thermal import WindingHeat
+from sprintlab.motors.thermal import HousedHeat, WindingHeat
 
 _Table = TypeVar("_Table", Battery, WindingHeat, I2tLimit)
 _TABLES = ("battery", "heat", "i2t")
@@ -45,7 +45,7 @@ def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
         )
     return SupplyFile(
         battery=_built(Battery, path, "battery", document.get("battery")),
-        heat=_built(WindingHeat, path, "heat", document.get("heat")),
+        heat=_built(_heat_kind(document.get("heat")), path, "heat", document.get("heat")),
         i2t=_built(I2tLimit, path, "i2t", document.get("i2t")),
     )
 
@@ -65,6 +65,12 @@ def table_of(part: Battery | WindingHeat | I2tLimit) -> dict[str, Any]:
     """The fields that are set, as numbers and lists of numbers."""
     values = {item.name: getattr(part, item.name) for item in fields(part)}
     return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
+
+
+def _heat_kind(table: Any) -> type[WindingHeat]:
+    """Two nodes where the table speaks of a housing."""
+    keys = cast("dict[str, Any]", table) if isinstance(table, dict) else {}
+    return HousedHeat if any(key.startswith("housing_") for key in keys) else WindingHeat
 
 
 def _document(path: Path) -> Mapping[str, Any]:

@@ -1,7 +1,8 @@
 """Heat in the windings: copper loss warms them, and warm copper and magnets give less.
 
-One node: ``C dT/dt = P - (T - T_ambient) / R_th``. Copper resists ``1 + 0.00393 (T - 20)`` times its value at
-20 degrees Celsius; the magnets follow the winding part of the way and lose flux linearly.
+One node: ``C dT/dt = P - (T - T_ambient) / R_th``; or two, winding and housing (``HousedHeat``). Copper
+resists ``1 + 0.00393 (T - 20)`` times its value at 20 degrees Celsius; the magnets follow the winding part of
+the way and lose flux linearly.
 """
 
 from __future__ import annotations
@@ -55,6 +56,79 @@ class WindingHeat:
         check_range("heat.reference_temperature", self.reference_temperature, -60.0, 150.0, "degC")
         check_range("heat.flux_coefficient", self.flux_coefficient, -0.01, 0.0, "1/K")
         check_range("heat.magnet_share", self.magnet_share, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HousedHeat(WindingHeat):
+    """Two nodes, winding and housing: a winding warms in half a minute, its housing in ten.
+
+    ``heat_capacity`` C_w is the winding's, ``thermal_resistance`` R_wh lies between winding and housing::
+
+        C_w dT_w/dt = P - (T_w - T_h) / R_wh
+        C_h dT_h/dt = (T_w - T_h) / R_wh - (T_h - T_ambient) / R_ha
+
+    Data sheets print R_wh and R_ha and two time constants, ``R_wh C_w`` and ``R_ha C_h``.
+
+    Raises:
+        InvalidValueError: a value is impossible.
+    """
+
+    housing_heat_capacity: Array
+    """C_h of all that the winding warms: stator, housing, flange [J/K]."""
+    housing_thermal_resistance: Array
+    """From the housing to the surroundings, R_ha [K/W]."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        super().__post_init__()
+        check_positive("heat.housing_heat_capacity", self.housing_heat_capacity, "J/K")
+        check_positive("heat.housing_thermal_resistance", self.housing_thermal_resistance, "K/W")
+
+
+def warmed_with_housing(
+    heat: HousedHeat, winding: Array, housing: Array, copper_loss: Array, duration: float
+) -> tuple[Array, Array]:
+    """Temperatures of winding and housing after a constant loss has heated them for a duration.
+
+    The exact solution by the two real time constants of the pair: stable for any duration.
+
+    Args:
+        heat: the thermal side, numbers or arrays that broadcast with the temperatures.
+        winding: temperature before [degC].
+        housing: temperature before [degC].
+        copper_loss: [W].
+        duration: [s].
+
+    Returns:
+        Winding and housing [degC], in the broadcast shape.
+    """
+    xp, values = as_arrays(
+        winding,
+        housing,
+        copper_loss,
+        heat.ambient_temperature,
+        heat.heat_capacity,
+        heat.thermal_resistance,
+        heat.housing_heat_capacity,
+        heat.housing_thermal_resistance,
+    )
+    winding, housing, loss, ambient, winding_capacity, inner, housing_capacity, outer = values
+    housing_end = ambient + outer * loss
+    winding_end = housing_end + inner * loss
+    above, below = winding - winding_end, housing - housing_end
+    # d(above)/dt = -a (above - below), d(below)/dt = b (above - below) - c below
+    a, b, c = (
+        1.0 / (inner * winding_capacity),
+        1.0 / (inner * housing_capacity),
+        1.0 / (outer * housing_capacity),
+    )
+    fast = 0.5 * (a + b + c + xp.sqrt((a - b - c) ** 2 + 4.0 * a * b))  # rates [1/s]
+    slow = a * c / fast
+    fast_left, slow_left = xp.exp(-fast * duration), xp.exp(-slow * duration)
+    share = (slow_left - fast_left) / (fast - slow)  # e^(At) = slow_left + share (A + slow)
+    winding = winding_end + slow_left * above + share * (slow * above - a * (above - below))
+    housing = housing_end + slow_left * below + share * (slow * below + b * (above - below) - c * below)
+    return winding, housing
 
 
 def warmed(heat: WindingHeat, temperature: Array, copper_loss: Array, duration: float) -> Array:

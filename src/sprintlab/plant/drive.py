@@ -21,6 +21,7 @@ from sprintlab.motors import (
     TURNING_SPEED,
     Battery,
     DriveOutput,
+    HousedHeat,
     I2tLimit,
     MotorModel,
     MotorValues,
@@ -38,6 +39,7 @@ from sprintlab.motors import (
     shared_bus_voltage,
     torque_limits,
     warmed,
+    warmed_with_housing,
     weakening_current,
 )
 from sprintlab.robots import RobotDescription
@@ -158,6 +160,7 @@ class SupplyState:
         lowest_bus_voltage: so far [V].
         state_of_charge: [-]; 1 for a bus without a battery.
         winding_temperature: ``(joints,)`` [degC]; ``None`` where heat is off.
+        housing_temperature: ``(joints,)`` [degC]; ``None`` where heat has one node.
         copper_loss: ``(joints,)``, in the last motor step [W].
         i2t_level: ``(joints,)``, 1 where only the continuous current is left [-]; ``None`` without a limit.
     """
@@ -167,6 +170,7 @@ class SupplyState:
     state_of_charge: float
     winding_temperature: FloatArray | None
     copper_loss: FloatArray
+    housing_temperature: FloatArray | None = None
     i2t_level: FloatArray | None = None
 
 
@@ -184,7 +188,7 @@ class SuppliedDrive:
         battery: ``None``: the bus holds ``bus_voltage``.
         state_of_charge: of the battery at the start [-].
         heat: ``None``: the windings stay as the motors' parameters say.
-        winding_temperature: at the start [degC].
+        winding_temperature: at the start, of a housing too [degC].
         i2t: ``None``: the peak current may flow for ever. The drives are cold at the start.
         step: time between two calls [s].
 
@@ -216,6 +220,7 @@ class SuppliedDrive:
         self._bus_voltage, self._lowest = bus_voltage, np.inf
         self._charge = state_of_charge
         self._temperature = np.full(len(robot.joint_names), float(winding_temperature))
+        self._housing = self._temperature
         self._loss = np.zeros(len(robot.joint_names))
 
     @property
@@ -227,6 +232,7 @@ class SuppliedDrive:
             state_of_charge=self._charge,
             winding_temperature=None if self._heat is None else self._temperature.copy(),
             copper_loss=self._loss,
+            housing_temperature=self._housing.copy() if isinstance(self._heat, HousedHeat) else None,
             i2t_level=None if self._i2t is None else self._level.copy(),
         )
 
@@ -249,7 +255,7 @@ class SuppliedDrive:
         output = self._drive(desired, joint_velocity)
         self._loss = loss = self._drive.copper_loss(output)
         if self._heat is not None:
-            self._temperature = warmed(self._heat, self._temperature, loss, self._step)
+            self._warm(self._heat, loss)
         if self._i2t is not None:
             squared = self._drive.squared_current(output)
             self._level = i2t_level(self._i2t.continuous_current, self._level, squared, self._decay)
@@ -258,6 +264,15 @@ class SuppliedDrive:
             current = battery_current(self._battery, self._bus_voltage, power)
             self._charge = float(discharged(self._battery, self._charge, current, self._step))
         return output
+
+    def _warm(self, heat: WindingHeat, loss: FloatArray) -> None:
+        """Let a step's copper loss [W] ``(joints,)`` flow."""
+        if isinstance(heat, HousedHeat):
+            self._temperature, self._housing = warmed_with_housing(
+                heat, self._temperature, self._housing, loss, self._step
+            )
+        else:
+            self._temperature = warmed(heat, self._temperature, loss, self._step)
 
     def _load_bus(self, battery: Battery, desired: FloatArray, velocity: FloatArray) -> None:
         """Find the bus voltage at which the torques draw just the power that lowers the bus to it."""

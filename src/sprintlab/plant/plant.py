@@ -15,12 +15,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, I2tLimit, MotorModel, WindingHeat
 from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
+from sprintlab.plant.ground import LEVEL, Ground, RoughGround, keep_deepest
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import (
     DRAG_AREA,
@@ -55,6 +57,7 @@ class PlantOptions:
             with 0.25 ms and 0.5 ms less than 3 mm.
         motor_rate: rate of the motor loop [Hz].
         record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
+        ground: level and even by default; the second engine has no other.
         foot: stiffness and restitution of the feet on the ground.
         drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill.
         contact_time_constant: of every other contact and of joint limits [s], at least two steps.
@@ -74,6 +77,7 @@ class PlantOptions:
     timestep: float = 0.00025
     motor_rate: float = 1000.0
     record_rate: float = 500.0
+    ground: Ground = LEVEL
     foot: FootContact = NOMINAL_FOOT
     drag_area: float = DRAG_AREA
     contact_time_constant: float = 0.0005
@@ -89,6 +93,8 @@ class PlantOptions:
         check_choice("plant.engine", self.engine, ENGINES)
         check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
         check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
+        if self.engine != "mujoco" and self.ground.remark:
+            raise InvalidValueError("plant.ground", self.ground, "the second engine's is level and even")
         check_range("plant.drag_area", self.drag_area, 0.0, 2.0, "m^2")
         check_choice("plant.motor_model", self.motor_model, MOTOR_MODELS)
         if self.bus_voltage is not None:
@@ -104,6 +110,8 @@ class PlantOptions:
         remarks: list[str] = []
         if self.engine != "mujoco":
             remarks.append(f"engine: {self.engine}")
+        if self.ground.remark:
+            remarks.append(self.ground.remark)
         if self.drag_area != DRAG_AREA:
             air = f"air with a drag area of {self.drag_area:g} m^2" if self.drag_area else "treadmill: no air"
             remarks.append(air)
@@ -154,7 +162,7 @@ def _check_whole(name: str, value: float, quotient: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class BaseState:
-    """The trunk, as the command loop sees it.
+    """The trunk, as the command loop sees it; on a slope, along the ground.
 
     Attributes:
         forward_speed: in the heading frame [m/s].
@@ -207,7 +215,10 @@ class Plant:
         self.options = options
         self.fall_reason = ""
         self._strength = settings.strength
-        self.model = build_model(robot, options.model_options())
+        self.rough = RoughGround(options.ground) if options.ground.roughness else None
+        amend = None if self.rough is None else self.rough.replace_floor
+        self.model = build_model(robot, options.model_options(), amend)
+        self.turn_gravity(options.ground.angle)
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
         self._drive: JointDrive = _drive(robot, options)
@@ -228,6 +239,11 @@ class Plant:
         """Simulated time [s]."""
         return float(self.data.time)
 
+    def turn_gravity(self, slope: float) -> None:
+        """Let the ground rise along x by an angle [rad]: gravity turns, the ground stays."""
+        self._slope = np.array(slope) if slope else None
+        self.model.opt.gravity[:] = 0.0 - GRAVITY * math.sin(slope), 0.0, -GRAVITY * math.cos(slope)
+
     def push(self, change: FloatArray) -> None:
         """Change the trunk's velocity at once by ``(2,)`` along the world's x and y [m/s]."""
         self._velocity[:2] += change
@@ -242,7 +258,7 @@ class Plant:
             raise SimulationError(f"the simulated state is no longer finite at {self.time:.2f} s")
         return Measurement(
             angular_velocity=self._velocity[3:6].copy(),
-            projected_gravity=np.asarray(gravity_in_body(self._position[3:7])),
+            projected_gravity=np.asarray(gravity_in_body(self._position[3:7], self._slope)),
             joint_position=self._position[self._joint_position],
             joint_velocity=self._velocity[self._joint_velocity],
         )
@@ -327,6 +343,8 @@ class Plant:
     def _begin_step(self) -> None:
         """Find out all that follows from the present state."""
         mujoco.mj_step1(self.model, self.data)
+        if self.rough is not None and self.data.ncon > 1:
+            keep_deepest(self.model, self.data, self._foot_table)
 
     def _finish_step(self) -> None:
         """Go on to the next state."""
@@ -349,6 +367,8 @@ class Plant:
         x, y = self._position[4:6].tolist()
         if 1.0 - 2.0 * (x * x + y * y) < _LOWEST_UPRIGHT:
             return "tilt"
+        if self.rough is not None and not self.rough.holds(*self._position[:2].tolist()):
+            return "left the rough ground"
         if self.data.ncon == 0:
             return ""
         geoms = self.data.contact.geom
@@ -373,7 +393,7 @@ class Plant:
         self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         lower, upper = robot.position_limits.T
         self._free_lower, self._free_upper = lower + robot.soft_stop.zone, upper - robot.soft_stop.zone
-        self._fall_table = _fall_table(model, robot)
+        self._fall_table, self._foot_table = _fall_table(model, robot), foot_table(model, robot)
         self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0
         self._stopping = False  # whether an end stop acted in the last step
@@ -419,4 +439,14 @@ def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.in
     for name, code in fatal.items():
         geom = model.geom(name).id
         table[floor, geom] = table[geom, floor] = code
+    return table
+
+
+def foot_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.int64]:
+    """Number of the leg for each pair of geoms that are its foot and the floor, else -1."""
+    table = np.full((model.ngeom, model.ngeom), -1)
+    floor = model.geom("floor").id
+    for leg, name in enumerate(robot.leg_names):
+        foot = model.geom(f"{name}_foot").id
+        table[floor, foot] = table[foot, floor] = leg
     return table

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -81,7 +82,11 @@ class ModelOptions:
             raise InvalidValueError("contact_time_constant", self.contact_time_constant, allowed)
 
 
-def build_model(robot: RobotDescription, options: ModelOptions | None = None) -> mujoco.MjModel:
+def build_model(
+    robot: RobotDescription,
+    options: ModelOptions | None = None,
+    amend: Callable[[mujoco.MjSpec], None] | None = None,
+) -> mujoco.MjModel:
     """Compile the MuJoCo model of a robot standing over a flat floor.
 
     Bodies ``trunk``, ``{leg}_abad``, ``{leg}_thigh``, ``{leg}_shank`` and, with a knee spring, ``{leg}_knee``
@@ -89,14 +94,18 @@ def build_model(robot: RobotDescription, options: ModelOptions | None = None) ->
     ``floor``, ``{leg}_foot`` and, with full collisions, ``trunk``, ``{leg}_thigh``, ``{leg}_shank``; one pair
     of floor and foot per leg, named like the foot, with the pad's contact; torque actuators in policy order;
     keyframe ``stand``. With a waist the rear legs hang on the body ``rear_trunk``, whose geom is named so.
-    With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk.
+    With visuals also the cameras ``side``, ``chase`` and ``front``, which travel with the trunk. ``amend``
+    may change the model before it is compiled, e.g. put terrain in the floor's place.
 
     Raises:
         RobotModelError: MuJoCo refuses to compile the description.
     """
     options = options or ModelOptions()
     try:
-        model = robot_spec(robot, options).compile()
+        spec = robot_spec(robot, options)
+        if amend is not None:
+            amend(spec)
+        model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise RobotModelError(f"robot {robot.name!r} does not compile: {reason}") from error

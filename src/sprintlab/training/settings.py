@@ -16,7 +16,7 @@ from sprintlab.commands import (
 from sprintlab.control import ObservationLayout
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import MOTOR_MODELS, Battery, MotorModel, WindingHeat
+from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
 Schedule = (
@@ -75,6 +75,8 @@ class SimulationSettings:
         check_range("winding_temperature[1]", self.winding_temperature[1], -60.0, 200.0, "degC")
         coldest, hottest = self.winding_temperature
         check_range("winding_temperature[0]", coldest, -60.0, hottest, "degC")
+        if isinstance(self.heat, HousedHeat):
+            raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
         if self.actuator_network is not None and (self.battery or self.heat):
             raise InvalidValueError("actuator_network", self.actuator_network, "without battery and heat")
         for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.commands import heading_command, limit_yaw_rate, self_paced, wrap_angle
-from sprintlab.control import Measurement, Policy, PolicyRuntime
+from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
@@ -38,8 +38,6 @@ COMMAND_ACCELERATION = 4.0
 
 LYING_TIME = 1.0
 """A robot that fell is put on its feet again after this time [s]."""
-
-GRAVITY = 9.81
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +94,7 @@ class LivePlant(Plant):
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
         set_friction(self.model, friction)
-        self.model.opt.gravity[:] = -GRAVITY * math.sin(slope), 0.0, -GRAVITY * math.cos(slope)
+        self.turn_gravity(slope)
         mass = self._trunk_mass + payload
         if self.model.body_mass[self._trunk] != mass:
             self.model.body_mass[self._trunk] = mass
@@ -113,19 +111,6 @@ class LivePlant(Plant):
         """Put the robot on its feet where it started."""
         self.fall_reason = ""
         self._place(TrialSettings())
-
-    def measurement(self) -> Measurement:
-        """As the plant's, with the gravity that acts now.
-
-        Raises:
-            SimulationError: the simulated state is no longer finite.
-        """
-        gravity = self.model.opt.gravity / np.linalg.norm(self.model.opt.gravity)
-        inverse = np.zeros(4)
-        mujoco.mju_negQuat(inverse, self.data.qpos[3:7])
-        in_body = np.zeros(3)
-        mujoco.mju_rotVecQuat(in_body, gravity, inverse)
-        return super().measurement()._replace(projected_gravity=in_body)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -348,7 +348,7 @@ def _joint(model: mujoco.MjModel, joint: int) -> dict[str, Any]:
     address = int(model.jnt_qposadr[joint])
     kinds = {mujoco.mjtJoint.mjJNT_FREE: "free", mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
     return {
-        "kind": kinds.get(model.jnt_type[joint], "hinge"),
+        "kind": kinds.get(mujoco.mjtJoint(model.jnt_type[joint]), "hinge"),
         "axis": model.jnt_axis[joint].tolist(),
         "anchor": model.jnt_pos[joint].tolist(),
         "address": address,

@@ -37,6 +37,7 @@ from sprintlab.motors.i2t import I2tLimit
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.saturation import desaturate
 from sprintlab.motors.supply_files import SupplyFile, save_supply, table_of
+from sprintlab.motors.thermal import HousedHeat
 from sprintlab.workbench.datasheet_file import ENTRIES, Datasheet, Entry
 
 FLUX_ENTRIES = ("flux_linkage", "back_emf_constant", "kv", "torque_constant")
@@ -52,6 +53,7 @@ _READINGS = {
     "back_emf_constant": _VOLTAGE_READINGS,
     "torque_constant": ("line amplitude", "line rms", "dc"),
 }  # conventions that a hint tries; those that equal one of these are left out
+_THERMAL_ENTRIES = ("thermal_resistance", "time_constant")
 _DELTA = math.sqrt(3.0)
 _ROUNDING = 5e-3  # a negative saturation of this size is not worth a word
 
@@ -86,6 +88,8 @@ class DatasheetConversion:
     """dq parameters."""
     i2t: I2tLimit | None
     """From the rated current or torque with a peak duration or thermal time constant; ``None`` without."""
+    heat: HousedHeat | None
+    """From two thermal resistances and two time constants; ``None`` without all of them."""
     steps: tuple[ConversionStep, ...]
     """In the order of the calculation."""
     notes: tuple[str, ...]
@@ -125,16 +129,16 @@ def save_converted_motor(
 
 
 def save_converted_supply(conversion: DatasheetConversion, path: str | os.PathLike[str]) -> None:
-    """Write the drive's I²t as a supply file; ``load_supply`` reads it.
+    """Write the drive's I²t and the motor's heat as a supply file; ``load_supply`` reads it.
 
     Raises:
-        InvalidValueError: the sheet gives none.
+        InvalidValueError: the sheet gives neither.
         SprintlabError: the file cannot be written.
     """
-    if conversion.i2t is None:
+    if conversion.i2t is None and conversion.heat is None:
         allowed = "is missing: give it or winding_time_constant, beside rated_current or rated_torque"
         raise InvalidValueError("datasheet.peak_duration", None, allowed)
-    save_supply(SupplyFile(battery=None, heat=None, i2t=conversion.i2t), path)
+    save_supply(SupplyFile(battery=None, heat=conversion.heat, i2t=conversion.i2t), path)
 
 
 def voltage_factor(convention: str, connection: str) -> float:
@@ -194,7 +198,10 @@ class _Conversion:
             ).value,
         )
         i2t = self._i2t(motor)
-        return DatasheetConversion(motor=motor, i2t=i2t, steps=tuple(self._steps), notes=tuple(self._notes))
+        heat = self._heat()
+        return DatasheetConversion(
+            motor=motor, i2t=i2t, heat=heat, steps=tuple(self._steps), notes=tuple(self._notes)
+        )
 
     def _step(self, quantity: str, formula: str, numbers: str, value: float, unit: str) -> float:
         step = ConversionStep(quantity=quantity, formula=formula, numbers=numbers, value=value, unit=unit)
@@ -469,6 +476,27 @@ class _Conversion:
             return I2tLimit(continuous_current=continuous, time_constant=given)
         return I2tLimit(continuous_current=continuous, peak_duration=given)
 
+    def _heat(self) -> HousedHeat | None:
+        """Both thermal nodes; a time constant is a node's heat capacity times its resistance outward."""
+        entries = self._sheet.entries
+        if not all(
+            f"{node}_{name}" in entries for node in ("winding", "housing") for name in _THERMAL_ENTRIES
+        ):
+            return None
+        capacity: dict[str, float] = {}
+        for node in ("winding", "housing"):
+            resistance, constant = (entries[f"{node}_{name}"].value for name in _THERMAL_ENTRIES)
+            numbers = f"{constant:g} / {resistance:g}"
+            capacity[node] = self._step(
+                f"heat capacity, {node}", "T / R_th", numbers, constant / resistance, "J/K"
+            )
+        return HousedHeat(
+            heat_capacity=capacity["winding"],
+            thermal_resistance=entries["winding_thermal_resistance"].value,
+            housing_heat_capacity=capacity["housing"],
+            housing_thermal_resistance=entries["housing_thermal_resistance"].value,
+        )
+
     def _continuous_current(self, motor: PmsmParameters) -> float | None:
         """Amplitude of the rated current [A], or of the one that the rated torque needs."""
         entries = self._sheet.entries
@@ -521,6 +549,7 @@ def conversion_numbers(conversion: DatasheetConversion) -> dict[str, Any]:
         "motor": {item.name: getattr(motor, item.name) for item in fields(motor)},
         "torque_constant": motor.torque_constant,
         "i2t": None if conversion.i2t is None else table_of(conversion.i2t),
+        "heat": None if conversion.heat is None else table_of(conversion.heat),
         "steps": [
             {item.name: getattr(step, item.name) for item in fields(step)} for step in conversion.steps
         ],

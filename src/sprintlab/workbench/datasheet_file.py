@@ -46,6 +46,7 @@ _INERTIA = {
     "oz in s^2": _OUNCE_INCH,
 }
 _SECOND = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+_THERMAL = {"K/W": 1.0, "degC/W": 1.0, "C/W": 1.0}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
 
 
@@ -96,6 +97,9 @@ ENTRIES: dict[str, EntryKind] = {
     "peak_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
     "peak_duration": EntryKind(units=_SECOND, conventions={}),
     "winding_time_constant": EntryKind(units=_SECOND, conventions={}),
+    "housing_time_constant": EntryKind(units=_SECOND, conventions={}),
+    "winding_thermal_resistance": EntryKind(units=_THERMAL, conventions={}),
+    "housing_thermal_resistance": EntryKind(units=_THERMAL, conventions={}),
     "no_load_speed": EntryKind(units=_SPEED, conventions={}, sided=True),
     "no_load_voltage": EntryKind(units={"V": 1.0}, conventions={}),
     "rotor_inertia": EntryKind(units=_INERTIA, conventions={}),

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.bus.ends import ControllerEnd
-from sprintlab.deployment.controller import LoopOptions, run_loop
+from sprintlab.deployment.controller import LoopOptions, realtime, run_loop
 from sprintlab.deployment.controller.realtime import isolated_cores, lacking, real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotState, message_size
@@ -319,3 +319,32 @@ def test_what_is_longer_than_the_last_bin_still_shows():
         **dict.fromkeys(("p50", "p90", "p99", "p99.9"), 100000.0),
         "max": 2e6,
     }
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is locked on Linux only")
+@pytest.mark.parametrize(
+    ("limit", "rights", "flags"),
+    [(-1, "0", 3), (8 << 20, "4000", 3), (8 << 20, "3fff", 1), (2 << 30, None, 1)],
+)
+def test_memory_that_is_taken_later_is_locked_only_where_no_limit_refuses_it(
+    monkeypatch, tmp_path, limit, rights, flags
+):
+    """At a limit whoever asks for memory in mid-run gets none: a policy's step would fail."""
+    import resource
+
+    status, asked = tmp_path / "status", []
+    if rights is not None:
+        status.write_text(f"Name:\tpython\nCapPrm:\tffff\nCapEff:\t{rights}\n")
+
+    class Library:
+        def mlockall(self, chosen: int) -> int:
+            asked.append(chosen)
+            return 0
+
+    monkeypatch.setattr(realtime, "_STATUS", status)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_, **__: Library())
+    remarks: list[str] = []
+    assert realtime._lock_memory(remarks)
+    assert asked == [flags]
+    assert bool(remarks) == (flags == 1)

@@ -1,5 +1,6 @@
 """Log files: what comes back, what survives a crash, what is refused."""
 
+import io
 import os
 import signal
 import struct
@@ -13,6 +14,7 @@ import pytest
 from sprintlab.deployment.interface import ControlTick, JointCommand, JointMode, PositionFix, RobotState
 from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
 from sprintlab.deployment.log.topics import LogError
+from sprintlab.deployment.log.writer import write_log
 
 mcap = pytest.importorskip("mcap")
 FACTS = LogFacts(robot="bp2", contract='{"format_version": 1}', facts={"policy": "sprint"})
@@ -335,3 +337,12 @@ def test_columns_and_messages_are_the_same(path):
                 record.column(topic, field), [getattr(message, field) for message in messages]
             )
     assert record.ticks[-1].time == 0.04 and record.states[-2:][0].sequence == 39
+
+
+def test_a_link_in_place_of_the_unfinished_log_is_not_followed(tmp_path):
+    """In a folder that others may write to it would lead the log over another file."""
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    (tmp_path / ".run.mcap.partial").symlink_to(precious)
+    assert write_log(io.BytesIO(), tmp_path / "run.mcap") is None
+    assert precious.read_text() == "mine" and not (tmp_path / "run.mcap").is_symlink()

@@ -344,6 +344,23 @@ def test_a_rated_torque_and_a_time_constant_do_as_well():
     assert i2t_time_constant(alike, conversion.motor) == pytest.approx(30.0)
 
 
+def test_four_thermal_entries_make_winding_and_housing(tmp_path):
+    thermal = {
+        "winding_thermal_resistance": "6.64 K/W",
+        "housing_thermal_resistance": "2.5 degC/W",
+        "winding_time_constant": "43.16 s",
+        "housing_time_constant": "2 min",
+    }
+    conversion = convert_datasheet(read_datasheet(sheet_of(MOTOR, **thermal)))
+    heat = conversion.heat
+    assert (heat.heat_capacity, heat.thermal_resistance) == (pytest.approx(6.5), 6.64)
+    assert (heat.housing_heat_capacity, heat.housing_thermal_resistance) == (pytest.approx(48.0), 2.5)
+    save_converted_supply(conversion, tmp_path / "supply.toml")
+    assert load_supply(tmp_path / "supply.toml").heat == heat
+    del thermal["housing_thermal_resistance"]
+    assert convert_datasheet(read_datasheet(sheet_of(MOTOR, **thermal))).heat is None
+
+
 def test_a_sheet_without_them_has_no_i2t(tmp_path):
     conversion = convert_datasheet(read_datasheet(sheet_of(MOTOR)))
     assert conversion.i2t is None and conversion_numbers(conversion)["i2t"] is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
-_LOCK_ALL = 1 | 2  # MCL_CURRENT | MCL_FUTURE
+_STATUS = Path("/proc/self/status")
+_MAY_LOCK = 14  # CAP_IPC_LOCK
+_LOCK_CURRENT, _LOCK_FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
 _SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK
 _DEFAULT_SLACK = 50_000  # ns
 
@@ -113,10 +116,26 @@ def _lock_memory(remarks: list[str]) -> bool:
         remarks.append("memory is locked on Linux only")
         return False
     library = ctypes.CDLL(None, use_errno=True)
-    if library.mlockall(_LOCK_ALL) == 0:
+    unlimited = _unlimited_locks()
+    if library.mlockall(_LOCK_CURRENT | _LOCK_FUTURE if unlimited else _LOCK_CURRENT) == 0:
+        if not unlimited:
+            remarks.append("only the memory taken so far is locked (see ulimit -l unlimited)")
         return True
     remarks.append(f"memory is not locked: {os.strerror(ctypes.get_errno())} (see ulimit -l)")
     return False
+
+
+def _unlimited_locks() -> bool:
+    """Whether memory that is taken later may be locked too: at a limit it would be refused, in mid-run."""
+    import resource
+
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        return True
+    try:
+        found = re.search(r"^CapEff:\s*([0-9a-f]+)", _STATUS.read_text(encoding="ascii"), re.MULTILINE)
+    except (OSError, ValueError):
+        return False
+    return found is not None and bool(int(found[1], 16) >> _MAY_LOCK & 1)
 
 
 def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:

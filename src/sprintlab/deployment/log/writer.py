@@ -47,7 +47,8 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
     """
     temporary = path.with_name(f".{path.name}.partial")
     failure = None
-    with temporary.open("wb", buffering=0) as file:
+    temporary.unlink(missing_ok=True)  # of a writer that was killed; a link would lead elsewhere
+    with temporary.open("xb", buffering=0) as file:
         try:
             writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
             _write_frames(stream, writer)

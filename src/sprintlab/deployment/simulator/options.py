@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.interface import WATCHDOG_TIMEOUT
 from sprintlab.deployment.simulator.link import LinkOptions
 from sprintlab.plant import PlantOptions, TrialSettings
@@ -89,6 +90,9 @@ class SimulatorOptions:
 
     def __post_init__(self) -> None:
         check_choice("simulator.start", self.start, STARTS)
+        if self.plant.ground.slope:
+            allowed = "the sensors of the robot behind the bus know level ground only"
+            raise InvalidValueError("simulator.plant.ground.slope", self.plant.ground.slope, allowed)
         check_range("simulator.fix_rate", self.fix_rate, 0.0, 1000.0, "Hz")
         check_range("simulator.watchdog_timeout", self.watchdog_timeout, 0.001, 10.0, "s")
         check_range("simulator.seed", self.seed, 0, 2**32 - 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -13,6 +12,7 @@ from typing import Any
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
+from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import SprintResult, TrialResult
@@ -28,6 +28,12 @@ Progress = Callable[[int, int], None]
 
 _RECORD_RATE = 100.0  # enough for speeds and falls, and cheaper than the audit's 500 Hz [Hz]
 _IDENTITY = "study.json"
+_NUMBER_OR_NONE = (int, float, type(None))
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(("upright", "left_lane"), bool),
+    "fall_reason": str,
+    **dict.fromkeys(("time_s", "held_speed_m_s"), _NUMBER_OR_NONE),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,11 +120,9 @@ def check_identity(folder: Path, identity: dict[str, Any]) -> None:
             raise SprintlabError(f"{folder} holds other files; choose another folder for the sprints")
         atomic_write_json(path, identity)
         return
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SprintlabError(f"{path} cannot be read: {error}") from error
-    other = [name for name, value in identity.items() if found.get(name) != value]
+    found = read_json(path, what="study")
+    same = found if isinstance(found, dict) else {}
+    other = [name for name, value in identity.items() if same.get(name) != value]
     if other:
         raise SprintlabError(
             f"{folder} holds a study with another {' and '.join(other)}; choose another folder"
@@ -128,8 +132,8 @@ def check_identity(folder: Path, identity: dict[str, Any]) -> None:
 def known_top_speed(folder: Path) -> float | None:
     """The command [m/s] of the study in a folder; ``None`` where there is none."""
     try:
-        return float(json.loads((folder / _IDENTITY).read_text(encoding="utf-8"))["top_speed"])
-    except (OSError, ValueError, TypeError, KeyError):
+        return float(read_json(folder / _IDENTITY)["top_speed"])
+    except (SprintlabError, ValueError, TypeError, KeyError):
         return None
 
 
@@ -169,10 +173,11 @@ def _read(folder: Path, group: str, seed: int) -> Piece | None:
     if not path.exists():
         return None
     try:
-        piece = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SprintlabError(f"{path} cannot be read ({error}); remove it and run again") from error
-    if not isinstance(piece, dict) or (piece.get("group"), piece.get("seed")) != (group, seed):
+        piece = read_json(path, what="sprint")
+    except SprintlabError as error:
+        raise SprintlabError(f"{error}; remove it and run again") from error
+    ours = isinstance(piece, dict) and (piece.get("group"), piece.get("seed")) == (group, seed)
+    if not ours or not all(isinstance(piece.get(name), kinds) for name, kinds in _KINDS.items()):
         raise SprintlabError(f"{path} is no sprint of this study; remove it and run again")
     return piece
 

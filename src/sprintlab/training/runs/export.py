@@ -28,7 +28,7 @@ from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.networks import Actor, trim
-from sprintlab.training.runs.replay import RecordedRun, Replay, read_recording, replay, run_in_plant
+from sprintlab.training.runs.observed_run import ObservedRun, observe_run
 from sprintlab.training.runs.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
@@ -63,8 +63,8 @@ class ExportedPolicy(NamedTuple):
 
     Attributes:
         path: of the file.
-        replayed: recorded policy steps that went through both runtimes.
-        difference: greatest difference between their actions or estimates, recorded and random inputs.
+        replayed: policy steps of a run that went through both runtimes.
+        difference: greatest difference between their actions or estimates, on that run and random inputs.
     """
 
     path: Path
@@ -72,30 +72,28 @@ class ExportedPolicy(NamedTuple):
     difference: float
 
 
-def export_checkpoint(checkpoint: Path, output: Path, recording: Path | None = None) -> ExportedPolicy:
+def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
-    It is read back, and a recorded run goes through both runtimes: ONNX Runtime with the observation, filters
-    and history that drive robots, and PyTorch on what the network was given at each step.
+    It is read back and runs four seconds in the plant, and both runtimes are compared on that run: ONNX
+    Runtime with the observation, filters and history that drive robots, and PyTorch on what the network was
+    given at each step.
 
     Args:
         checkpoint: of a training run.
         output: the file to write.
-        recording: npz that a race has written; None lets the policy run in the plant for four seconds.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
-        InvalidValueError: the recording is none.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
     state = read_checkpoint(checkpoint)
-    recorded = None if recording is None else read_recording(recording)
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
     data = _with_contract(
         _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size), state
     )
-    replayed, difference = _verify(data, actor, load_robot(settings.robot), recorded)
+    replayed, difference = _verify(data, actor, load_robot(settings.robot))
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, replayed, difference)
 
@@ -144,28 +142,25 @@ def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
     return model.SerializeToString()
 
 
-def _verify(
-    data: bytes, network: Actor, robot: RobotDescription, recorded: RecordedRun | None
-) -> tuple[int, float]:
-    """Read the file back through the runtime that will run it, and compare on recorded and random inputs."""
+def _verify(data: bytes, network: Actor, robot: RobotDescription) -> tuple[int, float]:
+    """Read the file back through the runtime that will run it, and compare on a run and on random inputs."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.onnx"
         path.write_bytes(data)
         policy = load_policy(path, robot)
-    run = run_in_plant(policy, robot) if recorded is None else recorded
-    seen, random = replay(policy, robot, run), _random_inputs(policy)
+    seen, random = observe_run(policy, robot), _random_inputs(policy)
     differences = [_compare(network, inputs) for inputs in (seen, random)]
     return len(seen.action), max(differences)
 
 
-def _random_inputs(policy: Policy) -> Replay:
+def _random_inputs(policy: Policy) -> ObservedRun:
     generator = np.random.default_rng(0)
     observations = generator.normal(size=(256, policy.layout.input_size)).astype(np.float32)
     estimates = generator.normal(size=(256, ESTIMATE_SIZE)).astype(np.float32)
-    return Replay(observations, estimates, *policy.decide(observations, estimates))
+    return ObservedRun(observations, estimates, *policy.decide(observations, estimates))
 
 
-def _compare(network: Actor, written: Replay) -> float:
+def _compare(network: Actor, written: ObservedRun) -> float:
     """Greatest difference between what the file's network said and what PyTorch says to the same inputs."""
     with torch.no_grad():
         meant = network(torch.from_numpy(written.observation), torch.from_numpy(written.previous_estimate))

@@ -16,6 +16,7 @@ from typing import Any
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_json
+from sprintlab.core.reading import open_regular, parse_json, read_json
 from sprintlab.training.methods import method_settings, preset_settings
 from sprintlab.training.runs.named_settings import (
     KIND,
@@ -30,6 +31,8 @@ from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import TrainingSettings
 
 RECORD_NAME = "run.json"
+_LARGEST_LOG = 1 << 34
+_SHOWN = ("iteration", "seconds", "steps_per_second", "speed_p999", "falls")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +139,10 @@ class RunPlan:
         path = self.folder / RECORD_NAME
         if not path.is_file():
             return None
-        try:
-            return dict(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
-            raise SprintlabError(f"{path} is damaged: {error}") from error
+        found = read_json(path, what="record")
+        if not isinstance(found, dict):
+            raise SprintlabError(f"{path} is damaged: it is no record of a run")
+        return found
 
     def finished(self) -> bool:
         """Whether the run has been trained as far as this plan wants, and exported."""
@@ -162,14 +165,16 @@ class RunPlan:
             atomic_write_json(self.folder / RECORD_NAME, {**self.asked(), "finished": False})
 
     def last_row(self) -> dict[str, float]:
-        """The newest saved row of the log; empty where there is none yet."""
+        """The newest saved row of the log; empty where there is none yet, or none that a training writes."""
         try:
-            with open(self.folder / "log.jsonl", "rb") as file:
+            with open_regular(self.folder / "log.jsonl", _LARGEST_LOG) as file:
                 file.seek(0, 2)
                 file.seek(max(0, file.tell() - 8192))
-                return json.loads(file.read().splitlines()[-1])
-        except (OSError, ValueError, IndexError):
+                row = parse_json(file.read().splitlines()[-1])
+        except (SprintlabError, ValueError, IndexError):
             return {}
+        whole = isinstance(row, dict) and all(isinstance(row.get(name), int | float) for name in _SHOWN)
+        return row if whole else {}
 
     def share(self) -> float:
         """How much of the run is done, 0 to 1."""

@@ -1,0 +1,108 @@
+"""``ground``: what slopes and rough ground cost a policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.drive import DriveOptions
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.tables import Printed, plain_table
+
+if TYPE_CHECKING:
+    from sprintlab.evaluation.ground import GroundResult
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Grounds(Printed):
+    """Falls and held speed of one policy on level, sloping and rough ground.
+
+    Attributes:
+        policy: its name.
+        found: the numbers.
+        notes: what differs from the published numbers' plant.
+    """
+
+    policy: str
+    found: GroundResult
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, keys with units; what is undefined is None."""
+        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """One line a kind of ground, and what is asked for."""
+        from sprintlab.evaluation.ground import LARGEST_LOSS
+        from sprintlab.evaluation.quantities import number
+
+        found = self.found
+        columns = ("ground", "upright", "held [m/s]", "change", f"at most -{100 * LARGEST_LOSS:.0f} %")
+        title = f"{self.policy} on slopes and rough ground, {found.settings.top_speed:g} m/s commanded"
+        table = plain_table(title, *columns, numbers=columns[1:4])
+        for trials in found.grounds:
+            change = found.change(trials)
+            level = trials is found.grounds[0]
+            table.add_row(
+                self._name(trials.name),
+                f"{trials.upright} of {trials.trials}",
+                number(trials.held_speed),
+                "" if level else f"{100 * change:+.0f} %" if change == change else "-",
+                "" if level else "met" if found.met(trials) else "not met",
+            )
+        yield table
+        yield "Held: along the ground, mean of the upright trials. Met: all upright, too."
+        yield from self.notes
+
+    def _name(self, kind: str) -> str:
+        settings = self.found.settings
+        if kind == "rough":
+            return f"rough, ±{100 * settings.roughness:g} cm"
+        return kind if kind == "level" else f"{100 * settings.slope:g} % {kind}"
+
+
+def ground(
+    policy: PolicyChoice = "sprint",
+    top_speed: float = 10.0,
+    *,
+    trials: int = 3,
+    slope: float = 0.05,
+    roughness: float = 0.02,
+    robot: RobotChoice = None,
+    drive: DriveOptions | None = None,
+    workers: int | None = None,
+    progress: Callable[[str, float | None], None] = lambda what, share: None,
+) -> Grounds:
+    """Measure what slopes, up and down, and rough ground cost a policy.
+
+    Args:
+        policy: a policy file, or the name of one that comes with the package.
+        top_speed: commanded speed [m/s] of the evaluation's profile.
+        trials: seeded trials on each ground; on rough ground each has heights of its own.
+        slope: rise over run.
+        roughness: greatest height of the rough ground above and below its mean [m].
+        robot: name, folder or table; that of the policy's contract when left out.
+        drive: motor model, battery and heat; the published numbers' when left out.
+        workers: processes; one a core when left out.
+        progress: called with what is being done and the share done.
+
+    Raises:
+        SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
+    """
+    leave_to_the_parent()
+    from sprintlab.evaluation.ground import GroundSettings, compare_grounds
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.robots import load_robot
+
+    plant = (drive or DriveOptions()).plant()
+    settings = GroundSettings(
+        top_speed=top_speed, trials=trials, slope=slope, roughness=roughness, plant=plant
+    )
+    path = policy_path(policy)
+    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+        found = compare_grounds(pool, settings, lambda kind, share: progress(f"on {kind} ground", share))
+    return Grounds(policy=path.stem, found=found, notes=plant.remarks)

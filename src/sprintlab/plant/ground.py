@@ -1,0 +1,144 @@
+"""The ground under a simulated robot: level or sloping, even or rough."""
+
+# MuJoCo's compiled module has no type stubs.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sprintlab.core.checks import check_range
+
+FloatArray = NDArray[np.float64]
+
+SPACING = 0.2
+"""Between two points of rough ground [m], as in the random ground of legged_gym (Rudin et al. 2022)."""
+FLAT_START = 1.0
+"""Rough ground is flat from the field's end behind the robot to this distance ahead of its start [m]."""
+
+_BEHIND, _AHEAD, _SIDE = 4.0, 252.0, 8.0  # reach of the field: the whole profile at 16 m/s [m]
+_EDGE = 0.8  # who comes nearer to the field's edge has left it: half a robot and its leg [m]
+_THICKNESS = 1.0  # of the field below its lowest point [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What the robot runs on.
+
+    A slope turns gravity, not the ground: x points uphill along the slope and z away from it, so speeds,
+    distances, heights and tilt are those along and over the ground. The inertial unit feels the true
+    vertical.
+
+    Rough ground is a heightfield: independent heights, uniform within the roughness, on a grid of 0.2 m,
+    with triangles between them; no bump is shorter. It is flat up to 1 m ahead of the start, and reaches
+    252 m ahead and 8 m to each side.
+
+    Attributes:
+        slope: rise over run, uphill positive, -0.3 to 0.3: 0.05 is 5 %.
+        roughness: greatest height above and below the mean [m], 0 to 0.1.
+        seed: of the heights, >= 0.
+
+    Raises:
+        InvalidValueError: a field is outside its range.
+    """
+
+    slope: float = 0.0
+    roughness: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_range("ground.slope", self.slope, -0.3, 0.3)
+        check_range("ground.roughness", self.roughness, 0.0, 0.1, "m")
+        check_range("ground.seed", self.seed, 0, 2**32 - 1)
+
+    @property
+    def remark(self) -> str:
+        """The ground in words; empty where it is level and even."""
+        parts = []
+        if self.slope:
+            parts.append(f"{100 * abs(self.slope):g} % {'uphill' if self.slope > 0.0 else 'downhill'}")
+        if self.roughness:
+            parts.append(f"rough, within {100 * self.roughness:g} cm of the mean (seed {self.seed})")
+        return f"ground: {', '.join(parts)}" if parts else ""
+
+    @property
+    def angle(self) -> float:
+        """Of the slope [rad]."""
+        return math.atan(self.slope)
+
+
+LEVEL = Ground()
+"""Level and even: every published number's."""
+
+
+class RoughGround:
+    """The heightfield of a rough ground, in place of the floor.
+
+    Args:
+        ground: whose roughness is not zero.
+    """
+
+    def __init__(self, ground: Ground) -> None:
+        rows, columns = round(2.0 * _SIDE / SPACING) + 1, round((_BEHIND + _AHEAD) / SPACING) + 1
+        random = np.random.default_rng(ground.seed)
+        self.heights: FloatArray = random.uniform(-ground.roughness, ground.roughness, (rows, columns))
+        self.heights[:, : round((_BEHIND + FLAT_START) / SPACING) + 1] = 0.0
+
+    def replace_floor(self, spec: mujoco.MjSpec) -> None:
+        """Make the geom ``floor`` of a robot's model this field."""
+        rows, columns = self.heights.shape
+        lowest, span = float(self.heights.min()), float(np.ptp(self.heights))
+        size = (0.5 * (_BEHIND + _AHEAD), _SIDE, span, _THICKNESS)
+        values = self.heights.ravel()
+        spec.add_hfield(name="ground", nrow=rows, ncol=columns, size=size, userdata=values)
+        floor = spec.geom("floor")
+        floor.type, floor.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "ground"
+        floor.pos = (0.5 * (_AHEAD - _BEHIND), 0.0, lowest)
+
+    def height(self, places: FloatArray) -> FloatArray:
+        """Of the ground at places ``(..., 2)`` [m]: ``(...)`` [m]; beyond the edge, as at the edge."""
+        last = np.array(self.heights.shape[::-1]) - 1
+        at = np.clip((places + np.array((_BEHIND, _SIDE))) / SPACING, 0.0, last)
+        corner = np.minimum(at.astype(int), last - 1)
+        u, v = np.moveaxis(at - corner, -1, 0)
+        column, row = np.moveaxis(corner, -1, 0)
+        here, diagonal = self.heights[row, column], self.heights[row + 1, column + 1]
+        # MuJoCo cuts each cell along the diagonal from this corner.
+        beside = np.where(u > v, self.heights[row, column + 1], self.heights[row + 1, column])
+        return here + np.maximum(u, v) * (beside - here) + np.minimum(u, v) * (diagonal - beside)
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a robot at this place [m] still stands on the field with all its feet."""
+        return _EDGE - _BEHIND < x < _AHEAD - _EDGE and abs(y) < _SIDE - _EDGE
+
+
+def keep_deepest(model: mujoco.MjModel, data: mujoco.MjData, legs: NDArray[np.int64]) -> None:
+    """Leave each foot one contact, the deepest, between ``mj_step1`` and ``mj_step2``.
+
+    MuJoCo makes one contact for each triangle that a foot touches; each would act like a pad of its own.
+
+    Args:
+        model: of the robot.
+        data: its state, after ``mj_step1``.
+        legs: ``(geoms, geoms)`` number of the leg whose foot and the floor a pair is, else -1.
+    """
+    contacts = data.contact
+    geoms = contacts.geom
+    leg = legs[geoms[:, 0], geoms[:, 1]]
+    crowded = np.flatnonzero(np.bincount(leg[leg >= 0]) > 1)
+    if not crowded.size:
+        return
+    depth = contacts.dist
+    for number in crowded.tolist():
+        own = np.flatnonzero(leg == number)
+        others = np.delete(own, depth[own].argmin())
+        contacts.exclude[others], contacts.efc_address[others] = 1, -1
+    mujoco.mj_makeConstraint(model, data)
+    mujoco.mj_island(model, data)
+    mujoco.mj_projectConstraint(model, data)
+    mujoco.mj_fwdVelocity(model, data)

@@ -1,0 +1,159 @@
+"""The ground under the plant: slopes turn gravity, rough ground is a heightfield with the floor's contact."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.deployment.simulator import SimulatorOptions
+from sprintlab.evaluation.recorder import Recorder
+from sprintlab.plant import Ground, Plant, PlantOptions, RoughGround, TrialSettings, foot_table
+from sprintlab.plant.ground import FLAT_START, keep_deepest
+
+ROUGH = Ground(roughness=0.02, seed=3)
+
+
+def standing(robot, ground, seconds, *, place=0.0):
+    """A plant that has stood in its default pose on a ground, and the recorder that watched."""
+    plant = Plant(robot, PlantOptions(ground=ground), TrialSettings())
+    plant.data.qpos[0] = place
+    plant.data.qpos[2] += ground.roughness if place else 0.0
+    recorder = Recorder(plant.model, robot, 1000, rough=plant.rough)
+    assert plant.advance(robot.default_pose, round(1000 * seconds), recorder)
+    return plant, recorder.trajectory()
+
+
+def test_without_a_choice_the_floor_is_level_and_even(robot):
+    plant = Plant(robot, PlantOptions(), TrialSettings())
+    assert plant.model.nhfield == 0 and plant.rough is None
+    assert plant.model.opt.gravity.tolist() == [0.0, 0.0, -9.81]
+    assert plant.model.geom_type[plant.model.geom("floor").id] == mujoco.mjtGeom.mjGEOM_PLANE
+    assert PlantOptions().remarks == ()
+    assert plant.measurement().projected_gravity.tolist() == [0.0, 0.0, -1.0]
+
+
+@pytest.mark.parametrize("slope", [0.05, -0.3])
+def test_the_inertial_unit_feels_the_true_vertical(robot, slope):
+    plant = Plant(robot, PlantOptions(ground=Ground(slope=slope)), TrialSettings())
+    angle = math.atan(slope)
+    felt = plant.measurement().projected_gravity
+    np.testing.assert_allclose(felt, [-math.sin(angle), 0.0, -math.cos(angle)], atol=1e-12)
+    assert np.linalg.norm(plant.model.opt.gravity) == pytest.approx(9.81)
+
+
+@pytest.mark.parametrize("slope", [0.3, -0.3])
+def test_a_robot_in_the_air_falls_along_the_true_vertical(robot, slope):
+    plant = Plant(robot, PlantOptions(ground=Ground(slope=slope), drag_area=0.0), TrialSettings())
+    plant.data.qpos[2] += 1.0
+    assert plant.advance(robot.default_pose, 200, Recorder(plant.model, robot, 1000))
+    mujoco.mj_subtreeVel(plant.model, plant.data)
+    down = 0.2 * 9.81 / math.hypot(1.0, slope) * np.array([-slope, 0.0, -1.0])
+    np.testing.assert_allclose(plant.data.subtree_linvel[0], down, atol=0.005)
+
+
+def test_heights_stay_within_the_roughness_and_follow_the_seed():
+    field, again = RoughGround(ROUGH), RoughGround(ROUGH)
+    assert np.abs(field.heights).max() <= 0.02
+    assert field.heights.min() < -0.0199 and field.heights.max() > 0.0199
+    np.testing.assert_array_equal(field.heights, again.heights)
+    assert (field.heights != RoughGround(Ground(roughness=0.02, seed=4)).heights).any()
+
+
+def test_the_start_is_flat():
+    field = RoughGround(ROUGH)
+    x, y = np.meshgrid(np.linspace(-3.0, FLAT_START, 50), np.linspace(-7.0, 7.0, 50))
+    assert not field.height(np.stack([x, y], axis=-1)).any()
+    assert np.abs(field.height(np.array([[FLAT_START + 1.0, 0.05], [100.0, 3.0]]))).min() > 0.0
+
+
+def test_the_height_is_that_of_the_simulated_field(robot):
+    plant = Plant(robot, PlantOptions(ground=ROUGH), TrialSettings())
+    assert plant.rough is not None
+    floor, random = plant.model.geom("floor").id, np.random.default_rng(0)
+    mujoco.mj_kinematics(plant.model, plant.data)
+    for x, y in random.uniform((-3.9, -7.9), (251.9, 7.9), (200, 2)):
+        start, down = np.array([x, y, 1.0]), np.array([0.0, 0.0, -1.0])
+        height = 1.0 - mujoco.mj_rayHfield(plant.model, plant.data, floor, start, down, None)
+        assert plant.rough.height(np.array([x, y])) == pytest.approx(height, abs=1e-7)
+
+
+def test_on_its_flat_start_a_rough_ground_is_the_floor(robot):
+    rough, rough_run = standing(robot, ROUGH, 0.3)
+    level, level_run = standing(robot, Ground(), 0.3)
+    np.testing.assert_allclose(rough.data.qpos, level.data.qpos, atol=1e-7)
+    np.testing.assert_allclose(rough_run.foot_penetration, level_run.foot_penetration, atol=1e-7)
+    assert rough_run.foot_penetration[-1].min() > 0.0
+
+
+def test_a_robot_on_rough_ground_weighs_what_it_weighs(robot):
+    plant, trajectory = standing(robot, ROUGH, 1.0, place=20.0)
+    weight = float(plant.model.body_mass.sum()) * 9.81
+    assert trajectory.foot_force[-50:].sum(axis=1).mean() == pytest.approx(weight, rel=0.02)
+    assert plant.data.qpos[2] != pytest.approx(robot.standing_height, abs=1e-4)
+    assert trajectory.foot_penetration[-1].max() < 0.004
+
+
+def test_a_foot_on_an_edge_has_one_pad(robot):
+    plant = Plant(robot, PlantOptions(ground=ROUGH), TrialSettings())
+    assert plant.rough is not None
+    model, data, feet = plant.model, plant.data, foot_table(plant.model, robot)
+    start, most = data.qpos.copy(), 0
+    for x, y in np.random.default_rng(0).uniform((5.0, -5.0), (200.0, 5.0), (40, 2)):
+        data.qpos[:] = start
+        data.qpos[:3] += x, y, -0.01
+        mujoco.mj_step1(model, data)
+        geoms = data.contact.geom
+        leg, depth = feet[geoms[:, 0], geoms[:, 1]], data.contact.dist.copy()
+        most = max(most, np.bincount(leg[leg >= 0], minlength=1).max())
+        keep_deepest(model, data, feet)
+        kept = (data.contact.exclude == 0) & (leg >= 0)
+        for number in set(leg[leg >= 0].tolist()):
+            own = kept & (leg == number)
+            assert own.sum() == 1 and depth[own][0] == depth[leg == number].min()
+        assert ((data.contact.efc_address >= 0) | ~kept).all()
+        assert (data.contact.efc_address[(leg >= 0) & ~kept] < 0).all()
+        mujoco.mj_step2(model, data)
+        assert np.isfinite(data.qvel).all()
+    assert most > 1
+
+
+def test_who_runs_off_the_field_has_fallen(robot):
+    plant = Plant(robot, PlantOptions(ground=ROUGH), TrialSettings())
+    plant.data.qpos[1] = 7.5
+    assert not plant.advance(robot.default_pose, 1, Recorder(plant.model, robot, 5, rough=plant.rough))
+    assert plant.fall_reason == "left the rough ground"
+
+
+def test_the_ground_is_named_in_the_remarks():
+    (slope,) = PlantOptions(ground=Ground(slope=-0.05)).remarks
+    assert slope == "ground: 5 % downhill"
+    (rough,) = PlantOptions(ground=ROUGH).remarks
+    assert "2 cm" in rough and "seed 3" in rough
+
+
+@pytest.mark.parametrize(
+    ("values", "field"),
+    [
+        ({"slope": 0.5}, "ground.slope"),
+        ({"slope": math.nan}, "ground.slope"),
+        ({"roughness": -0.01}, "ground.roughness"),
+        ({"roughness": 0.2}, "ground.roughness"),
+        ({"seed": -1}, "ground.seed"),
+    ],
+)
+def test_bad_grounds_are_refused(values, field):
+    with pytest.raises(InvalidValueError, match=field.replace(".", r"\.")):
+        Ground(**values)
+
+
+@pytest.mark.parametrize("ground", [Ground(slope=0.05), ROUGH])
+def test_the_second_engine_knows_no_other_ground(ground):
+    with pytest.raises(InvalidValueError, match=r"plant\.ground .*level and even"):
+        PlantOptions(engine="drake", ground=ground)
+
+
+def test_the_robot_behind_the_bus_knows_no_slope():
+    with pytest.raises(InvalidValueError, match="level ground only"):
+        SimulatorOptions(plant=PlantOptions(ground=Ground(slope=0.05)))
