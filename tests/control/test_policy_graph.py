@@ -249,6 +249,12 @@ def test_program_is_refused_in_time(tmp_path, make):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("make", [outer, filled], ids=lambda make: make.__name__)
+def test_a_tensor_is_refused_by_its_own_size_before_it_is_counted(make):
+    with pytest.raises(GraphError, match="needs a tensor of"):
+        check_graph(make().SerializeToString())
+
+
 def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):
     """An index far outside, which nobody knows before the robot has measured."""
     path = tmp_path / "policy.onnx"
