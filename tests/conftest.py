@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from tests.short_trials import shorten_trials
 
 from sprintlab.control import (
     CONTRACT_KEY,
@@ -54,6 +55,12 @@ def load_script() -> Callable[[str], ModuleType]:
         return module
 
     return load
+
+
+@pytest.fixture
+def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Short trials on coarse steps, where a test is not about what they hold."""
+    shorten_trials(monkeypatch.setitem)
 
 
 @pytest.fixture(scope="session")

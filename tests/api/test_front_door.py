@@ -75,6 +75,7 @@ def test_a_method_is_changed_by_dotted_names():
         sl.method("sprint", {"ppo.stepz": 16})
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     go1_race = sl.race("go1-sprint", top_speed=1.0, distance=2.0, trials=1, workers=1)
@@ -92,6 +93,7 @@ def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path,
         go1_race.report("mine")
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_an_evaluation_prints_and_draws_itself():
     search = sl.SearchOptions(trials=1, start=1.0, top=1.5, grid=0.5)
     found = sl.evaluate("go1-sprint", search=search, workers=1)
@@ -104,9 +106,13 @@ def test_an_evaluation_prints_and_draws_itself():
 
 SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
+    "import sprintlab as sl\n": (
+        f"import sys; sys.path.append({str(ROOT)!r})\n"
+        "import sprintlab as sl\nfrom tests.short_trials import shorten_trials\nshorten_trials()\n"
+    ),
     "environments=4096": "environments=8",
     "iterations=3200, minutes=20.0": 'iterations=2, device="cpu"',
-    "trials=10": "trials=1, top_speed=1.0, distance=2.0, workers=2",
+    "trials=10": "trials=1, top_speed=1.0, distance=2.0, workers=1",
 }
 
 
@@ -136,6 +142,7 @@ def test_a_script_without_a_guard_is_told_so_once(tmp_path):
     assert "bootstrapping" not in result.stderr
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_the_notebook_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     notebook = json.loads((ROOT / "examples/quickstart.ipynb").read_text(encoding="utf-8"))

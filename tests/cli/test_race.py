@@ -22,6 +22,7 @@ PROMISED = {
 FIGURES = {"sprint", "speed", "torque_speed", "gait", "base_rates", "power"}
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     folder = tmp_path / "run"
     # One metre instead of a hundred: a robot that stands has failed the sooner, the shorter the way.
@@ -62,6 +63,7 @@ def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot
     assert outcome.status == 2 and f"this would run {robot_name}" in outcome.err
 
 
+@pytest.mark.usefixtures("short_trials")
 @pytest.mark.parametrize("json_flag", [(), ("--json",)])
 def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, json_flag):
     options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
