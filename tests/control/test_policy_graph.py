@@ -81,7 +81,6 @@ def busy():
 
 def outside():
     tensor = constant("secret", np.zeros(5), np.float32)
-    tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL
     tensor.external_data.add(key="location", value="/etc/passwd")
     return model([], tensor)
