@@ -81,7 +81,6 @@ def busy():
 
 def outside():
     tensor = constant("secret", np.zeros(5), np.float32)
-    tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL
     tensor.external_data.add(key="location", value="/etc/passwd")
     return model([], tensor)
@@ -235,7 +234,15 @@ def written_out():
 
 STRANGE = [loop, doubling, outer, filled, busy, outside, claimed, data_dependent, function]
 STRANGE += [half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
-STRANGE += [not_reduced, reduced_wholly, backwards, written_out]
+
+
+def split_otherwise_than_told():
+    """The runtime writes beyond the end of its list, and the process dies."""
+    node = helper.make_node("Split", ["x"], ["a", "b", "c"], num_outputs=2, axis=0)
+    return model([node], constant("x", [0, 1, 2]))
+
+
+STRANGE += [split_otherwise_than_told, not_reduced, reduced_wholly, backwards, written_out]
 
 
 @pytest.mark.parametrize("make", STRANGE, ids=lambda make: make.__name__)

@@ -1,6 +1,7 @@
 import math
 import pickle
 
+import numpy as np
 import pytest
 
 from sprintlab.core import errors
@@ -69,3 +70,9 @@ def test_invalid_value_crosses_a_process_border():
 )
 def test_one_except_clause_catches_every_error(name):
     assert issubclass(getattr(errors, name), SprintlabError)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_infinite_element_is_refused_without_a_warning():
+    with pytest.raises(InvalidValueError, match="finite"):
+        check_finite("mass", np.array([1.0, math.inf]))

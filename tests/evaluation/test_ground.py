@@ -12,9 +12,9 @@ from sprintlab.evaluation.protocol import ProtocolSettings
 KINDS = ("level", "uphill", "downhill", "rough")
 
 
-def result_with(*speeds, upright=3):
+def result_with(*speeds, falls=()):
     grounds = [
-        GroundTrials(name=name, trials=3, upright=upright, held_speed=speed)
+        GroundTrials(name=name, trials=3, held_speed=speed, falls=falls)
         for name, speed in zip(KINDS, speeds, strict=True)
     ]
     return GroundResult(settings=GroundSettings(top_speed=10.0), grounds=tuple(grounds))
@@ -36,14 +36,19 @@ def test_a_ground_is_met_when_all_stay_upright_and_little_speed_is_lost():
     found = result_with(10.0, 8.6, 10.5, 8.4)
     assert [found.met(ground) for ground in found.grounds] == [True, True, True, False]
     assert found.change(found.grounds[1]) == pytest.approx(-0.14)
-    fell = result_with(10.0, 10.0, 10.0, 10.0, upright=2)
+    fell = result_with(10.0, 10.0, 10.0, 10.0, falls=("tilt",))
     assert not any(fell.met(ground) for ground in fell.grounds)
 
 
 def test_what_is_not_defined_is_null_and_not_met():
-    found = result_with(10.0, math.nan, 10.0, 10.0, upright=0)
+    found = result_with(10.0, math.nan, 10.0, 10.0, falls=("tilt",) * 3)
     row = found.to_dict()["grounds"][1]
-    assert row["held_speed_m_s"] is None and row["change"] is None and row["met"] is False
+    assert (
+        row["held_speed_m_s"] is None
+        and row["change"] is None
+        and row["upright"] == 0
+        and row["met"] is False
+    )
     standing = result_with(0.01, 0.02, 0.0, 0.0)
     assert math.isnan(standing.change(standing.grounds[1])) and not standing.met(standing.grounds[1])
 

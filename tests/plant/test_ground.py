@@ -84,7 +84,7 @@ def test_on_its_flat_start_a_rough_ground_is_the_floor(robot):
     level, level_run = standing(robot, Ground(), 0.3)
     np.testing.assert_allclose(rough.data.qpos, level.data.qpos, atol=1e-7)
     np.testing.assert_allclose(rough_run.foot_penetration, level_run.foot_penetration, atol=1e-7)
-    assert rough_run.foot_penetration[-1].min() > 0.0
+    assert rough_run.foot_penetration is not None and rough_run.foot_penetration[-1].min() > 0.0
 
 
 def test_a_robot_on_rough_ground_weighs_what_it_weighs(robot):

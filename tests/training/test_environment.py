@@ -256,6 +256,44 @@ def test_one_draw_is_repeatable() -> None:
     assert ((drawn[0] >= 0.7) & (drawn[0] <= 0.8)).all()
 
 
+def test_a_slope_turns_gravity_for_the_physics_and_for_what_the_policy_sees() -> None:
+    settings = TrainingSettings(
+        simulation=SimulationSettings(environments=4),
+        randomization=replace(RandomizationSettings().without(), slope=0.1),
+    )
+    environment = SprintEnvironment(settings, "cpu")
+    simulation, slope = environment.simulation, environment.simulation.slope
+    assert slope is not None and len(set(slope.tolist())) == 4
+    assert slope.tan().abs().max() <= 0.1 and slope.tan().abs().max() > 0.01
+    stand = torch.tensor(simulation.mj_model.key_qpos[0], dtype=torch.float32)
+    simulation.qpos.copy_(stand.expand_as(simulation.qpos))
+    simulation.qpos[:, 2] += 1.0
+    simulation.qvel.zero_()
+    down = torch.stack((-slope.sin(), torch.zeros(4), -slope.cos()), 1)
+    body = environment.kinematics.read()
+    torch.testing.assert_close(body.gravity, down)
+    half_height = environment.robot.mechanics.trunk_half_size[2]
+    torch.testing.assert_close(body.trunk_clearance, body.height - half_height)
+    before = simulation.data.time.numpy().copy()
+    simulation.step()
+    elapsed = torch.from_numpy(simulation.data.time.numpy() - before)
+    torch.testing.assert_close(simulation.qvel[:, 0] / elapsed, -9.81 * slope.sin(), atol=0.01, rtol=0.01)
+
+
+def test_without_slopes_nothing_is_drawn_for_them() -> None:
+    drawn = []
+    for slope in (0.0, 0.05):
+        torch.manual_seed(2)
+        simulation = BatchSimulation(ROBOT, SIMULATION, "refined", "cpu")
+        randomize(simulation, replace(RandomizationSettings(), slope=slope))
+        drawn.append(simulation)
+    level, sloping = drawn
+    assert level.slope is None and "slope" not in level.state()
+    assert "slope" in sloping.state()
+    assert torch.equal(level.friction_factor, sloping.friction_factor)
+    assert level.model.opt.gravity.numpy().tolist() == [[0.0, 0.0, pytest.approx(-9.81)]] * N
+
+
 def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironment) -> None:
     environment._start_all()
     environment.commands.time_to_target.fill_(3.0)

@@ -14,7 +14,7 @@ from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Printed, plain_table
 
 if TYPE_CHECKING:
-    from sprintlab.evaluation.ground import GroundResult
+    from sprintlab.evaluation.ground import GroundResult, GroundTrials
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -49,7 +49,7 @@ class Grounds(Printed):
             level = trials is found.grounds[0]
             table.add_row(
                 self._name(trials.name),
-                f"{trials.upright} of {trials.trials}",
+                f"{trials.upright} of {trials.trials}{self._reasons(trials)}",
                 number(trials.held_speed),
                 "" if level else f"{100 * change:+.0f} %" if change == change else "-",
                 "" if level else "met" if found.met(trials) else "not met",
@@ -57,6 +57,10 @@ class Grounds(Printed):
         yield table
         yield "Held: along the ground, mean of the upright trials. Met: all upright, too."
         yield from self.notes
+
+    @staticmethod
+    def _reasons(trials: GroundTrials) -> str:
+        return f" ({', '.join(sorted(set(trials.falls)))})" if trials.falls else ""
 
     def _name(self, kind: str) -> str:
         settings = self.found.settings

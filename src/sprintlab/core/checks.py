@@ -7,6 +7,8 @@ from typing import Any
 
 from sprintlab.core.errors import InvalidValueError
 
+_INFINITE = float("inf")
+
 
 def _every(condition: Any) -> bool:
     """True where a scalar or every element of an array satisfies the condition."""
@@ -16,7 +18,7 @@ def _every(condition: Any) -> bool:
 def check_finite(field: str, value: Any) -> None:
     """Refuse NaN, infinity and what is no number. Raises ``InvalidValueError``."""
     try:
-        finite = _every((value - value) == 0)
+        finite = _every(abs(value) < _INFINITE)
     except TypeError:
         finite = False
     if isinstance(value, bool) or not finite:

@@ -82,14 +82,19 @@ class GroundTrials:
     Attributes:
         name: ``"level"``, ``"uphill"``, ``"downhill"`` or ``"rough"``.
         trials: how many ran.
-        upright: how many did not fall.
-        held_speed: over the ground, mean of those [m/s]; ``nan`` where all fell.
+        held_speed: along the ground, mean of the upright [m/s]; ``nan`` where all fell.
+        falls: the reason of each fall.
     """
 
     name: str
     trials: int
-    upright: int
     held_speed: float
+    falls: tuple[str, ...] = ()
+
+    @property
+    def upright(self) -> int:
+        """How many did not fall."""
+        return self.trials - len(self.falls)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +116,7 @@ class GroundResult:
 
     def met(self, found: GroundTrials) -> bool:
         """Whether every trial stayed upright and the loss is within its limit."""
-        return found.upright == found.trials and self.change(found) >= -LARGEST_LOSS
+        return not found.falls and self.change(found) >= -LARGEST_LOSS
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready numbers; what is not defined becomes null."""
@@ -120,6 +125,7 @@ class GroundResult:
                 "ground": found.name,
                 "trials": found.trials,
                 "upright": found.upright,
+                "fall_reasons": found.falls,
                 "held_speed_m_s": found.held_speed,
                 "change": self.change(found),
                 "met": self.met(found),
@@ -155,10 +161,13 @@ def compare_grounds(
     """
     requests, names = settings.requests(), tuple(settings.grounds())
     speeds: dict[str, list[float]] = {name: [] for name in names}
+    falls: dict[str, list[str]] = {name: [] for name in names}
     for index, result in enumerate(pool.stream(requests)):
         name = names[index // settings.trials]
         trial = result if isinstance(result, TrialResult) else result.trial
-        if not trial.fall_reason:
+        if trial.fall_reason:
+            falls[name].append(trial.fall_reason)
+        else:
             speeds[name].append(trial.metrics.held_speed)
         progress(name, (index + 1) / len(requests))
     return GroundResult(
@@ -167,8 +176,8 @@ def compare_grounds(
             GroundTrials(
                 name=name,
                 trials=settings.trials,
-                upright=len(held),
                 held_speed=float(np.mean(held)) if held else math.nan,
+                falls=tuple(falls[name]),
             )
             for name, held in speeds.items()
         ),

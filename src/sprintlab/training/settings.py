@@ -232,6 +232,7 @@ class RandomizationSettings:
         foot_stiffness: of the pads [N/m], drawn with a uniform logarithm.
         foot_restitution: of the pads in a drop of the leg's effective mass [-].
         drag_area: drag coefficient times frontal area of the robot in still air [m^2].
+        slope: greatest rise over run of the ground along x, up and down; gravity turns, the ground stays.
         payload: mass added to the trunk [kg].
         center_of_mass: shift of the trunk's centre of mass along each axis [m], symmetric.
         gain: relative change of stiffness and damping, symmetric.
@@ -260,6 +261,7 @@ class RandomizationSettings:
     foot_stiffness: Interval = STIFFNESS_BAND
     foot_restitution: Interval = RESTITUTION_BAND
     drag_area: Interval = DRAG_AREA_BAND
+    slope: float = 0.0
     payload: Interval = (-1.0, 4.0)
     center_of_mass: float = 0.03
     gain: float = 0.08
@@ -284,6 +286,7 @@ class RandomizationSettings:
             low, high = getattr(self, name)
             check_range(f"{name}[0]", low, 0.05, high)
         check_range("drag_area[0]", self.drag_area[0], 0.0, self.drag_area[1], "m^2")
+        check_range("slope", self.slope, 0.0, 0.3)
         check_range("payload[0]", self.payload[0], -15.0, self.payload[1], "kg")
         for name in ("gain", "strength", "center_of_mass"):
             check_range(name, getattr(self, name), 0.0, 0.5)
@@ -296,7 +299,7 @@ class RandomizationSettings:
         """The same robot everywhere, no noise, no pushes: for tests and benchmarks."""
         return replace(
             self, friction=(0.9, 0.9), foot_stiffness=(80e3, 80e3), foot_restitution=(0.4, 0.4),
-            drag_area=(0.15, 0.15), payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
+            drag_area=(0.15, 0.15), slope=0.0, payload=(0.0, 0.0), center_of_mass=0.0, gain=0.0, strength=0.0,
             bus_voltage=(1.0, 1.0), resistance=(1.0, 1.0), dry_friction=(1.0, 1.0), delay=(0.0, 0.0),
             delay_jitter=0.0, clock=(1.0, 1.0), joint_offset=0.0, angular_velocity_noise=0.0,
             gravity_noise=0.0, joint_position_noise=0.0, joint_velocity_noise=0.0, push_speed=0.0,

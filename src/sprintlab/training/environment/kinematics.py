@@ -20,7 +20,8 @@ class BodyState(NamedTuple):
     """State of ``n`` robots.
 
     Attributes:
-        gravity: unit gravity vector, body frame ``(n, 3)``.
+        gravity: unit vector along the true vertical, body frame ``(n, 3)``; the other fields are measured
+            along the ground, which may slope.
         angular_velocity: body frame [rad/s] ``(n, 3)``.
         velocity: of the trunk in the heading frame (forward, left, up) [m/s] ``(n, 3)``.
         height: of the trunk's middle [m] ``(n,)``.
@@ -94,18 +95,18 @@ class Kinematics:
         """The present state; the positions of the legs are those at the last substep's start."""
         simulation = self._simulation
         quaternion = simulation.qpos[:, 3:7]
-        gravity = projected_gravity(quaternion)
+        down = projected_gravity(quaternion)  # into the ground
         height = simulation.qpos[:, 2]
         foot = simulation.geom_xpos[:, self._feet]
         knee = simulation.xpos[:, self._shanks]
         foot_velocity = self._foot_velocity(foot)
         joints = simulation.qpos[:, self.joint_qpos]
         return BodyState(
-            gravity=gravity,
+            gravity=down if simulation.slope is None else projected_gravity(quaternion, simulation.slope),
             angular_velocity=simulation.qvel[:, 3:6],
             velocity=heading_velocity(quaternion, simulation.qvel[:, :3]),
             height=height,
-            trunk_clearance=height - self._trunk_reach(gravity, joints),
+            trunk_clearance=height - self._trunk_reach(down, joints),
             joint_position=joints,
             joint_velocity=simulation.qvel[:, self.joint_qvel],
             abduction=joints[:, self._abduction],
@@ -117,12 +118,12 @@ class Kinematics:
             leg_distance=self._leg_distance(knee, foot),
         )
 
-    def _trunk_reach(self, gravity: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
+    def _trunk_reach(self, down: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
         """How far the trunk's corners reach below its middle [m] ``(n,)``; each half of it as a whole box."""
-        reach = (gravity.abs() * self._half_size).sum(1)
+        reach = (down.abs() * self._half_size).sum(1)
         if self._waist is None:
             return reach
-        x, y, z = gravity.unbind(1)
+        x, y, z = down.unbind(1)
         cosine, sine = torch.cos(joints[:, self._waist]), torch.sin(joints[:, self._waist])
         rear = torch.stack((cosine * x - sine * z, y, sine * x + cosine * z), 1)
         return torch.maximum(reach, (rear.abs() * self._half_size).sum(1))

@@ -38,6 +38,8 @@ def randomize(simulation: BatchSimulation, settings: RandomizationSettings) -> t
     simulation.resistance_factor.copy_(_uniform(n, *settings.resistance, device))
     simulation.friction_factor.copy_(_uniform(n, *settings.dry_friction, device))
     simulation.mean_delay.copy_(_uniform(n, *settings.delay, device) / simulation.settings.timestep)
+    if settings.slope:  # last: no other draw depends on it
+        simulation.tilt(torch.atan(_uniform(n, -settings.slope, settings.slope, device)))
     return friction
 
 

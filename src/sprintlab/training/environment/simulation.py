@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from sprintlab.commands.state import GRAVITY
 from sprintlab.motors import phase_voltage_limit
 from sprintlab.robots import DRAG_AREA, ModelOptions, RobotDescription, build_model
 from sprintlab.training.environment.actuation import (
@@ -101,6 +102,7 @@ class BatchSimulation:
         drive_torque: torque delivered by the motors in the last substep [N m] ``(n, joints)``.
         on_limit: 1 where the motor was on its envelope in the last substep ``(n, joints)``.
         power: drawn from the bus, mean over the policy step [W] ``(n, joints)``.
+        slope: angle by which the ground rises along x [rad] ``(n,)``; ``None``: level. ``tilt`` sets it.
         timestep: of the physics; ``substeps`` of them are the policy's period [s] ``(n,)``.
         monitor: loads between the policy steps.
         stiffness, damping, strength, resistance_factor, friction_factor, voltage,
@@ -135,6 +137,8 @@ class BatchSimulation:
             self.fields = {name: self._expand(name) for name in RANDOMIZED_FIELDS}
             self.friction_ratio_invsqrt = self._expand_option("impratio_invsqrt")
             self.timestep = self._expand_option("timestep")
+            self._gravity = self._expand_option("gravity")
+        self.slope: torch.Tensor | None = None
         views = ("qpos", "qvel", "ctrl", "qacc_warmstart", "geom_xpos", "xpos", "cvel", "subtree_com")
         for name in views:
             setattr(self, name, wp.to_torch(getattr(self.data, name)))
@@ -160,9 +164,10 @@ class BatchSimulation:
         return wp.to_torch(each)
 
     def _expand_option(self, name: str) -> torch.Tensor:
-        """Give a number of the physics one value an environment, and return it as a torch tensor."""
-        values = np.repeat(getattr(self.model.opt, name).numpy()[:1], self.environments)
-        each = wp.array(values, dtype=float, device=self._warp_device)
+        """Give an option of the physics one value an environment, and return it as a torch tensor."""
+        one = getattr(self.model.opt, name)
+        values = np.repeat(one.numpy()[:1], self.environments, axis=0)
+        each = wp.array(values, dtype=one.dtype, device=self._warp_device)
         setattr(self.model.opt, name, each)
         return wp.to_torch(each)
 
@@ -254,6 +259,12 @@ class BatchSimulation:
                 self._substeps()
         return capture.graph
 
+    def tilt(self, slope: torch.Tensor) -> None:
+        """Let the ground of each environment rise along x by an angle ``(n,)`` [rad]: gravity turns."""
+        self.slope = slope
+        down = torch.stack((-torch.sin(slope), torch.zeros_like(slope), -torch.cos(slope)), 1)
+        self._gravity.copy_(GRAVITY * down)
+
     def actuate(self, substep: int) -> None:
         """Bus voltages, the torque on every joint and the air's force, for one substep of a policy step."""
         self.supply.launch(substep)
@@ -294,5 +305,6 @@ class BatchSimulation:
             **{name: getattr(self, name) for name in names},
             **{name: getattr(self.supply, name) for name in supply},
             **self.monitor.state(),
+            **({} if self.slope is None else {"slope": self.slope, "gravity": self._gravity}),
             **self.fields,
         }
