@@ -1,6 +1,7 @@
 """Settings and fixtures that every test shares: the robot, a policy's contract, networks of a few lines."""
 
 import importlib.util
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,6 +26,9 @@ from sprintlab.control import (
     software_versions,
 )
 from sprintlab.robots import RobotDescription, load_robot
+
+# One thread a process for PyTorch: tests run side by side, and its threads spend most of their time waiting.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # No deadline: machines that run tests are shared, and the first call imports libraries.
 settings.register_profile(

@@ -16,6 +16,7 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
+from sprintlab.training.environment.episodes import Ends
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
@@ -40,27 +41,31 @@ def learner() -> EstimatorPpo:
     return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
 
 
-@pytest.mark.parametrize(
-    "method",
-    (
-        "sprint",
-        "uniform-commands",
-        "fixed-acceleration",
-        "rlvrl",
-        "lp-acrl",
-        "after-hacl",
-        "hound",
-        "stride-prior",
-    ),
-)
-def test_the_step_after_physics_is_one_piece(method: str) -> None:
-    """Every kind of schedule, grid and reward; the motor is no part of it."""
+def environment_of(method: str) -> SprintEnvironment:
     strides = Path(__file__).parents[2] / "studies" / "paper" / "strides.npz"
-    base = replace(SETTINGS, prior=StridePrior(file=str(strides)) if method == "stride-prior" else None)
-    environment = SprintEnvironment(method_settings(method, base), "cpu")
+    prior = StridePrior(file=str(strides)) if method == "stride-prior" else None
+    return SprintEnvironment(method_settings(method, replace(SETTINGS, prior=prior)), "cpu")
+
+
+@pytest.mark.parametrize("method", ("sprint", "hound", "stride-prior"))
+def test_the_step_after_physics_is_one_piece(method: str) -> None:
+    """Every kind of reward; the motor is no part of it."""
+    environment = environment_of(method)
     before = environment.episode_length_buf.clone()
     traced(environment._transition)()
     assert torch.equal(environment.episode_length_buf, before + 1)
+
+
+@pytest.mark.parametrize(
+    "method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl", "after-hacl")
+)
+def test_every_schedule_and_its_grid_are_one_piece_each(method: str) -> None:
+    environment = environment_of(method)
+    nobody, everyone = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
+    traced(environment._learn_grid)(Ends(*(nobody for _ in Ends._fields)))
+    environment.draws.refill()
+    traced(environment._advance_commands)(everyone)
+    assert (environment.commands.time_to_target > 0.0).all()
 
 
 def test_acting_and_recording_are_one_piece_each(learner: EstimatorPpo) -> None:
