@@ -297,7 +297,7 @@ class AdaptiveSchedule(TargetSchedule):
             of the robot if it cannot follow, as a user's command does.
         ramp: least and greatest such acceleration [m/s^2].
         keeps_rest: whether a robot whose target is rest gets no uniform draws. With them it is asked to walk
-            on every second or so, and trots on the spot in between.
+            on after a second, and trots on the spot in between.
 
     Raises:
         InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
