@@ -2,7 +2,10 @@
 
 import json
 
+import pytest
 
+
+@pytest.mark.usefixtures("short_trials")
 def test_a_policy_that_stands_is_mapped(call, policy, tmp_path):
     figure = tmp_path / "turning.svg"
     outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--json", "--figure", figure)
@@ -13,6 +16,7 @@ def test_a_policy_that_stands_is_mapped(call, policy, tmp_path):
     assert figure.read_text().startswith("<?xml")
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_the_map_is_a_table(call, policy):
     outcome = call("turning", policy, "--speeds", 0, "--workers", 1)
     assert "half of mu g" in outcome.out and "+50 %" in outcome.out

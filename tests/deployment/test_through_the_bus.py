@@ -66,7 +66,7 @@ def test_the_documented_sprint_runs_a_hundred_metres_and_its_report_is_drawn(bus
     assert (address, policy) == (same, "sprint")
     robot = start_robot(bus, *options)
     status, run, robot_status, simulated = drive(bus, robot, *controls, cwd=tmp_path)
-    assert (status, robot_status) == (0, 0)
+    assert (status, robot_status) == (0, 0), run
     assert run["end"] == "passive"
     assert run["faults"] == {}
     assert 9.9 < run["sprint_time"] < 11.2
@@ -131,7 +131,7 @@ def test_over_zenoh_a_run_goes_as_over_shared_memory():
     status, run, robot_status, simulated = drive(
         address, robot, "--lock-step", "--top-speed", "3", "--distance", "1", "--no-log"
     )
-    assert (status, robot_status) == (0, 0)
+    assert (status, robot_status) == (0, 0), run
     assert run["end"] == "passive" and run["faults"] == {}
     assert simulated["commands_dropped"] == 0 and simulated["fall_reason"] == ""
 

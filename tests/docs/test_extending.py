@@ -153,6 +153,7 @@ def _training():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_trials")
 def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
     settings = _training()(schedule=example("A command schedule")["StaircaseSchedule"]())
     result, kept = _through(settings, tmp_path)
@@ -160,6 +161,7 @@ def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_trials")
 def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
     _training()
     from sprintlab.training.environment import rewards
@@ -176,6 +178,7 @@ def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_trials")
 def test_a_robot_of_ones_own_trains_exports_and_races(example, tmp_path):
     example("A robot")
     result, kept = _through(_training()(robot="longshank"), tmp_path)
