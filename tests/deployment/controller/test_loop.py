@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import os
 import subprocess
 import sys
@@ -86,6 +87,30 @@ def start(lie_down_with):
         return rig.controller, DirectBus(rig.simulated)
 
     return make
+
+
+def test_a_robot_that_asks_again_gets_the_same_answer(start):
+    """Over a middleware that drops an answer, a robot in lock-step sends its state once more."""
+    controller, bus = start(Sleeper())
+    count, send, lost = itertools.count(1), bus.send, []
+
+    def send_or_lose(command):
+        if next(count) == 50:
+            lost.append(command)
+            bus._waiting = [bus._measured]
+        else:
+            send(command)
+
+    def measure():
+        bus._measured = bus.simulated.state(len(bus.sent) * MILLISECOND)
+        return bus._measured
+
+    bus.send, bus._measure = send_or_lose, measure
+    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=0.2))
+    assert report.end == "passive" and report.steps == len(bus.sent) - 1
+    assert lost[0] in bus.sent and [command.sequence for command in bus.sent] == sorted(
+        {command.sequence for command in bus.sent}
+    )
 
 
 def test_in_lock_step_time_is_the_robots(start):

@@ -13,7 +13,14 @@ from sprintlab.deployment.controller.controller import Controller
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.realtime import RealTimeGrant, real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
-from sprintlab.deployment.interface import ControlTick, PositionFix, RobotInterface, RobotState, RunLog
+from sprintlab.deployment.interface import (
+    ControlTick,
+    JointCommand,
+    PositionFix,
+    RobotInterface,
+    RobotState,
+    RunLog,
+)
 
 PERIOD_NS = 1_000_000
 """Period of the loop [ns]."""
@@ -167,6 +174,8 @@ class _Loop:
         self._was_active = False
         self._free_at = 0.0
         self._stopped_at: float | None = None
+        self._answer_sent: JointCommand | None = None
+        self._answered = 0  # sequence of the state
 
     def run(self, steps: Callable[[], None]) -> None:
         """Go through the steps; whatever ends them, the robot hears a last, safe command at once."""
@@ -195,11 +204,20 @@ class _Loop:
             states = self._drain()
             if states:
                 heard = time.monotonic()
-                self._step(states[-1].timestamp, states, self._bus.receive_fix())
+                self._answer(states)
             elif time.monotonic() - heard > self._options.patience or self._robot_left():
                 self.report.end = "the robot is gone"
             else:
                 time.sleep(_POLL)
+
+    def _answer(self, states: list[RobotState]) -> None:
+        """A step; or the last answer once more to a robot that asks again, since one of the two was lost."""
+        newest = states[-1]
+        if self._answer_sent is not None and newest.sequence == self._answered:
+            self._bus.send(self._answer_sent)
+            return
+        self._answer_sent = self._step(newest.timestamp, states, self._bus.receive_fix())
+        self._answered = newest.sequence
 
     def _wait(self, due: int) -> int:
         left = due - time.monotonic_ns()
@@ -216,7 +234,7 @@ class _Loop:
     def _robot_left(self) -> bool:
         return bool(getattr(self._bus, "peer_left", False))
 
-    def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> None:
+    def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> JointCommand:
         tick = self._controller.step(now, states, fix)
         self._bus.send(tick.command)
         self._count(tick)
@@ -226,6 +244,7 @@ class _Loop:
         if tick.time >= self._next_status:
             self._next_status = tick.time + _STATUS_PERIOD
             self._status(self._controller, self.report)
+        return tick.command
 
     def _count(self, tick: ControlTick) -> None:
         report = self.report

@@ -9,12 +9,13 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import RobotEndpoint, RobotState
+from sprintlab.deployment.interface import PositionFix, RobotEndpoint, RobotState
 from sprintlab.deployment.simulator.world import SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
 _SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two states
+_ASK_AGAIN = 2.0  # [s] without any answer in lock-step: a busy middleware has dropped the state or the answer
 _POLL = 2e-5  # [s] between two looks at the bus in lock-step
 _MOST_COMMANDS = 32  # that one step takes: a flood of them must not hold the robot
 
@@ -164,6 +165,7 @@ class _Run:
         self._period = 1.0 / world.robot.plant.options.motor_rate
         self._answered = 0
         self._commands = 0
+        self._published: list[RobotState | PositionFix] = []
 
     def over(self) -> bool:
         """Whether the run's own end has come."""
@@ -177,8 +179,12 @@ class _Run:
 
     def _publish(self, timestamp: int) -> int:
         """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
+        self._published = self._world.messages(timestamp)
+        return self._send()
+
+    def _send(self) -> int:
         newest = 0
-        for message in self._world.messages(timestamp):
+        for message in self._published:
             if isinstance(message, RobotState):
                 if self._endpoint.publish(message):
                     newest = max(newest, message.sequence)
@@ -238,7 +244,7 @@ class _LockStep(_Run):
             return False
         before = self._commands
         newest = self._publish(round(1e9 * self._world.time))
-        begin = time.monotonic()
+        begin = asked = time.monotonic()
         self._collect()
         while self._answered < newest:
             waited = time.monotonic() - begin
@@ -248,6 +254,9 @@ class _LockStep(_Run):
             if self._commands > before and waited > _SECOND_THOUGHT:
                 return True  # it answered, but does not accept this state
             self._check_patience(waited)
+            if begin + waited - asked > _ASK_AGAIN:
+                asked = begin + waited
+                self._send()
             time.sleep(_POLL)
             self._collect()
         return True

@@ -1,0 +1,61 @@
+"""A simulated robot that waits for the answer to each of its states."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.interface import RobotState
+from sprintlab.deployment.simulator import loop as loop_module
+from sprintlab.deployment.simulator.loop import PaceOptions, _LockStep
+
+
+class Endpoint:
+    """Loses what is published until the given time; then answers each state."""
+
+    def __init__(self, lost):
+        self.lost, self.published, self.answers = lost, [], []
+
+    def publish(self, state):
+        self.published.append(state.sequence)
+        if len(self.published) > self.lost:
+            self.answers.append(SimpleNamespace(state_sequence=state.sequence))
+        return True
+
+    def receive_command(self):
+        return self.answers.pop(0) if self.answers else None
+
+
+class World:
+    time, robot = 0.0, SimpleNamespace(plant=SimpleNamespace(options=SimpleNamespace(motor_rate=1000.0)))
+
+    def __init__(self, state):
+        self.state, self.commands = state, []
+
+    def messages(self, timestamp):
+        return [self.state]
+
+    def hand_over(self, command):
+        self.commands.append(command)
+
+
+@pytest.fixture
+def state(sprint_robot):
+    from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
+
+    return SimulatedRobot(sprint_robot, SimulatorOptions(start="standing")).state(0)
+
+
+def test_a_state_that_was_dropped_is_sent_again(state: RobotState, monkeypatch):
+    monkeypatch.setattr(loop_module, "_ASK_AGAIN", 0.01)
+    world, endpoint = World(state), Endpoint(lost=2)
+    assert _LockStep(world, endpoint, PaceOptions(lock_step=True)).exchange(lambda: False)
+    assert endpoint.published == [state.sequence] * 3 and len(world.commands) == 1
+
+
+def test_who_is_never_answered_gives_up(state: RobotState, monkeypatch):
+    monkeypatch.setattr(loop_module, "_ASK_AGAIN", 0.01)
+    world, endpoint = World(state), Endpoint(lost=10**6)
+    with pytest.raises(SprintlabError, match="has not answered"):
+        _LockStep(world, endpoint, PaceOptions(lock_step=True, patience=0.1)).exchange(lambda: False)
+    assert len(endpoint.published) > 1 and not world.commands
