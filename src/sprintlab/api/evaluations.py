@@ -12,7 +12,7 @@ from rich.text import Text
 
 from sprintlab.api.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
@@ -141,15 +141,13 @@ def evaluate(
     leave_to_the_parent()
     from sprintlab.core.checks import check_positive
     from sprintlab.evaluation.clock_check import check_clock
-    from sprintlab.evaluation.pool import TrialPool
     from sprintlab.evaluation.protocol import battery_request, run_protocol
-    from sprintlab.robots import load_robot
 
     if common_speed is not None:
         check_positive("common_speed", common_speed, "m/s")
     search, plant = search or SearchOptions(), (drive or DriveOptions()).plant()
     settings, path = search.protocol(plant=plant), policy_path(policy)
-    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+    with trial_pool(path, robot, workers) as pool:
         raw, paced = (
             run_protocol(
                 pool,

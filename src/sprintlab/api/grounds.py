@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Printed, plain_table
 
@@ -99,14 +99,12 @@ def ground(
     """
     leave_to_the_parent()
     from sprintlab.evaluation.ground import GroundSettings, compare_grounds
-    from sprintlab.evaluation.pool import TrialPool
-    from sprintlab.robots import load_robot
 
     plant = (drive or DriveOptions()).plant()
     settings = GroundSettings(
         top_speed=top_speed, trials=trials, slope=slope, roughness=roughness, plant=plant
     )
     path = policy_path(policy)
-    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+    with trial_pool(path, robot, workers) as pool:
         found = compare_grounds(pool, settings, lambda kind, share: progress(f"on {kind} ground", share))
     return Grounds(policy=path.stem, found=found, notes=plant.remarks)

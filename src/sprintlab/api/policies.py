@@ -14,6 +14,7 @@ from sprintlab.core.errors import ContractMismatchError, SprintlabError
 
 if TYPE_CHECKING:
     from sprintlab.control import Policy
+    from sprintlab.evaluation.pool import TrialPool
 
 PolicyChoice = str | Path
 """A policy file, or the name of a policy that comes with the package."""
@@ -44,6 +45,18 @@ def robot_for(policy: Path, robot: RobotChoice) -> str:
         SprintlabError: the contract names a robot that is not known here.
     """
     return robot_of(load_policy(policy), policy.name) if robot is None else robot_word(robot)
+
+
+def trial_pool(policy: Path, robot: RobotChoice, workers: int | None) -> TrialPool:
+    """Processes for trials of a policy on the robot that was asked for, or else on its contract's.
+
+    Raises:
+        SprintlabError: the policy, the robot or the number of processes is refused.
+    """
+    from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.robots import load_robot
+
+    return TrialPool(policy, load_robot(robot_for(policy, robot)), workers)
 
 
 def robot_word(robot: str | Path) -> str:

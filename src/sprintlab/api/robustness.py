@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
@@ -117,14 +117,12 @@ def robustness(
         SprintlabError: policy, robot, folder or a setting is refused, or the simulation failed.
     """
     leave_to_the_parent()
-    from sprintlab.evaluation.pool import TrialPool
     from sprintlab.evaluation.robustness import StudySettings, run_study, summarize
     from sprintlab.evaluation.robustness.study import known_top_speed
-    from sprintlab.robots import load_robot
 
     path = policy_path(policy)
     place = Path("runs") / f"robustness-{path.stem}" if folder is None else Path(folder)
-    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+    with trial_pool(path, robot, workers) as pool:
         settings = StudySettings(
             top_speed=top_speed or known_top_speed(place) or _search(pool, progress),
             trials=trials,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
@@ -133,13 +133,11 @@ def turning(
         SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
     """
     leave_to_the_parent()
-    from sprintlab.evaluation.pool import TrialPool
     from sprintlab.evaluation.turning import TurningSettings, turning_map
-    from sprintlab.robots import load_robot
 
     plant = (drive or DriveOptions()).plant()
     settings, path = TurningSettings(speeds=tuple(speeds), plant=plant), policy_path(policy)
-    with TrialPool(path, load_robot(robot_for(path, robot)), workers) as pool:
+    with trial_pool(path, robot, workers) as pool:
         found = turning_map(
             pool, settings, lambda point, share: progress(f"turning at {point.command.speed:g} m/s", share)
         )
