@@ -221,7 +221,7 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _remove(folder: Path) -> None:
-    """A folder with all in it, or a link to one; nothing where there is none."""
+    """Delete a folder with its content, or a link to a folder; do nothing if it does not exist."""
     if folder.is_symlink():
         folder.unlink()
     else:

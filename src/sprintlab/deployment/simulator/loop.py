@@ -244,7 +244,7 @@ class _LockStep(_Run):
             return False
         before = self._commands
         newest = self._publish(round(1e9 * self._world.time))
-        begin = asked = time.monotonic()
+        begin, asked = time.monotonic(), 0.0
         self._collect()
         while self._answered < newest:
             waited = time.monotonic() - begin
@@ -254,8 +254,8 @@ class _LockStep(_Run):
             if self._commands > before and waited > _SECOND_THOUGHT:
                 return True  # it answered, but does not accept this state
             self._check_patience(waited)
-            if begin + waited - asked > _ASK_AGAIN:
-                asked = begin + waited
+            if waited - asked > _ASK_AGAIN:
+                asked = waited
                 self._send()
             time.sleep(_POLL)
             self._collect()

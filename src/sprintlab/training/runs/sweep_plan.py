@@ -165,7 +165,7 @@ class RunPlan:
             atomic_write_json(self.folder / RECORD_NAME, {**self.asked(), "finished": False})
 
     def last_row(self) -> dict[str, float]:
-        """The newest saved row of the log; empty where there is none yet, or none that a training writes."""
+        """The newest row of the log; empty if it has none, or if its last line is no row of a training."""
         try:
             with open_regular(self.folder / "log.jsonl", _LARGEST_LOG) as file:
                 file.seek(0, 2)
