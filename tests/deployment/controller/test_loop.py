@@ -113,6 +113,24 @@ def test_a_robot_that_asks_again_gets_the_same_answer(start):
     )
 
 
+def test_a_question_that_was_asked_twice_is_answered_once_and_is_no_fault(start):
+    """A controller that was slow finds its state twice on the bus."""
+    controller, bus = start(Sleeper())
+    receive, count = bus.receive, itertools.count(1)
+
+    def receive_twice():
+        state = receive()
+        if state is not None and next(count) % 50 == 0:
+            bus._waiting.append(state)
+        return state
+
+    bus.receive = receive_twice
+    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=0.2))
+    assert next(count) > 200 and not controller.fault_counts
+    assert report.end == "passive"
+    assert len(bus.sent) == len({command.sequence for command in bus.sent}) == report.steps + 1
+
+
 def test_in_lock_step_time_is_the_robots(start):
     controller, bus = start(Riser())
     log = Log()
