@@ -245,6 +245,41 @@ def split_otherwise_than_told():
 STRANGE += [split_otherwise_than_told, not_reduced, reduced_wholly, backwards, written_out]
 
 
+def sized(node):
+    """A tensor as large as the last number that an operator makes."""
+    nodes = [
+        node,
+        helper.make_node("Gather", ["sizes", "last"], ["size"]),
+        helper.make_node("ConstantOfShape", ["size"], ["filled"]),
+    ]
+    return model(nodes, constant("last", [-1]))
+
+
+def numbers_that_the_runtime_passes_over():
+    """In a repeated whole number, protocol buffers skip what has eight bytes; the last one here is a 1."""
+    node = helper.make_node("Constant", [], ["sizes"], value_ints=[2**31])
+    node.attribute[0].MergeFromString(b"\x41" + b"\x01" * 8)
+    return sized(node)
+
+
+def attribute_of_another_kind():
+    """The runtime goes by the kind that an attribute says, not by its name."""
+    node = helper.make_node("Constant", [], ["sizes"], value_ints=[1])
+    node.attribute[0].t.CopyFrom(constant("t", [2**31]))
+    node.attribute[0].type = onnx.AttributeProto.TENSOR
+    return sized(node)
+
+
+def number_for_a_name():
+    """A terabyte of zeros, where a text is made from a number."""
+    node = helper.make_node("Identity", ["observation"], [])
+    node.MergeFromString(b"\x10\x80\x80\x80\x80\x80\x20")
+    return model([node])
+
+
+STRANGE += [numbers_that_the_runtime_passes_over, attribute_of_another_kind, number_for_a_name]
+
+
 @pytest.mark.parametrize("make", STRANGE, ids=lambda make: make.__name__)
 def test_program_is_refused_in_time(tmp_path, make):
     path = tmp_path / "policy.onnx"
