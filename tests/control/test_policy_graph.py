@@ -232,8 +232,14 @@ def written_out():
     return model([helper.make_node("Cast", ["observation"], ["texts"], to=TensorProto.STRING)])
 
 
+def many():
+    """Few multiplications, no large tensor, but a gigabyte of them."""
+    nodes = [helper.make_node("ConstantOfShape", ["size"], [f"t{number}"]) for number in range(17)]
+    return model(nodes, constant("size", [1 << 20]))
+
+
 STRANGE = [loop, doubling, outer, filled, busy, outside, claimed, data_dependent, function]
-STRANGE += [half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
+STRANGE += [many, half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
 
 
 def split_otherwise_than_told():
@@ -311,6 +317,16 @@ def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):
         with pytest.raises(PolicyFileError, match="network fails") as refusal:
             policy.infer(np.zeros((batch, INPUT), np.float32))
         assert "\n" not in str(refusal.value)
+
+
+def test_the_runtime_prints_nothing_of_its_own(tmp_path, capfd):
+    """Its error about a name that is no text fails as well; then it would try again, and say so."""
+    content = model([helper.make_node("Relu", ["observation"], ["y"], name="NAME", unknown=1)])
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(content.SerializeToString().replace(b"NAME", b"\x80\x80\x80\x80"))
+    with pytest.raises(PolicyFileError, match="no ONNX file"):
+        load_policy(path)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", shipped_policies())
