@@ -61,6 +61,7 @@ def browser():
 def tab(browser):
     """An empty page whose script errors fail the test."""
     page = browser.new_page(viewport={"width": 900, "height": 600})
+    page.set_default_timeout(180_000)  # ms: software rendering on a shared core is slow
     errors = []
     page.on("pageerror", lambda error: errors.append(error))
     yield page

@@ -19,8 +19,6 @@ pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'"
 
 from sprintlab.viewer.page import Page, PageOptions
 
-PATIENCE = 60_000  # milliseconds; software rendering on a shared core is slow
-
 
 @pytest.fixture(scope="module")
 def address():
@@ -28,7 +26,7 @@ def address():
     command = [sys.executable, "-m", "sprintlab.cli.main", "play", "--port", "8231", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        watchdog = threading.Timer(60.0, process.kill)
+        watchdog = threading.Timer(300.0, process.kill)
         watchdog.start()
         lines = [process.stdout.readline() for _ in range(3)]
         watchdog.cancel()
@@ -42,19 +40,19 @@ def status(tab, name):
 
 def test_page_loads_robot_moves_a_slider_and_a_key_change_the_speed(tab, address):
     tab.goto(address)
-    tab.wait_for_selector("#status", timeout=PATIENCE)
+    tab.wait_for_selector("#status")
     assert tab.locator("canvas").count() >= 1
     assert abs(status(tab, "speed")) < 0.5
     slider = tab.locator("input[type=text], input[inputmode]").first
     slider.fill("3")
     slider.press("Enter")
-    tab.wait_for_function("Number(document.getElementById('status').dataset.command) > 2.9", timeout=PATIENCE)
-    tab.wait_for_function("Number(document.getElementById('status').dataset.speed) > 2.0", timeout=PATIENCE)
+    tab.wait_for_function("Number(document.getElementById('status').dataset.command) > 2.9")
+    tab.wait_for_function("Number(document.getElementById('status').dataset.speed) > 2.0")
     assert status(tab, "distance") > 0.5
     assert tab.locator("svg.envelope circle").count() == 12
     slider.blur()
     tab.keyboard.press("x")
-    tab.wait_for_function("Number(document.getElementById('status').dataset.command) < 0.1", timeout=PATIENCE)
+    tab.wait_for_function("Number(document.getElementById('status').dataset.command) < 0.1")
 
 
 def test_duration_ends_the_command(capsys):
@@ -120,7 +118,7 @@ def test_interrupt_ends_the_command_as_done():
         try:
             assert "http://localhost:" in process.stdout.readline()
             process.send_signal(signal.SIGINT)
-            assert process.communicate(timeout=30.0)[1] == ""
+            assert process.communicate(timeout=120.0)[1] == ""
         finally:
             process.kill()
         assert process.returncode == 0

@@ -129,7 +129,7 @@ def test_scene_is_drawn_and_moves(tab, page_file):
     before = tab.evaluate(picture)
     for moment in (0.2, 1.0, 1.4):
         tab.evaluate(GO_TO, moment)
-        tab.wait_for_function(f"before => {picture} !== before", arg=before, timeout=20_000)
+        tab.wait_for_function(f"before => {picture} !== before", arg=before)
         before = tab.evaluate(picture)
 
 
@@ -141,6 +141,7 @@ def test_every_window_shows_numbers_robot_and_knobs_without_a_network(
 ):
     size = {"width": width, "height": height}
     context = browser.new_context(viewport=size, color_scheme=scheme, offline=True)
+    context.set_default_timeout(180_000)
     tab, asked = context.new_page(), []
     tab.on("request", lambda request: asked.append(request.url))
     tab.goto(page_file.as_uri())

@@ -2,10 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import RobotState
+from sprintlab.deployment.interface import PositionFix, RobotState
 from sprintlab.deployment.simulator import loop as loop_module
 from sprintlab.deployment.simulator.loop import PaceOptions, _LockStep
 
@@ -14,13 +15,16 @@ class Endpoint:
     """Loses what is published until the given time; then answers each state."""
 
     def __init__(self, lost):
-        self.lost, self.published, self.answers = lost, [], []
+        self.lost, self.published, self.answers, self.fixes = lost, [], [], []
 
     def publish(self, state):
         self.published.append(state.sequence)
         if len(self.published) > self.lost:
             self.answers.append(SimpleNamespace(state_sequence=state.sequence))
         return True
+
+    def publish_fix(self, fix):
+        self.fixes.append(fix.sequence)
 
     def receive_command(self):
         return self.answers.pop(0) if self.answers else None
@@ -29,11 +33,11 @@ class Endpoint:
 class World:
     time, robot = 0.0, SimpleNamespace(plant=SimpleNamespace(options=SimpleNamespace(motor_rate=1000.0)))
 
-    def __init__(self, state):
-        self.state, self.commands = state, []
+    def __init__(self, *messages):
+        self.waiting, self.commands = list(messages), []
 
     def messages(self, timestamp):
-        return [self.state]
+        return self.waiting
 
     def hand_over(self, command):
         self.commands.append(command)
@@ -46,11 +50,14 @@ def state(sprint_robot):
     return SimulatedRobot(sprint_robot, SimulatorOptions(start="standing")).state(0)
 
 
-def test_a_state_that_was_dropped_is_sent_again(state: RobotState, monkeypatch):
+def test_a_state_that_was_dropped_is_sent_again_and_a_fix_is_not(state: RobotState, monkeypatch):
+    """The controller takes a fix that came twice for an old one, which is a fault."""
     monkeypatch.setattr(loop_module, "_ASK_AGAIN", 0.01)
-    world, endpoint = World(state), Endpoint(lost=2)
+    fix = PositionFix(sequence=4, timestamp=0, position=np.zeros(3), velocity=np.zeros(3))
+    world, endpoint = World(fix, state), Endpoint(lost=2)
     assert _LockStep(world, endpoint, PaceOptions(lock_step=True)).exchange(lambda: False)
-    assert endpoint.published == [state.sequence] * 3 and len(world.commands) == 1
+    assert endpoint.published == [state.sequence] * 3 and endpoint.fixes == [4]
+    assert len(world.commands) == 1
 
 
 def test_who_is_never_answered_gives_up(state: RobotState, monkeypatch):

@@ -9,7 +9,7 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import PositionFix, RobotEndpoint, RobotState
+from sprintlab.deployment.interface import RobotEndpoint, RobotState
 from sprintlab.deployment.simulator.world import SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
@@ -165,7 +165,7 @@ class _Run:
         self._period = 1.0 / world.robot.plant.options.motor_rate
         self._answered = 0
         self._commands = 0
-        self._published: list[RobotState | PositionFix] = []
+        self._states: list[RobotState] = []
 
     def over(self) -> bool:
         """Whether the run's own end has come."""
@@ -179,18 +179,15 @@ class _Run:
 
     def _publish(self, timestamp: int) -> int:
         """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
-        self._published = self._world.messages(timestamp)
-        return self._send()
-
-    def _send(self) -> int:
-        newest = 0
-        for message in self._published:
-            if isinstance(message, RobotState):
-                if self._endpoint.publish(message):
-                    newest = max(newest, message.sequence)
-            else:
+        messages = self._world.messages(timestamp)
+        self._states = [message for message in messages if isinstance(message, RobotState)]
+        for message in messages:
+            if not isinstance(message, RobotState):
                 self._endpoint.publish_fix(message)
-        return newest
+        return self._publish_states()
+
+    def _publish_states(self) -> int:
+        return max((state.sequence for state in self._states if self._endpoint.publish(state)), default=0)
 
     def _collect(self) -> None:
         """Take the commands that wait on the bus, not more than a step has time for."""
@@ -256,7 +253,7 @@ class _LockStep(_Run):
             self._check_patience(waited)
             if waited - asked > _ASK_AGAIN:
                 asked = waited
-                self._send()
+                self._publish_states()  # a fix that came twice would be an old one
             time.sleep(_POLL)
             self._collect()
         return True
