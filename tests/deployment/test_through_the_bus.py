@@ -156,7 +156,7 @@ def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, t
 
 def test_a_controller_without_a_robot_is_told_so(bus):
     controller = start("run", "sprint", bus)
-    _, err = controller.communicate(timeout=60)
+    _, err = controller.communicate(timeout=240)
     assert controller.returncode == 2
     assert "no robot named" in err and "Traceback" not in err
 

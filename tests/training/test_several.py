@@ -77,7 +77,7 @@ def train_two(folder: Path, device: str, seconds: float) -> Path:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return train_two(tmp_path_factory.mktemp("several"), "cpu", 120.0)
+    return train_two(tmp_path_factory.mktemp("several"), "cpu", 600.0)
 
 
 def read(folder: Path, name: str) -> dict:

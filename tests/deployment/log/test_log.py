@@ -133,7 +133,7 @@ def test_a_log_survives_the_death_of_its_controller(path):
     assert controller.stdout.readline() == b"written\n"
     controller.send_signal(signal.SIGKILL)
     controller.wait()
-    for _ in range(200):
+    for _ in range(2000):
         if path.exists():
             break
         import time
