@@ -52,10 +52,9 @@ def page(robot, policy, pad):
 
 
 @pytest.fixture(scope="module")
-def window(browser, page):
+def window(open_tab, page):
     """The page in one tab for all tests, whose script errors fail the last of them."""
-    tab = browser.new_page(viewport={"width": 900, "height": 700})
-    errors = []
+    tab, errors = open_tab(900, 700), []
     tab.on("pageerror", lambda error: errors.append(error))
     tab.goto(page.address)
     tab.wait_for_selector("#status", timeout=PATIENCE)
