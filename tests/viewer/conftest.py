@@ -12,11 +12,6 @@ from sprintlab.evaluation.trial import TrialRequest, run_trial
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # WebGL without a GPU; no sandbox, because tests often run as root in a container.
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-# Ten pictures a second: without a GPU, drawing as many as can be takes both cores from everything else.
-FEW_FRAMES = """
-window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 100);
-window.cancelAnimationFrame = clearTimeout;
-"""
 
 
 @pytest.fixture(scope="session")
@@ -62,22 +57,11 @@ def browser():
         opened.close()
 
 
-@pytest.fixture(scope="session")
-def open_tab(browser):
-    """Opens an empty page of a given size."""
-
-    def opened(width, height):
-        page = browser.new_page(viewport={"width": width, "height": height})
-        page.add_init_script(FEW_FRAMES)
-        return page
-
-    return opened
-
-
 @pytest.fixture
-def tab(open_tab):
+def tab(browser):
     """An empty page whose script errors fail the test."""
-    page, errors = open_tab(900, 600), []
+    page = browser.new_page(viewport={"width": 900, "height": 600})
+    errors = []
     page.on("pageerror", lambda error: errors.append(error))
     yield page
     page.close()
