@@ -15,13 +15,18 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
 if TYPE_CHECKING:
+    from sprintlab.api.actuators import Actuators, actuators
     from sprintlab.api.drive import DriveOptions
+    from sprintlab.api.envelopes import Envelope, envelope
     from sprintlab.api.evaluations import Evaluation, evaluate
     from sprintlab.api.grounds import Grounds, ground
+    from sprintlab.api.identification import IdentifiedMotor, identify_motor
     from sprintlab.api.limits import Limit, limit
+    from sprintlab.api.motors import ChosenMotor, chosen_motor
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
     from sprintlab.api.robustness import Robustness, robustness
+    from sprintlab.api.rollouts import AuditedRollout, audit_rollout
     from sprintlab.api.search import SearchOptions
     from sprintlab.api.steering import Lap, Turning, lap, turning
     from sprintlab.api.training import Training, export, method, train
@@ -33,9 +38,14 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Actuators",
+    "AuditedRollout",
+    "ChosenMotor",
     "DriveOptions",
+    "Envelope",
     "Evaluation",
     "Grounds",
+    "IdentifiedMotor",
     "Lap",
     "Limit",
     "Race",
@@ -45,9 +55,14 @@ __all__ = [
     "Training",
     "TrainingSettings",
     "Turning",
+    "actuators",
+    "audit_rollout",
+    "chosen_motor",
+    "envelope",
     "evaluate",
     "export",
     "ground",
+    "identify_motor",
     "lap",
     "limit",
     "load_policy",
@@ -63,9 +78,14 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Actuators": "api.actuators",
+    "AuditedRollout": "api.rollouts",
+    "ChosenMotor": "api.motors",
     "DriveOptions": "api.drive",
+    "Envelope": "api.envelopes",
     "Evaluation": "api.evaluations",
     "Grounds": "api.grounds",
+    "IdentifiedMotor": "api.identification",
     "Lap": "api.steering",
     "Limit": "api.limits",
     "Race": "api.races",
@@ -75,9 +95,14 @@ _HOMES = {
     "Training": "api.training",
     "TrainingSettings": "training.settings",
     "Turning": "api.steering",
+    "actuators": "api.actuators",
+    "audit_rollout": "api.rollouts",
+    "chosen_motor": "api.motors",
+    "envelope": "api.envelopes",
     "evaluate": "api.evaluations",
     "export": "api.training",
     "ground": "api.grounds",
+    "identify_motor": "api.identification",
     "lap": "api.steering",
     "limit": "api.limits",
     "load_policy": "api.policies",

@@ -1,42 +1,88 @@
-"""A motor by its name: a file, a joint of a robot, or one of the library; and its envelope in numbers."""
+"""A motor by its name: a file, a joint of a robot, or one of the library."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import RenderableType
+
+from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from sprintlab.evaluation.operating_points import OperatingPoints
+    from sprintlab.motors.chart import JointDrive
 
 DEFAULT_BUS_VOLTAGE = 60.0
+MOTOR_UNITS = {
+    "pole_pairs": "",
+    "stator_resistance": "ohm",
+    "q_axis_inductance": "H",
+    "flux_linkage": "Wb",
+    "peak_torque": "N m",
+    "saturation": "",
+    "rotor_inertia": "kg m^2",
+}
+"""Fields of a motor file and their units."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChosenMotor:
-    """A motor with what surrounds it.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ChosenMotor(Printed):
+    """A motor with its gear and bus voltage; prints its parameters and the speeds that follow from them."""
 
-    Attributes:
-        drive: ``JointDrive`` of plain numbers.
-        title: for tables and figures.
-        joints: columns of a trajectory that this motor drives; empty for a motor file.
-    """
-
-    drive: Any
+    drive: JointDrive
+    """Motor, gear and bus voltage as plain numbers."""
     title: str
+    """For tables and figures."""
     joints: tuple[int, ...]
+    """Columns of a trajectory that this motor drives; empty for a motor file."""
+
+    def parameters(self) -> dict[str, float]:
+        """The numbers of the motor's file, in the units of ``MOTOR_UNITS``."""
+        motor = self.drive.motor
+        return {item.name: float(getattr(motor, item.name)) for item in fields(motor)}
+
+    def speeds(self) -> dict[str, float]:
+        """No-load speed, and the speeds up to which the peak torque fits, behind the gear [rad/s]."""
+        from sprintlab.motors.chart import peak_torque_speed
+
+        return {
+            "no_load_speed": self.drive.no_load_speed,
+            "critical_speed_refined": peak_torque_speed(self.drive, "refined") or 0.0,
+            "critical_speed_v_d_0": peak_torque_speed(self.drive, "simplified-dc") or 0.0,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Parameters, bus voltage [V] and speeds [rad/s]."""
+        return {"motor": self.parameters(), "bus_voltage": self.drive.bus_voltage, **self.speeds()}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Parameters and speeds."""
+        table = plain_table(self.title, "quantity", "value", "unit", numbers=("value",))
+        for name, value in self.parameters().items():
+            table.add_row(name, f"{value:.5g}", MOTOR_UNITS.get(name, ""))
+        for name, value in self.speeds().items():
+            table.add_row(name, f"{value:.5g}", "rad/s")
+        yield table
 
 
 def chosen_motor(
-    source: str,
-    joint: str,
-    bus_voltage: float | None,
+    source: str = "bp2",
+    joint: str = "hip",
+    bus_voltage: float | None = None,
     gear_ratio: float | None = None,
     gear_efficiency: float | None = None,
 ) -> ChosenMotor:
-    """The motor that the command line names; what it leaves out comes from the robot or the library.
+    """A motor by its name; what is left out comes from the robot or the library.
+
+    Args:
+        source: a motor file (TOML), the name of a robot, or an actuator of the library.
+        joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
+        bus_voltage: [V]; 60 for a motor file when left out.
+        gear_ratio: motor speed over joint speed; 1 for a motor file when left out.
+        gear_efficiency: likewise.
 
     Raises:
         SprintlabError: no such robot or file; ``InvalidValueError``: no such joint, a bad voltage or gear.
@@ -61,57 +107,6 @@ def chosen_motor(
         title=f"{name} at {voltage:g} V{geared}",
         joints=joints,
     )
-
-
-def operating_points(chosen: ChosenMotor, trajectory: Path, joint: str) -> OperatingPoints:
-    """What a recorded run asked of the motor; for a motor alone ``joint`` names joints of the robot ``bp2``.
-
-    Raises:
-        SprintlabError: the file is no trajectory of a race.
-    """
-    from sprintlab.evaluation.operating_points import load_operating_points
-    from sprintlab.robots import load_robot
-
-    columns = chosen.joints or tuple(
-        index for index, name in enumerate(load_robot("bp2").joint_names) if name.endswith(joint)
-    )
-    return load_operating_points(trajectory, columns)
-
-
-def envelope_numbers(drive: Any, points: int) -> dict[str, Any]:
-    """Everything about a joint's envelope, ready for JSON: speeds in rad/s and torques in N m, joint side."""
-    from sprintlab.motors import MOTOR_MODELS, chart
-
-    return {
-        "bus_voltage": drive.bus_voltage,
-        "gear": asdict(drive.gear),
-        "side": "joint",
-        "no_load_speed": drive.no_load_speed,
-        "critical_speed": {model: chart.peak_torque_speed(drive, model) for model in MOTOR_MODELS},
-        "end_of_drive": {model: chart.end_of_drive(drive, model) for model in MOTOR_MODELS},
-        "peak_power": {name: asdict(chart.peak_power(drive, name)) for name in chart.envelope_names()},
-        "d_axis_cost": [
-            {**asdict(cost), "lost": cost.lost}
-            for cost in (chart.d_axis_cost(drive, share) for share in chart.D_AXIS_SHARES)
-        ],
-        "rows": envelope_rows(drive, points),
-    }
-
-
-def envelope_rows(drive: Any, points: int) -> list[dict[str, float]]:
-    """The envelopes at evenly spaced speeds from 0 to the no-load speed, one dictionary a speed.
-
-    ``NAME upper`` bounds driving and ``NAME lower`` braking; at negative speed they trade places and signs.
-    """
-    import numpy as np
-
-    from sprintlab.motors import chart
-
-    speed = np.linspace(0.0, drive.no_load_speed, points)
-    columns: dict[str, Any] = {"speed": speed}
-    for name in chart.envelope_names():
-        columns[f"{name} lower"], columns[f"{name} upper"] = chart.joint_limits(drive, speed, name)
-    return [{name: float(values[i]) for name, values in columns.items()} for i in range(points)]
 
 
 def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:

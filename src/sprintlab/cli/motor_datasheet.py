@@ -8,19 +8,9 @@ from typing import Any
 
 import tyro
 
+from sprintlab.api.motors import MOTOR_UNITS
 from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 from sprintlab.core.errors import InvalidValueError
-
-PARAMETER_UNITS = {
-    "pole_pairs": "",
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "peak_torque": "N m",
-    "saturation": "",
-    "rotor_inertia": "kg m^2",
-}
-"""Fields of a motor file and their units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,5 +83,5 @@ def parameter_table(motor: dict[str, float]) -> Any:
     """The parameters of a motor file."""
     table = plain_table("Motor", "parameter", "value", "unit", numbers=("value",))
     for name, value in motor.items():
-        table.add_row(name, f"{value:.5g}", PARAMETER_UNITS.get(name, ""))
+        table.add_row(name, f"{value:.5g}", MOTOR_UNITS.get(name, ""))
     return table

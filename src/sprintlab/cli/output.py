@@ -34,6 +34,16 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
+def arguments(command: Any) -> dict[str, Any]:
+    """A command's fields but ``figure`` and ``json``, as arguments of a function of the API.
+
+    Raises:
+        InvalidValueError: the figure could not be drawn at the end; said before any work.
+    """
+    check_figure_path(getattr(command, "figure", None))
+    return {name: value for name, value in vars(command).items() if name not in ("figure", "json")}
+
+
 def measure(function: Callable[..., Result], command: Any) -> Result:
     """Call a function of the API with a command's fields as its arguments; draw and print what it finds.
 
@@ -44,23 +54,43 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
     Raises:
         SprintlabError: the picture cannot be drawn there, or what the function raises.
     """
-    options = vars(command).copy()
-    figure, as_json = options.pop("figure", None), options.pop("json")
-    check_figure_path(figure)
-    with progress_bar(quiet=as_json) as report:
+    options = arguments(command)
+    with progress_bar(quiet=command.json) as report:
         report("loading", None)
         found = function(**options, progress=report)
-    if figure is not None and isinstance(found, Drawn):
-        from sprintlab.core.theme import save_figure
-
-        save_figure(figure, found.plot())
-    if as_json:
+    figure = getattr(command, "figure", None)
+    draw(found, figure)
+    if command.json:
         drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
         print_json({**found.to_dict(), **drawn})
         return found
     stdout_console().print(found, soft_wrap=True)
     show_files(figure=figure)
     return found
+
+
+def show(found: Printed, command: Any, soft_wrap: bool = False, **files: Path | None) -> None:
+    """Print a result as a command's ``json`` says, and name the files that were written.
+
+    Args:
+        found: the result.
+        command: whose ``json`` says whether to print JSON only.
+        soft_wrap: leave long lines to the terminal.
+        files: by what they are.
+    """
+    if command.json:
+        print_json(found.to_dict())
+        return
+    stdout_console().print(found, soft_wrap=soft_wrap)
+    show_files(**files)
+
+
+def draw(found: Printed, figure: Path | None) -> None:
+    """Draw a result, if a figure is asked for and the result offers one."""
+    if figure is not None and isinstance(found, Drawn):
+        from sprintlab.core.theme import save_figure
+
+        save_figure(figure, found.plot())
 
 
 def show_files(**paths: Path | None) -> None:
