@@ -183,6 +183,11 @@ def test_a_training_begins_where_another_run_has_come_to(tmp_path: Path) -> None
     assert state["settings"].ppo.entropy == 0.1
     assert [row["iteration"] for row in state["progress"].log] == [1, 2, 3]
     assert state["progress"].log[:2] == before["progress"].log
+    third = TrainOptions(
+        output=tmp_path / "third", settings=second, iterations=2, start_from=begun, **options
+    )
+    with pytest.raises(InvalidValueError, match=r"iterations = 2 is .*checkpoint\.pt has 2 iterations"):
+        train(third)
 
 
 def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None:

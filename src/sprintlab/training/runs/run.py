@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.training.learner.distributed import Workers, join_workers
@@ -101,6 +102,7 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     saved = read_checkpoint(checkpoint) if options.resume else None
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
+    begun = None if saved or options.start_from is None else _begun(options.start_from, options.iterations)
     settings = saved["settings"] if saved else options.full_settings()
     if unknown := unknown_settings(settings):
         raise SprintlabError(
@@ -111,11 +113,19 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
     runner = Runner(settings, device, words, options.fused, workers)
-    if saved:
-        runner.load(saved)
-    elif options.start_from is not None:
-        runner.load(read_checkpoint(options.start_from))
+    if state := saved or begun:
+        runner.load(state)
     return runner
+
+
+def _begun(path: Path, iterations: int) -> dict[str, Any]:
+    """The checkpoint that a run begins with; its iterations count, so that some must be left."""
+    state = read_checkpoint(path)
+    reached = state["progress"].iteration
+    if reached >= iterations:
+        allowed = f"{path} has {reached} iterations already, and they count: more than these"
+        raise InvalidValueError("iterations", iterations, allowed)
+    return state
 
 
 def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
