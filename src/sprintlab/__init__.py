@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
     from sprintlab.api.replay import ReplayPage, replay
+    from sprintlab.api.robot_runs import DrivenRun, RobotRun
+    from sprintlab.api.robot_simulations import RobotSimulation, SimulatedRun
     from sprintlab.api.robustness import Robustness, robustness
     from sprintlab.api.rollouts import AuditedRollout, audit_rollout
     from sprintlab.api.run_reports import RunReport, report_run
@@ -47,6 +49,7 @@ __all__ = [
     "AuditedRollout",
     "ChosenMotor",
     "DriveOptions",
+    "DrivenRun",
     "Envelope",
     "Evaluation",
     "Examination",
@@ -57,9 +60,12 @@ __all__ = [
     "Limit",
     "Race",
     "ReplayPage",
+    "RobotRun",
+    "RobotSimulation",
     "Robustness",
     "RunReport",
     "SearchOptions",
+    "SimulatedRun",
     "SprintlabError",
     "Training",
     "TrainingSettings",
@@ -96,6 +102,7 @@ _HOMES = {
     "AuditedRollout": "api.rollouts",
     "ChosenMotor": "api.motors",
     "DriveOptions": "api.drive",
+    "DrivenRun": "api.robot_runs",
     "Envelope": "api.envelopes",
     "Evaluation": "api.evaluations",
     "Examination": "api.doctor",
@@ -106,9 +113,12 @@ _HOMES = {
     "Limit": "api.limits",
     "Race": "api.races",
     "ReplayPage": "api.replay",
+    "RobotRun": "api.robot_runs",
+    "RobotSimulation": "api.robot_simulations",
     "Robustness": "api.robustness",
     "RunReport": "api.run_reports",
     "SearchOptions": "api.search",
+    "SimulatedRun": "api.robot_simulations",
     "SprintlabError": "core.errors",
     "Training": "api.training",
     "TrainingSettings": "training.settings",

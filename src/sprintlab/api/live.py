@@ -49,10 +49,15 @@ def play(
     from sprintlab.viewer.page import Page, PageOptions
 
     options = PageOptions(host=host, port=port, duration=duration, gamepad=gamepad)
-    return Page(_session(policies, robot), options)
+    return Page(live_session(policies, robot), options)
 
 
-def _session(names: Sequence[str], robot: RobotChoice) -> Session:
+def live_session(names: Sequence[str], robot: RobotChoice) -> Session:
+    """The running robot behind such a page, with the policies that it can switch between.
+
+    Raises:
+        SprintlabError: a policy or the robot is refused, or none fits.
+    """
     from sprintlab.robots import load_robot
     from sprintlab.viewer.live import Session
 
