@@ -5,6 +5,7 @@ from contextlib import closing
 import pytest
 
 import sprintlab as sl
+from sprintlab.control import shipped_policy
 from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import LoopOptions
 from sprintlab.deployment.simulator import PaceOptions
@@ -44,5 +45,5 @@ def test_what_is_refused_leaves_no_robot_on_the_bus(tmp_path):
     with pytest.raises(sl.SprintlabError, match="unknown"):
         sl.RobotSimulation("shm://api-refused", robot="no-such-robot")
     with pytest.raises(sl.SprintlabError, match="no robot named 'api-refused'"):
-        sl.RobotRun("sprint", "shm://api-refused")
+        sl.RobotRun(shipped_policy("sprint"), "shm://api-refused")
     assert not list(tmp_path.iterdir())

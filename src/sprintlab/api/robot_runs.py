@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.policies import policy_path, robot_of
+from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_of, robot_word
 from sprintlab.api.tables import Printed, plain_table
 
 if TYPE_CHECKING:
@@ -97,12 +97,12 @@ class RobotRun:
 
     def __init__(
         self,
-        policy: str = "sprint",
+        policy: PolicyChoice = "sprint",
         bus: str = "shm://bp2",
         *,
         options: LoopOptions | None = None,
         bus_config: Path | None = None,
-        robot: str | None = None,
+        robot: RobotChoice = None,
         source: str = "sprint",
         top_speed: float = 12.0,
         distance: float = 100.0,
@@ -122,13 +122,13 @@ class RobotRun:
         asked = options or LoopOptions()
         self.options = replace(asked, attended=asked.attended or source.startswith(_ATTENDED))
         self._distance, self._log = distance, None
-        path = policy_path(policy)
+        name, path = str(policy), policy_path(policy)
         loaded = load_policy(path)
-        described = load_robot(robot_of(loaded, path.name) if robot is None else robot)
+        described = load_robot(robot_of(loaded, path.name) if robot is None else robot_word(robot))
         check_contract(loaded.contract, described)
         limits = VelocityLimits(forward=top_speed)
         if leaves_this_machine(bus):
-            _clear(policy, loaded, described, top_speed, source == "sprint", despite_audit, remark)
+            _clear(name, loaded, described, top_speed, source == "sprint", despite_audit, remark)
         with ExitStack() as stack:
             self._source = open_source(source, top_speed=top_speed, distance=distance)
             stack.enter_context(closing(self._source))
@@ -138,7 +138,7 @@ class RobotRun:
             session = self._controller.session
             self._bus = stack.enter_context(closing(open_bus(bus, session=session, config=bus_config)))
             if place is not None:
-                told = {**(facts or {}), **_facts(policy, bus)}
+                told = {**(facts or {}), **_facts(name, bus)}
                 self._log = _open_log(place, loaded, described.name, told, self.options.lock_step, remark)
                 stack.callback(self._close_log)
             for text in () if asked.lock_step else lacking(asked.priority, asked.core):
@@ -160,7 +160,7 @@ class RobotRun:
 
         Args:
             interrupted: how often the user asked to end so far: once brings the robot down in order, twice
-                stops it at once.
+                stops it at once. An exception such as that of Ctrl-C damps the joints at once.
             status: told ten times a second how things stand.
         """
         from sprintlab.deployment.controller import run_loop
