@@ -139,6 +139,7 @@ def test_projected_gravity_is_the_world_down_axis_in_the_body_frame(torch):
     [
         {"angular_velocity_scale": 0.0},
         {"joint_velocity_scale": -1.0},
+        {"joint_velocity_scale": 1e308},
         {"command_scale": (0.25, 1.0)},
         {"command_scale": (0.25, float("nan"), 1.0)},
         {"history_length": 0},

@@ -232,8 +232,14 @@ def written_out():
     return model([helper.make_node("Cast", ["observation"], ["texts"], to=TensorProto.STRING)])
 
 
+def many():
+    """Few multiplications, no large tensor, but a gigabyte of them."""
+    nodes = [helper.make_node("ConstantOfShape", ["size"], [f"t{number}"]) for number in range(17)]
+    return model(nodes, constant("size", [1 << 20]))
+
+
 STRANGE = [loop, doubling, outer, filled, busy, outside, claimed, data_dependent, function]
-STRANGE += [half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
+STRANGE += [many, half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
 
 
 def split_otherwise_than_told():
@@ -243,6 +249,41 @@ def split_otherwise_than_told():
 
 
 STRANGE += [split_otherwise_than_told, not_reduced, reduced_wholly, backwards, written_out]
+
+
+def sized(node):
+    """A tensor as large as the last number that an operator makes."""
+    nodes = [
+        node,
+        helper.make_node("Gather", ["sizes", "last"], ["size"]),
+        helper.make_node("ConstantOfShape", ["size"], ["filled"]),
+    ]
+    return model(nodes, constant("last", [-1]))
+
+
+def numbers_that_the_runtime_passes_over():
+    """In a repeated whole number, protocol buffers skip what has eight bytes; the last one here is a 1."""
+    node = helper.make_node("Constant", [], ["sizes"], value_ints=[2**31])
+    node.attribute[0].MergeFromString(b"\x41" + b"\x01" * 8)
+    return sized(node)
+
+
+def attribute_of_another_kind():
+    """The runtime goes by the kind that an attribute says, not by its name."""
+    node = helper.make_node("Constant", [], ["sizes"], value_ints=[1])
+    node.attribute[0].t.CopyFrom(constant("t", [2**31]))
+    node.attribute[0].type = onnx.AttributeProto.TENSOR
+    return sized(node)
+
+
+def number_for_a_name():
+    """A terabyte of zeros, where a text is made from a number."""
+    node = helper.make_node("Identity", ["observation"], [])
+    node.MergeFromString(b"\x10\x80\x80\x80\x80\x80\x20")
+    return model([node])
+
+
+STRANGE += [numbers_that_the_runtime_passes_over, attribute_of_another_kind, number_for_a_name]
 
 
 @pytest.mark.parametrize("make", STRANGE, ids=lambda make: make.__name__)
@@ -276,6 +317,16 @@ def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):
         with pytest.raises(PolicyFileError, match="network fails") as refusal:
             policy.infer(np.zeros((batch, INPUT), np.float32))
         assert "\n" not in str(refusal.value)
+
+
+def test_the_runtime_prints_nothing_of_its_own(tmp_path, capfd):
+    """Its error about a name that is no text fails as well; then it would try again, and say so."""
+    content = model([helper.make_node("Relu", ["observation"], ["y"], name="NAME", unknown=1)])
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(content.SerializeToString().replace(b"NAME", b"\x80\x80\x80\x80"))
+    with pytest.raises(PolicyFileError, match="no ONNX file"):
+        load_policy(path)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", shipped_policies())

@@ -31,6 +31,17 @@ def test_pipe_is_refused_at_once(tmp_path):
         read_bytes(tmp_path / "pipe", 100)
 
 
+def test_pipe_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch):
+    """Between the question what it is and its opening."""
+    (tmp_path / "file").write_text("x = 1\n")
+    os.mkfifo(tmp_path / "pipe")
+    before = os.stat(tmp_path / "file")
+    with monkeypatch.context() as patch:
+        patch.setattr("sprintlab.core.reading.os.stat", lambda path: before)
+        with pytest.raises(SprintlabError, match="no regular file"):
+            read_bytes(tmp_path / "pipe", 100)
+
+
 @pytest.mark.parametrize("path", ["/dev/zero", "/", "no such file", "with\0zero"])
 def test_what_is_no_file_is_refused(path):
     with pytest.raises(RobotModelError, match="cannot read robot"):

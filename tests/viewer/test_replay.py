@@ -267,12 +267,22 @@ def test_incomplete_trajectory_is_refused(tmp_path):
         ("qpos", lambda values: values[:, 0], "qpos has shape"),
         ("command", lambda values: values[:100], "command has shape"),
         ("velocity", lambda values: values[:, :0], "velocity has shape"),
+        ("time", lambda values: np.arange(len(values), 0, -1).astype(np.uint64), "time does not rise"),
+        ("qpos", lambda values: np.where(values == values[9, 0], 1.7e308, values), "beyond 1e\\+09"),
+        ("motor_torque", lambda values: values.astype(np.longdouble) - 1e12, "beyond 1e\\+09"),
     ],
 )
 def test_damaged_trajectories_are_refused(recorded, tmp_path, name, change, message):
     np.savez(tmp_path / "damaged.npz", **{**recorded, name: change(recorded[name])})
     with pytest.raises(SprintlabError, match=message):
         load_arrays(tmp_path / "damaged.npz")
+
+
+def test_a_trajectory_for_which_no_page_has_room_is_refused(tmp_path, monkeypatch, recorded):
+    monkeypatch.setattr("sprintlab.viewer.replay.MOST_SAMPLES", len(recorded["time"]) - 1)
+    np.savez(tmp_path / "long.npz", **recorded)
+    with pytest.raises(SprintlabError, match="the most that a page shows"):
+        load_arrays(tmp_path / "long.npz")
 
 
 def test_a_plain_array_is_no_trajectory(tmp_path):

@@ -31,6 +31,9 @@ FloatArray = NDArray[np.float64]
 RATE = 500.0
 """Samples a second of the trajectory [Hz], as the evaluation's."""
 
+_SHORTEST = 0.5  # run that is drawn [s]
+_SPARSEST = 100.0  # control steps a second of a log that is drawn; a controller makes a thousand
+
 _FULL_SHARE = 0.95  # of the highest command: from there on it counts as held
 
 
@@ -43,17 +46,15 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
         distance: to be timed [m].
 
     Raises:
-        LogError: the policy never drove, the log holds fewer than two position fixes of that time, or it is
-            of a robot with other joints.
+        LogError: the policy never drove, the log holds fewer than two position fixes of that time or gaps in
+            place of its control steps, or it is of a robot with other joints.
     """
     if record.states.joints != len(robot.joint_names):
         found = f"{record.states.joints} joints, {robot.name} has {len(robot.joint_names)}"
         raise LogError(f"the log is of a robot with {found}")
     running = record.column("ticks", "mode") == "run"
-    if running.sum() < RATE:
-        raise LogError("the log holds less than half a second of running: there is nothing to draw")
     tick_time = record.column("ticks", "time")
-    begin, end = tick_time[running][[0, -1]].tolist()
+    begin, end = _span(record, running, tick_time)
     time = np.arange(0.0, end - begin, 1.0 / RATE)
     course = _Course(record, begin, end)
     trajectory = _trajectory(record, robot, course, time, begin)
@@ -71,6 +72,23 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
         distance=distance,
         faults=dict(faults),
     )
+
+
+def _span(record: RunRecord, running: NDArray[np.bool_], tick_time: FloatArray) -> tuple[float, float]:
+    """When the policy began and ceased to drive [s].
+
+    Raises:
+        LogError: it never drove, or the log has holes.
+    """
+    begin, end = tick_time[running][[0, -1]].tolist() if running.any() else (0.0, 0.0)
+    if end - begin < _SHORTEST:
+        raise LogError("the log holds less than half a second of running: there is nothing to draw")
+    if not (running & record.column("ticks", "policy_step")).any() or len(record.states) < 2:
+        raise LogError("the log holds no policy step of the run, or a single state: there is nothing to draw")
+    inside = (tick_time >= begin) & (tick_time <= end)
+    if inside.sum() < _SPARSEST * (end - begin):
+        raise LogError(f"the log has gaps: fewer than {_SPARSEST:g} control steps a second of the run")
+    return begin, end
 
 
 class _Course:

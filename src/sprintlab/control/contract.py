@@ -15,7 +15,7 @@ import numpy as np
 
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
-from sprintlab.core.checks import check_finite, check_positive
+from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
@@ -26,6 +26,7 @@ _LONGEST = 1 << 20  # characters of a contract; those of this package have some 
 POLICY_RATE_HZ = 50.0
 MOTOR_RATE_HZ = 1000.0
 ACTION_LIMIT = 10.0
+_LARGEST_ACTION = 1e6  # far beyond every joint, and finite in 32 bits
 
 Vector = tuple[float, ...]
 Interval = tuple[float, float]
@@ -200,6 +201,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
                 check_vector(f"motors.{field}", getattr(self.motors, field), joints)
         for field in ("action_limit", "policy_rate_hz", "motor_rate_hz"):
             check_positive(field, getattr(self, field))
+        check_range("action_limit", self.action_limit, 0.0, _LARGEST_ACTION)
 
     @property
     def layout(self) -> Observation:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sprintlab.control.arrays import Array, namespace, where_rows
-from sprintlab.core.checks import check_positive
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
+_LARGEST_SCALE = 1e6  # what a sensor can show stays finite in 32 bits
 _VECTOR, _ROTATION = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 
 
@@ -62,8 +63,8 @@ class ObservationLayout:
         history_length: frames in the network input, oldest first.
 
     Raises:
-        InvalidValueError: a scale is not positive, ``command_scale`` has not three entries, or the
-            history is no positive whole number.
+        InvalidValueError: a scale is not positive or above 1e6, ``command_scale`` has not three entries, or
+            the history is no positive whole number.
     """
 
     angular_velocity_scale: float = 0.25
@@ -80,6 +81,7 @@ class ObservationLayout:
         for term in self.for_joints(1).terms:
             for scale in term.scales:
                 check_positive(f"{term.name} scale", scale)
+                check_range(f"{term.name} scale", scale, 0.0, _LARGEST_SCALE)
         if type(self.history_length) is not int or self.history_length < 1:
             raise InvalidValueError("history_length", self.history_length, "a whole number of at least 1")
 

@@ -319,7 +319,10 @@ def _open_session(path: Path) -> Any:
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
     try:
-        return runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        # There is nothing to fall back to, and the runtime prints that it does.
+        return runtime.InferenceSession(
+            content, options, providers=["CPUExecutionProvider"], enable_fallback=False
+        )
     except Exception as error:  # onnxruntime's exceptions share no other base
         raise PolicyFileError(f"{path} is damaged or no ONNX file ({type(error).__name__})") from error
 

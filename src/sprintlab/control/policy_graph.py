@@ -35,6 +35,9 @@ _FOLLOWED = {
 }  # types whose values are followed: here and in the runtime they are the same to the last bit
 _WHOLE = set(range(2, 8)) | {12, 13}
 _INT64 = 7
+# Kinds of attributes, and the field in which each keeps its value.
+_FLOAT, _WHOLE_NUMBER, _TENSOR, _WHOLE_NUMBERS = 1, 2, 4, 7
+_VALUE_FIELDS = {_FLOAT: -2, _WHOLE_NUMBER: 3, 3: 4, _TENSOR: 5, 6: 7, _WHOLE_NUMBERS: 8, 8: 9}
 
 
 class GraphError(ValueError):
@@ -56,9 +59,9 @@ class _Tensor(NamedTuple):
 
 
 class _Attribute(NamedTuple):
+    kind: int
     number: int
     numbers: tuple[int, ...]
-    text: bytes
     tensor: _Tensor | None
 
 
@@ -69,7 +72,15 @@ class _Node(NamedTuple):
     attributes: Mapping[str, _Attribute]
 
     def number(self, name: str, default: int) -> int:
-        return self.attributes[name].number if name in self.attributes else default
+        return self.of_kind(name, _WHOLE_NUMBER).number if name in self.attributes else default
+
+    def of_kind(self, name: str, kind: int) -> _Attribute:
+        """An attribute that is there; of another kind runtimes take another value, or their default."""
+        if self.attributes[name].kind != kind:
+            raise GraphError(
+                f"holds an operator {self.operator} with an attribute of another kind than it has"
+            )
+        return self.attributes[name]
 
     def flag(self, name: str, default: bool) -> bool:
         """A choice of two; runtimes differ in what they make of any other number."""
@@ -118,7 +129,11 @@ class _Wire:
         self._fields = 0
 
     def fields(self, data: memoryview) -> dict[int, list[Any]]:
-        """Values by field number: whole numbers, or the bytes of everything else."""
+        """Values by field number: whole numbers, or the bytes of everything else.
+
+        Numbers of four or eight bytes stand under the negative field number: where the field is of another
+        kind, runtimes pass over them.
+        """
         found: dict[int, list[Any]] = {}
         at = 0
         while at < len(data):
@@ -136,7 +151,7 @@ class _Wire:
                 value, at = data[at : at + length], at + length
             else:
                 raise GraphError("is damaged")
-            found.setdefault(key >> 3, []).append(value)
+            found.setdefault(-(key >> 3) if kind in (1, 5) else key >> 3, []).append(value)
         return found
 
 
@@ -157,8 +172,14 @@ def _signed(value: Any) -> int:
     return value - (1 << 64) if value >> 63 else value
 
 
+def _bytes(value: Any) -> bytes:
+    if isinstance(value, int):  # bytes(n) would be n zeros
+        raise GraphError("is damaged")
+    return bytes(value)
+
+
 def _text(value: Any) -> str:
-    return bytes(value).decode("utf-8")
+    return _bytes(value).decode("utf-8")
 
 
 def _single(fields: Mapping[int, list[Any]], number: int, default: Any = None) -> Any:
@@ -241,7 +262,7 @@ def _listed(fields: Mapping[int, list[Any]], kind: int, count: int) -> Value:
     number = {1: 4, 2: 5, 3: 5, 6: 5, 7: 7, 9: 5, 11: 10}[kind]
     found = fields.get(number, [])
     if kind in (1, 11):
-        text = b"".join(bytes(value) for value in found)
+        text = b"".join(_bytes(value) for value in (*found, *fields.get(-number, [])))
         size = 4 if kind == 1 else 8
         if len(text) != count * size:
             raise GraphError("holds a tensor whose size is not that of its shape")
@@ -273,23 +294,32 @@ def _read_node(wire: _Wire, data: memoryview) -> _Node:
         raise GraphError(f"uses the operator {known[:60]!r}, which is none of those that a policy may use")
     attributes: dict[str, _Attribute] = {}
     for item in fields.get(5, []):
-        inner = wire.fields(item)
-        if {6, 10, 11, 14, 15, 21, 22, 23} & inner.keys():
-            raise GraphError(f"holds a network within its operator {operator}")
-        tensor = _read_tensor(wire, _single(inner, 5))[1] if 5 in inner else None
-        name = _text(_single(inner, 1, b""))
-        attributes[name] = _Attribute(
-            _signed(_single(inner, 3, 0)),
-            _whole_numbers(inner.get(8, [])),
-            bytes(_single(inner, 4, b"")),
-            tensor,
-        )
+        name, attribute = _read_attribute(wire, item, operator)
+        if name in attributes:
+            raise GraphError("is damaged: an entry comes twice")
+        attributes[name] = attribute
     return _Node(
         operator,
         tuple(_text(value) for value in fields.get(1, [])),
         tuple(_text(value) for value in fields.get(2, [])),
         attributes,
     )
+
+
+def _read_attribute(wire: _Wire, data: memoryview, operator: str) -> tuple[str, _Attribute]:
+    """Name and value; refuses one that holds a value of another kind than it says."""
+    fields = wire.fields(data)
+    if {6, 10, 11, 14, 15, 21, 22, 23} & fields.keys():
+        raise GraphError(f"holds a network within its operator {operator}")
+    kind = _single(fields, 20, 0)
+    values = {2, -2, 3, 4, 5, 7, -7, 8, 9} & fields.keys()
+    if kind not in _VALUE_FIELDS or not values <= {_VALUE_FIELDS[kind], -7 if kind == 6 else 0}:
+        raise GraphError(
+            f"holds an attribute of its operator {operator} that is of another kind than it says"
+        )
+    tensor = _read_tensor(wire, _single(fields, 5))[1] if 5 in fields else None
+    number, numbers = _signed(_single(fields, 3, 0)), _whole_numbers(fields.get(8, []))
+    return _text(_single(fields, 1, b"")), _Attribute(kind, number, numbers, tensor)
 
 
 # --- sizes ------------------------------------------------------------------------------------------------
@@ -348,7 +378,7 @@ def _makes_whole(node: _Node, inputs: Inputs) -> bool:
     if node.operator == "Cast":
         return node.number("to", 1) in _WHOLE
     if node.operator in ("Constant", "ConstantOfShape"):
-        tensor = node.attributes["value"].tensor if "value" in node.attributes else None
+        tensor = node.of_kind("value", _TENSOR).tensor if "value" in node.attributes else None
         named = "value_int" in node.attributes or "value_ints" in node.attributes
         return named if tensor is None else tensor.whole
     if node.operator in _TRUTHS:
@@ -459,14 +489,15 @@ def _gemm(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _constant(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     (name,) = node.attributes
-    attribute = node.attributes[name]
-    if name == "value" and attribute.tensor is not None:
-        return [attribute.tensor]
+    tensor = node.of_kind(name, _TENSOR).tensor if name == "value" else None
+    if tensor is not None:
+        return [tensor]
     if name == "value_int":
-        return [_Tensor((), np.array(attribute.number))]
+        return [_Tensor((), np.array(node.number(name, 0)))]
     if name == "value_ints":
-        return [_Tensor((len(attribute.numbers),), np.array(attribute.numbers, dtype=np.int64))]
-    if name == "value_float":
+        numbers = node.of_kind(name, _WHOLE_NUMBERS).numbers
+        return [_Tensor((len(numbers),), np.array(numbers, dtype=np.int64))]
+    if name == "value_float" and node.of_kind(name, _FLOAT):
         return [_Tensor(())]
     raise GraphError("holds a constant of a kind that no policy has")
 
@@ -497,7 +528,7 @@ def _axes(node: _Node, inputs: Inputs, default: Sequence[int] = ()) -> tuple[int
     An empty list is refused: by operator and version it means none of the axes, or all.
     """
     if "axes" in node.attributes:
-        axes = node.attributes["axes"].numbers
+        axes = node.of_kind("axes", _WHOLE_NUMBERS).numbers
     elif len(inputs) > 1 and inputs[1] is not None:
         axes = tuple(int(value) for value in _known(inputs, 1).reshape(-1))
     else:
@@ -543,7 +574,7 @@ def _concat(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = _checked([int(size) for size in _known(inputs, 0).reshape(-1)])
-    given = node.attributes["value"].tensor if "value" in node.attributes else None
+    given = node.of_kind("value", _TENSOR).tensor if "value" in node.attributes else None
     value = None if given is None else given.value
     return [_kept(shape, [value], lambda v: np.full(shape, v[0].reshape(-1)[0]))]
 
@@ -598,7 +629,9 @@ def _flatten(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _transpose(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = _given(inputs, 0).shape
-    order = node.attributes["perm"].numbers if "perm" in node.attributes else range(len(shape))[::-1]
+    order = (
+        node.of_kind("perm", _WHOLE_NUMBERS).numbers if "perm" in node.attributes else range(len(shape))[::-1]
+    )
     if sorted(order) != list(range(len(shape))):
         raise ValueError("perm")
     return [_Tensor(tuple(shape[place] for place in order))]
@@ -610,7 +643,7 @@ def _split(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     if len(inputs) > 1 and inputs[1] is not None:
         sizes = [int(size) for size in _known(inputs, 1).reshape(-1)]
     elif "split" in node.attributes:
-        sizes = list(node.attributes["split"].numbers)
+        sizes = list(node.of_kind("split", _WHOLE_NUMBERS).numbers)
     else:
         size = -(-shape[axis] // parts)
         sizes = [min(size, shape[axis] - size * part) for part in range(parts)]

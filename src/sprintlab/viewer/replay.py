@@ -41,6 +41,9 @@ JOINT_ARRAYS = ("joint_velocity", "motor_torque", "torque_lower", "torque_upper"
 COLORS = ("#0b6bcb", "#d9480f", "#0e9384", "#7a5af8", "#b45309", "#be185d")
 """Of the runs, in the order of their lanes."""
 PACE_COLOR = "#d4a72c"
+MOST_SAMPLES = 500_000
+"""Longest trajectory of a page [samples]: a quarter of an hour at 500 Hz."""
+_LARGEST = 1e9  # of any number, in its SI unit
 NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
@@ -117,8 +120,8 @@ def load_arrays(path: Path) -> dict[str, Array]:
     """The arrays of a recorded trajectory that a replay needs.
 
     Raises:
-        SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples, or an array
-            does not fit the others or holds what is no number.
+        SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples or more than
+            ``MOST_SAMPLES``; or an array does not fit the others, or holds no numbers or too large ones.
     """
     if not path.exists():
         raise SprintlabError(f"{path} does not exist; a race writes it")
@@ -129,15 +132,17 @@ def load_arrays(path: Path) -> dict[str, Array]:
         raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
     if arrays["time"].size < 2:
         raise SprintlabError(f"{path} holds no two samples: there is nothing to replay")
-    for name, values in arrays.items():
-        _check_array(path, name, values, len(arrays["time"]) if arrays["time"].ndim else 0)
+    if arrays["time"].size > MOST_SAMPLES:
+        raise SprintlabError(f"{path} holds more than {MOST_SAMPLES} samples, the most that a page shows")
+    samples = len(arrays["time"])
+    arrays = {name: _checked(path, name, values, samples) for name, values in arrays.items()}
     if not np.all(np.diff(arrays["time"]) > 0.0):
         raise SprintlabError(f"{path} is no trajectory: its time does not rise")
     return arrays
 
 
-def _check_array(path: Path, name: str, values: Array, samples: int) -> None:
-    """Refuse what is no ``(samples,)`` time or ``(samples, n)`` table of finite numbers."""
+def _checked(path: Path, name: str, values: Array, samples: int) -> Array:
+    """A ``(samples,)`` time or a ``(samples, n)`` table as numbers of 64 bits; anything else is refused."""
     dimensions = 1 if name == "time" else 2
     if values.ndim != dimensions or len(values) != samples or values.size == 0:
         expected = f"({samples},)" if dimensions == 1 else f"({samples}, n)"
@@ -146,6 +151,11 @@ def _check_array(path: Path, name: str, values: Array, samples: int) -> None:
         )
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise SprintlabError(f"{path} is no trajectory: {name} holds what is no finite number")
+    with np.errstate(over="ignore"):
+        numbers = values.astype(np.float64)
+    if np.abs(numbers).max() > _LARGEST:
+        raise SprintlabError(f"{path} is no trajectory: {name} holds a number beyond {_LARGEST:g}")
+    return numbers
 
 
 def write_replay(

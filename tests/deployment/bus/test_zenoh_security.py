@@ -155,7 +155,7 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
     section = {"user": "robot", "password": "r", "dictionary_file": str(users)}
     config = write_config(tmp_path / "robot.json", users=section)
     with pytest.raises(BusError, match="user file"):
-        open_endpoint(address, config=config)
+        open_endpoint(address, config=config).close()
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
 )
 def test_a_configuration_that_would_let_everybody_in_is_refused(address, tmp_path, section, match):
     with pytest.raises(BusError, match=match):
-        open_endpoint(address, config=write_config(tmp_path / "robot.json", **section))
+        open_endpoint(address, config=write_config(tmp_path / "robot.json", **section)).close()
 
 
 def test_an_error_does_not_print_passwords(address, tmp_path):

@@ -1,6 +1,7 @@
 """Log files: what comes back, what survives a crash, what is refused."""
 
 import io
+import json
 import os
 import signal
 import struct
@@ -87,8 +88,6 @@ def test_everything_comes_back(path):
 
 
 def test_other_programs_can_read_the_ticks(path):
-    import json
-
     from mcap.reader import make_reader
 
     write(path, 40)
@@ -323,6 +322,51 @@ def test_records_that_no_log_holds(path, records, match):
     with pytest.raises(LogError, match=match) as refusal:
         read_log(path)
     assert "\n" not in str(refusal.value)
+
+
+def note(**facts):
+    """A metadata record."""
+    text = b"".join(
+        struct.pack("<I", len(part)) + part for pair in facts.items() for part in map(str.encode, pair)
+    )
+    return 12, struct.pack("<I", 9) + b"sprintlab" + struct.pack("<I", len(text)) + text
+
+
+def steps(*changes):
+    """Records of control steps, each with one change of an ordinary one."""
+    yield 4, struct.pack("<HHI", 1, 0, 16) + b"/controller/tick"
+    sound = {"time": 1.0, "mode": "run", "velocity": [0.0] * 3, "targets": [0.0] * 12}
+    sound |= {"policy_step": True, "faults": [], "compute_time": 0.0}
+    for change in changes:
+        yield 5, struct.pack("<HIQQ", 1, 0, 0, 0) + json.dumps(sound | change).encode()
+
+
+@pytest.mark.parametrize(
+    ("records", "match"),
+    [
+        (steps({"mode": "x" * 3_000_000}), "length <= 100"),
+        (steps(*({"mode": str(number)} for number in range(1001))), "1000 modes"),
+        (steps({"faults": [""] * 1001}), "length <= 1000"),
+        (steps({"faults": ["x" * 101]}), "length <= 100"),
+        (steps(*({"faults": [str(number)]} for number in range(1001))), "1000 kinds of faults"),
+        (steps({"targets": [0] * 1_000_000}), "length <= 32"),
+        ([note(**{str(number): "" for number in range(1001)})], "1000 facts"),
+    ],
+    ids=["long-mode", "modes", "faults-of-a-step", "long-fault", "kinds-of-faults", "targets", "facts"],
+)
+def test_names_and_lists_that_fill_memory_are_refused(path, records, match):
+    """Packed, a few kilobytes hold millions of them."""
+    mcap_file(path, *records)
+    with pytest.raises(LogError, match=match) as refusal:
+        read_log(path)
+    assert len(str(refusal.value)) < 400
+
+
+def test_faults_are_bounded_in_sum(path, monkeypatch):
+    monkeypatch.setattr("sprintlab.deployment.log.reader._MOST_FAULTS", 100)
+    mcap_file(path, *steps(*[{"faults": ["fall"] * 51}] * 2))
+    with pytest.raises(LogError, match="too many"):
+        read_log(path)
 
 
 def test_columns_and_messages_are_the_same(path):

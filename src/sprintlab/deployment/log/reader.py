@@ -39,6 +39,7 @@ from sprintlab.deployment.log.topics import (
     FIX,
     STATE,
     TICK,
+    TOPICS,
     LogError,
     TickRecord,
 )
@@ -60,6 +61,8 @@ _MOST_RECORDS = 3 * MOST_MESSAGES + 1_000_000  # of all kinds: states, commands,
 _LARGEST_WINDOW = 64 << 20
 _LARGEST_CHUNK = 64 << 20
 _LARGEST_NOTE = 4 << 20  # facts, contract
+_MOST_NAMES = 1000  # of facts, of modes, of faults
+_MOST_FAULTS = 8 * MOST_MESSAGES  # in all control steps
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = 3, 4, 5, 6, 9, 12
 _NOTES = {_CHANNEL, _ATTACHMENT, _METADATA}
 _IN_CHUNKS = {_SCHEMA, _CHANNEL, _MESSAGE}
@@ -140,6 +143,7 @@ class Ticks(Sequence[TickRecord]):
         self._decoder = msgspec.json.Decoder(TickRecord)
         self._numbers = array("d")
         self._modes, self._names = array("H"), dict[str, int]()
+        self._fault_names, self._fault_count = dict[str, str](), 0
         self._policy_steps = bytearray()
         self.joints = 0
         self.faults: dict[int, tuple[str, ...]] = {}
@@ -153,12 +157,20 @@ class Ticks(Sequence[TickRecord]):
                 f"a control step has {len(tick.velocity)} velocities and {len(tick.targets)} targets"
             )
         if tick.faults:
-            self.faults[len(self)] = tick.faults
-        if tick.mode not in self._names and len(self._names) == 1000:
-            raise LogError("its control steps have more than 1000 modes")
+            self._add_faults(tick.faults)
+        if tick.mode not in self._names and len(self._names) == _MOST_NAMES:
+            raise LogError(f"its control steps have more than {_MOST_NAMES} modes")
         self._modes.append(self._names.setdefault(tick.mode, len(self._names)))
         self._policy_steps.append(tick.policy_step)
         self._numbers.extend((tick.time, *tick.velocity, *tick.targets, tick.compute_time))
+
+    def _add_faults(self, names: tuple[str, ...]) -> None:
+        """Keep the faults of a step, each name in one place."""
+        known = self._fault_names
+        self.faults[len(self)] = tuple(known.setdefault(name, name) for name in names)
+        self._fault_count += len(names)
+        if len(known) > _MOST_NAMES or self._fault_count > _MOST_FAULTS:
+            raise LogError(f"its control steps have more than {_MOST_NAMES} kinds of faults, or too many")
 
     def column(self, field: str) -> NDArray[Any]:
         """One field of all steps: ``(n,)``, ``(n, 3)`` or ``(n, joints)``; of ``mode`` the names."""
@@ -398,7 +410,8 @@ class _Reader:
     def _take_note(self, kind: int, content: bytes) -> None:
         if kind == _CHANNEL:
             (number,) = struct.unpack_from("<H", content)
-            self._topics[number], _ = _text(content, 4)
+            topic, _ = _text(content, 4)
+            self._topics[number] = topic if topic in TOPICS else ""
         elif kind == _ATTACHMENT:
             name, at = _text(content, 16)
             _, at = _text(content, at)
@@ -411,7 +424,9 @@ class _Reader:
             while name in (FACTS_NAME, END_NAME) and at < end:
                 key, at = _text(content, at)
                 value, at = _text(content, at)
-                self._facts[key] = printable(value)
+                self._facts[printable(key, 100)] = printable(value)
+                if len(self._facts) > _MOST_NAMES:
+                    raise LogError(f"it says more than {_MOST_NAMES} facts of its run")
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:

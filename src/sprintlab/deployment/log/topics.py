@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import struct
-from typing import IO, NamedTuple
+from typing import IO, Annotated, NamedTuple
 
 import msgspec
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.deployment.interface import MOST_JOINTS
 
 STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/controller/tick"
 TOPICS = (STATE, COMMAND, FIX, TICK)
@@ -27,15 +28,21 @@ class LogError(SprintlabError):
     """A log cannot be written or read."""
 
 
+_Name = Annotated[str, msgspec.Meta(max_length=100)]
+
+
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of ``/controller/tick``: what is not in the messages of the bus; see ``ControlTick``."""
+    """One line of ``/controller/tick``: what is not in the messages of the bus; see ``ControlTick``.
+
+    The lengths bound what is read; a step of a controller stays far below them.
+    """
 
     time: float
-    mode: str
-    velocity: tuple[float, ...]
-    targets: tuple[float, ...]
+    mode: _Name
+    velocity: Annotated[tuple[float, ...], msgspec.Meta(max_length=3)]
+    targets: Annotated[tuple[float, ...], msgspec.Meta(max_length=MOST_JOINTS)]
     policy_step: bool
-    faults: tuple[str, ...]
+    faults: Annotated[tuple[_Name, ...], msgspec.Meta(max_length=1000)]
     compute_time: float
 
 
