@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sprintlab.control import Policy
     from sprintlab.deployment.controller import Controller, LoopOptions, LoopReport
     from sprintlab.deployment.log import McapRunLog
-    from sprintlab.robots import RobotDescription
 
 Remark = Callable[[str], None]
 _ATTENDED = ("keyboard", "gamepad")
@@ -111,6 +110,7 @@ class RobotRun:
         facts: Mapping[str, str] | None = None,
         remark: Remark = lambda text: None,
     ) -> None:
+        from sprintlab.api.clearance import require_clearance
         from sprintlab.control import check_contract, load_policy
         from sprintlab.deployment.bus import leaves_this_machine, open_bus
         from sprintlab.deployment.controller import Controller, LoopOptions
@@ -128,7 +128,11 @@ class RobotRun:
         check_contract(loaded.contract, described)
         limits = VelocityLimits(forward=top_speed)
         if leaves_this_machine(bus):
-            _clear(name, loaded, described, top_speed, source == "sprint", despite_audit, remark)
+            # A policy that would break a robot that may be real.
+            if despite_audit is None:
+                remark(f"auditing {name} at {top_speed:g} m/s in simulation first")
+            paced = source == "sprint"
+            require_clearance(name, loaded, described, top_speed, self_paced=paced, despite=despite_audit)
         with ExitStack() as stack:
             self._source = open_source(source, top_speed=top_speed, distance=distance)
             stack.enter_context(closing(self._source))
@@ -228,23 +232,6 @@ def _open_log(
     log = McapRunLog(path, content, wait=wait)
     remark(f"log: {path}")
     return log
-
-
-def _clear(
-    name: str,
-    policy: Policy,
-    robot: RobotDescription,
-    top_speed: float,
-    self_paced: bool,
-    despite: str | None,
-    remark: Remark,
-) -> None:
-    """Refuse a policy that would break a robot that may be real."""
-    from sprintlab.api.clearance import require_clearance
-
-    if despite is None:
-        remark(f"auditing {name} at {top_speed:g} m/s in simulation first")
-    require_clearance(name, policy, robot, top_speed, self_paced=self_paced, despite=despite)
 
 
 def _in_order(controller: Controller, report: LoopReport) -> bool:
