@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 from rich.console import RenderableType
 
+from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table, styled
 from sprintlab.core.extras import package_version
 
@@ -124,7 +125,7 @@ def doctor(
     *,
     thorough: bool = False,
     training: bool = False,
-    progress: Callable[[str, float | None], None] = lambda what, share: None,
+    progress: Progress = lambda what, share: None,
 ) -> Examination:
     """Try out what sprintlab needs: packages, GPU, graph capture, compiler, OpenGL, disk.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import plain_table
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def ground(
     robot: RobotChoice = None,
     drive: DriveOptions | None = None,
     workers: int | None = None,
-    progress: Callable[[str, float | None], None] = lambda what, share: None,
+    progress: Progress = lambda what, share: None,
 ) -> Grounds:
     """Measure what slopes, up and down, and rough ground cost a policy.
 

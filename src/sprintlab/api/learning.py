@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import RenderableType
 
+from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.api.training import require_training
 from sprintlab.core.errors import SprintlabError
@@ -53,7 +54,7 @@ def learning(
     run_folder: Path | str,
     output: Path | str | None = None,
     *,
-    progress: Callable[[str, float | None], None] = lambda what, share: None,
+    progress: Progress = lambda what, share: None,
 ) -> Learning:
     """Say how far a training run has come, and draw its curves, curriculum and speeds.
 

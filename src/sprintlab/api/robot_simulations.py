@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.policies import RobotChoice, default_robot
+from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
@@ -98,7 +99,7 @@ class RobotSimulation:
     def run(
         self,
         stopped: Callable[[], bool] = lambda: False,
-        progress: Callable[[str, float | None], None] = lambda what, share: None,
+        progress: Progress = lambda what, share: None,
     ) -> SimulatedRun:
         """Simulate until the end that ``pace`` sets, or until told to stop.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.policies import policy_path
+from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from sprintlab.evaluation.results import TrialResult
     from sprintlab.evaluation.run_report import TrackRun
     from sprintlab.robots import RobotDescription
-
-Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from sprintlab.evaluation.lap import LapResult
     from sprintlab.evaluation.turning import TurningMap
 
-Progress = Callable[[str, float | None], None]
 TURNING_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 
 
