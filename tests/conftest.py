@@ -23,7 +23,6 @@ from sprintlab.control import (
     load_policy,
     make_contract,
     shipped_policy,
-    software_versions,
 )
 from sprintlab.robots import RobotDescription, load_robot
 
@@ -106,7 +105,7 @@ def contract(robot: RobotDescription) -> PolicyContract:
         robot,
         layout=ObservationLayout(),
         training=training,
-        software=software_versions("numpy"),
+        software={"numpy": np.__version__},
         proprioception_filter=LowPass(),
     )
 

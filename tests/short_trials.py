@@ -11,6 +11,9 @@ DEFAULTS = {
     PlantOptions: {"timestep": 0.001, "contact_time_constant": 0.002},
 }
 
+COARSE = PlantOptions(**DEFAULTS[PlantOptions])
+"""The plant of short trials, for settings that are made when a test file is read."""
+
 
 def shorten_trials(change: Callable[[dict[str, Any], str, Any], None] = dict.__setitem__) -> None:
     """Change what trials are by default, in this process and in those that it sends requests to."""

@@ -16,17 +16,24 @@ from __future__ import annotations
 TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
 if TYPE_CHECKING:
     from sprintlab.api.actuators import Actuators, actuators
+    from sprintlab.api.doctor import Examination, doctor
     from sprintlab.api.drive import DriveOptions
     from sprintlab.api.envelopes import Envelope, envelope
     from sprintlab.api.evaluations import Evaluation, evaluate
     from sprintlab.api.grounds import Grounds, ground
     from sprintlab.api.identification import IdentifiedMotor, identify_motor
+    from sprintlab.api.learning import Learning, learning
     from sprintlab.api.limits import Limit, limit
+    from sprintlab.api.live import play
     from sprintlab.api.motors import ChosenMotor, chosen_motor
     from sprintlab.api.policies import load_policy, policies
     from sprintlab.api.races import Race, race
+    from sprintlab.api.replay import ReplayPage, replay
+    from sprintlab.api.robot_runs import DrivenRun, RobotRun
+    from sprintlab.api.robot_simulations import RobotSimulation, SimulatedRun
     from sprintlab.api.robustness import Robustness, robustness
     from sprintlab.api.rollouts import AuditedRollout, audit_rollout
+    from sprintlab.api.run_reports import RunReport, report_run
     from sprintlab.api.search import SearchOptions
     from sprintlab.api.steering import Lap, Turning, lap, turning
     from sprintlab.api.training import Training, export, method, train
@@ -42,15 +49,23 @@ __all__ = [
     "AuditedRollout",
     "ChosenMotor",
     "DriveOptions",
+    "DrivenRun",
     "Envelope",
     "Evaluation",
+    "Examination",
     "Grounds",
     "IdentifiedMotor",
     "Lap",
+    "Learning",
     "Limit",
     "Race",
+    "ReplayPage",
+    "RobotRun",
+    "RobotSimulation",
     "Robustness",
+    "RunReport",
     "SearchOptions",
+    "SimulatedRun",
     "SprintlabError",
     "Training",
     "TrainingSettings",
@@ -58,18 +73,23 @@ __all__ = [
     "actuators",
     "audit_rollout",
     "chosen_motor",
+    "doctor",
     "envelope",
     "evaluate",
     "export",
     "ground",
     "identify_motor",
     "lap",
+    "learning",
     "limit",
     "load_policy",
     "load_robot",
     "method",
+    "play",
     "policies",
     "race",
+    "replay",
+    "report_run",
     "robot_names",
     "robustness",
     "torque_limits",
@@ -82,15 +102,23 @@ _HOMES = {
     "AuditedRollout": "api.rollouts",
     "ChosenMotor": "api.motors",
     "DriveOptions": "api.drive",
+    "DrivenRun": "api.robot_runs",
     "Envelope": "api.envelopes",
     "Evaluation": "api.evaluations",
+    "Examination": "api.doctor",
     "Grounds": "api.grounds",
     "IdentifiedMotor": "api.identification",
     "Lap": "api.steering",
+    "Learning": "api.learning",
     "Limit": "api.limits",
     "Race": "api.races",
+    "ReplayPage": "api.replay",
+    "RobotRun": "api.robot_runs",
+    "RobotSimulation": "api.robot_simulations",
     "Robustness": "api.robustness",
+    "RunReport": "api.run_reports",
     "SearchOptions": "api.search",
+    "SimulatedRun": "api.robot_simulations",
     "SprintlabError": "core.errors",
     "Training": "api.training",
     "TrainingSettings": "training.settings",
@@ -98,18 +126,23 @@ _HOMES = {
     "actuators": "api.actuators",
     "audit_rollout": "api.rollouts",
     "chosen_motor": "api.motors",
+    "doctor": "api.doctor",
     "envelope": "api.envelopes",
     "evaluate": "api.evaluations",
     "export": "api.training",
     "ground": "api.grounds",
     "identify_motor": "api.identification",
     "lap": "api.steering",
+    "learning": "api.learning",
     "limit": "api.limits",
     "load_policy": "api.policies",
     "load_robot": "robots",
     "method": "api.training",
+    "play": "api.live",
     "policies": "api.policies",
     "race": "api.races",
+    "replay": "api.replay",
+    "report_run": "api.run_reports",
     "robot_names": "robots",
     "robustness": "api.robustness",
     "torque_limits": "motors",

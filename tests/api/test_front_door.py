@@ -49,6 +49,12 @@ def test_every_public_name_is_there_and_declared_for_type_checkers():
     assert sorted(sl._HOMES) == sl.__all__
 
 
+def test_the_page_from_python_names_them_all():
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    assert [name for name in sl.__all__ if name.islower() and f"sl.{name}(" not in page] == []
+    assert [name for name in sl.__all__ if name not in page] == []
+
+
 def test_what_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         sl.nothing  # noqa: B018

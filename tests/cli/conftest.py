@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.cli.main import main
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -37,7 +38,7 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 
 @pytest.fixture(scope="session")
 def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
-    settings = ProtocolSettings(trials=1, required=1, hold=1.0)
+    settings = ProtocolSettings(trials=1, required=1, hold=1.0, plant=COARSE)
     return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
 
 

@@ -9,7 +9,6 @@ from importlib import metadata
 import pytest
 
 from sprintlab.api import doctor
-from sprintlab.cli.doctor import _print_findings
 
 
 @pytest.fixture
@@ -49,6 +48,9 @@ def test_who_asks_for_training_is_told_by_the_status(call, nothing_to_try):
     outcome = call("doctor", "--training")
     assert outcome.status == 1
     assert "GPU driver: install NVIDIA's driver" in outcome.out
+    found = doctor.doctor(training=True)
+    assert not found.ok and {finding.name for finding in found.findings} > {"GPU driver", "mujoco"}
+    assert doctor.Examination(findings=found.findings).ok and "sprintlab doctor" in str(found)
 
 
 def test_a_gpu_that_pytorch_cannot_use_is_a_fault(call, nothing_to_try, monkeypatch):
@@ -116,5 +118,5 @@ def test_a_probe_that_hangs_is_given_up(monkeypatch):
 def test_what_helps_several_things_is_said_once(capsys):
     facts = {"state": "missing", "found": "", "needed_for": "training"}
     names = ("torch", "onnx")
-    _print_findings([doctor.Finding(name=name, advice="do this", **facts) for name in names])
-    assert capsys.readouterr().out.splitlines()[-1] == "torch, onnx: do this"
+    findings = tuple(doctor.Finding(name=name, advice="do this", **facts) for name in names)
+    assert str(doctor.Examination(findings=findings)).splitlines()[-1] == "torch, onnx: do this"

@@ -73,7 +73,7 @@ def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:
 def test_versions_are_known_without_installed_metadata(monkeypatch) -> None:
     from importlib import metadata
 
-    from sprintlab.control import software_versions
+    from sprintlab.core.extras import package_version
 
     real = metadata.version
 
@@ -83,7 +83,7 @@ def test_versions_are_known_without_installed_metadata(monkeypatch) -> None:
         return real(name)
 
     monkeypatch.setattr(metadata, "version", version)
-    assert software_versions("numpy")["sprintlab"] == sprintlab.__version__
+    assert package_version("sprintlab") == sprintlab.__version__
 
 
 def test_a_race_from_a_source_tree_names_its_versions(monkeypatch, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-QUICK = ("--quick", "--starts", 2)
+QUICK = ("--quick", "--starts", 1)
 
 
 def test_the_limit_as_json_with_a_picture(call, tmp_path):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sprintlab.cli import run
-from sprintlab.cli.run import Run
+from sprintlab.api import robot_runs
+from sprintlab.api.robot_runs import log_path
 
 
 @pytest.fixture(autouse=True)
@@ -16,8 +16,8 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 def test_a_run_is_logged_into_a_file_of_its_own(monkeypatch):
-    monkeypatch.setattr(run, "find_spec", lambda name: object())
-    path = Run(bus="zenoh://bp2@10.0.0.7:7447")._log_path()
+    monkeypatch.setattr(robot_runs, "find_spec", lambda name: object())
+    path = log_path(True, "zenoh://bp2@10.0.0.7:7447")
     assert path is not None
     assert path.parent == Path("runs")
     assert path.match("bp2-10-0-0-7-7447-????????-??????.mcap")
@@ -25,7 +25,7 @@ def test_a_run_is_logged_into_a_file_of_its_own(monkeypatch):
 
 def test_a_file_that_was_asked_for_is_taken():
     pytest.importorskip("mcap")
-    assert Run(log=Path("mine.mcap"))._log_path() == Path("mine.mcap")
+    assert log_path(Path("mine.mcap"), "shm://bp2") == Path("mine.mcap")
 
 
 def test_where_no_robot_runs_no_log_is_left_behind(call):
@@ -34,11 +34,12 @@ def test_where_no_robot_runs_no_log_is_left_behind(call):
 
 
 def test_no_log_means_none():
-    assert Run(no_log=True)._log_path() is None
+    assert log_path(False, "shm://bp2") is None
     assert not Path("runs").exists()
 
 
-def test_without_mcap_a_line_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(run, "find_spec", lambda name: None)
-    assert Run()._log_path() is None
-    assert "sprintlab[log]" in capsys.readouterr().err
+def test_without_mcap_a_line_says_what_to_install(monkeypatch):
+    said = []
+    monkeypatch.setattr(robot_runs, "find_spec", lambda name: None)
+    assert log_path(True, "shm://bp2", said.append) is None
+    assert "sprintlab[log]" in said[0]

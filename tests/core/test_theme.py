@@ -1,19 +1,60 @@
 """A figure is written in the format that its name says, or refused before work is done."""
 
+import io
+
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.files import check_figure_path
-from sprintlab.core.theme import LIGHT, save_figure, themed_figure
+from sprintlab.core.theme import (
+    LIGHT,
+    THEMES,
+    figure_legend,
+    png_bytes,
+    png_in_both_looks,
+    save_figure,
+    themed_figure,
+)
 
 FIRST_BYTES = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 
-def drawing():
-    figure, (axis,) = themed_figure(LIGHT, (2.0, 1.5), 1, 1)
+def drawing(theme=LIGHT):
+    figure, (axis,) = themed_figure(theme, (2.0, 1.5), 1, 1)
     axis.plot([0.0, 1.0], [1.0, 0.0])
     axis.set_xlabel("speed [rad/s]")
     return figure
+
+
+def two_panels(theme):
+    """Axes of different sizes, with a title of the figure and a legend outside."""
+    figure, axes = themed_figure(theme, (4.0, 2.0), 1, 2)
+    curves = [
+        axis.plot([0.0, 1.0], [0.0, top], label=f"to {top:g}")[0]
+        for axis, top in zip(axes, (1, 1e5), strict=True)
+    ]
+    axes[1].set_ylabel("torque\n[N m]")
+    figure.suptitle("Two motors")
+    figure_legend(figure, theme, curves)
+    return figure
+
+
+def saved(figure, dpi=130):
+    """PNG file as matplotlib's own ``savefig`` writes it."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=dpi, facecolor=figure.get_facecolor())
+    return buffer.getvalue()
+
+
+def test_a_png_is_that_of_savefig_and_leaves_the_figure_as_it_was():
+    figure = two_panels(LIGHT)
+    canvas, dpi = figure.canvas, figure.dpi
+    assert png_bytes(figure, 90) == saved(two_panels(LIGHT), 90)
+    assert figure.canvas is canvas and figure.dpi == dpi
+
+
+def test_both_looks_are_those_of_figures_drawn_by_themselves():
+    assert png_in_both_looks(two_panels) == tuple(saved(two_panels(theme)) for theme in THEMES)
 
 
 @pytest.mark.parametrize("ending", FIRST_BYTES)

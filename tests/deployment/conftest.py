@@ -91,9 +91,9 @@ def check_safe(
         assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
     ratio, voltage = np.asarray(robot.gear.ratio), min(state.bus_voltage, 1.25 * robot.bus_voltage)
     reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+    speeds = np.linspace(-reach, reach, 41) if age else np.zeros((1, 12))
     least, greatest = (
-        ratio * limit
-        for limit in torque_limits(robot.motors, velocity * ratio + np.linspace(-reach, reach, 41), voltage)
+        ratio * limit for limit in torque_limits(robot.motors, velocity * ratio + speeds, voltage)
     )
     least, greatest = least.min(axis=0), greatest.max(axis=0)
     if command.mode == JointMode.DAMPING and not fresh:

@@ -37,7 +37,7 @@ def start_robot(bus, *arguments):
     return robot
 
 
-def drive(bus, robot, *arguments, patience=240, **options):
+def drive(bus, robot, *arguments, patience=1500, **options):
     """Drive a robot to the end; controller's status and report, robot's status and report."""
     controller = start("run", "sprint", bus, "--json", *arguments, **options)
     out, err = controller.communicate(timeout=patience)
@@ -156,7 +156,7 @@ def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, t
 
 def test_a_controller_without_a_robot_is_told_so(bus):
     controller = start("run", "sprint", bus)
-    _, err = controller.communicate(timeout=240)
+    _, err = controller.communicate(timeout=600)
     assert controller.returncode == 2
     assert "no robot named" in err and "Traceback" not in err
 

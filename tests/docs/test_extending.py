@@ -112,7 +112,7 @@ def test_long_shank_is_a_robot(example):
 
 
 def _through(settings, folder):
-    """Train an iteration, export, race one metre; returns the result and the settings as they were kept."""
+    """Train an iteration, export, race a step; returns the result and the settings as they were kept."""
     from dataclasses import replace
 
     from sprintlab.api.search import protocol_settings
@@ -138,7 +138,7 @@ def _through(settings, folder):
         policy,
         load_robot(settings.robot),
         top_speed=0.5,
-        distance=1.0,
+        distance=0.2,
         settings=protocol_settings(1, 0),
         workers=1,
     )

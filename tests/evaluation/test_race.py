@@ -1,8 +1,10 @@
 """The race, and the numbers that go into its JSON."""
 
 import json
+from dataclasses import replace
 
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -56,7 +58,8 @@ def test_the_race_keeps_what_the_report_draws(race):
 
 
 def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot):
-    result = evaluate_race(standing_policy, robot, distance=0.1, settings=SHORT, workers=1)
+    coarse = replace(SHORT, plant=COARSE)
+    result = evaluate_race(standing_policy, robot, distance=0.1, settings=coarse, workers=1)
     assert result.top_speed == 0.5
     assert "0.5 m/s" in result.notes[0]
 
@@ -67,7 +70,5 @@ def test_a_distance_must_be_positive(standing_policy, robot):
 
 
 def test_a_policy_for_another_robot_is_refused(standing_policy, robot):
-    from dataclasses import replace
-
     with pytest.raises(ContractMismatchError):
         evaluate_race(standing_policy, replace(robot, bus_voltage=48.0), top_speed=1.0, workers=1)

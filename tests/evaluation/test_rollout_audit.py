@@ -158,3 +158,30 @@ def test_another_kind_of_file_is_refused(tmp_path):
 def test_as_many_motors_as_joints(rollout, robot):
     with pytest.raises(InvalidValueError, match="12 motors"):
         audit_rollout(rollout, robot.motors, robot.gear, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"joint_torque": np.full((9, 2), 1.7e308)}, "joint_torque = 'a larger number'"),
+        ({"joint_velocity": np.full((9, 2), np.longdouble(10) ** 4000)}, "NaN or infinity"),
+        ({"time": np.array([*range(8), np.inf])}, "time = 'NaN or infinity'"),
+        ({"joint_names": ["one"]}, "one for each of 2"),
+        ({"joint_names": ["one", "x" * 100_000]}, "at most 100 characters"),
+        ({"joint_velocity": np.zeros((9, 201)), "joint_torque": np.zeros((9, 201))}, "at most 200"),
+    ],
+    ids=["torque", "longdouble", "time", "too-few-names", "long-name", "joints"],
+)
+def test_what_no_robot_records_is_refused(tmp_path, change, match, recwarn):
+    sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
+    np.savez(tmp_path / "a.npz", **(sound | change))
+    with pytest.raises(InvalidValueError, match=match):
+        load_rollout(tmp_path / "a.npz")
+    assert not recwarn.list
+
+
+def test_columns_of_feet_that_fit_no_foot_are_refused(tmp_path):
+    head = "time,joint_velocity_0,joint_torque_0,foot_velocity_x"
+    (tmp_path / "a.csv").write_text(f"{head}\n0,1,1,1\n1,1,1,1\n")
+    with pytest.raises(SprintlabError, match="not as many for every foot"):
+        load_rollout(tmp_path / "a.csv")

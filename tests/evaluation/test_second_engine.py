@@ -4,12 +4,13 @@ import hashlib
 import json
 
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation import second_engine
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.race import evaluate_race
-from sprintlab.evaluation.report import make_pictures, render_report
+from sprintlab.evaluation.report import render_report
 from sprintlab.evaluation.report_text import engine_fault, engine_table
 from sprintlab.evaluation.results import EngineResult, SpeedResult, SprintResult
 from sprintlab.evaluation.second_engine import (
@@ -22,7 +23,7 @@ from sprintlab.evaluation.second_engine import (
 )
 from sprintlab.plant import DRAKE_TIMESTEP
 
-SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5)
+SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=COARSE)
 
 
 @pytest.fixture
@@ -88,7 +89,7 @@ def test_race_in_both_engines(standing_policy, robot):
     table = engine_table(race)
     assert table is not None and table["names"] == ["MuJoCo", "Drake"]
     assert ("falls", "0 of 1", "0 of 1", "") in table["rows"]
-    page = render_report(race, robot, make_pictures(race, robot))
+    page = render_report(race, robot, ())
     assert "Two physics engines" in page and "In Drake, the second engine" in page
     assert engine_fault(race) == ""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -10,9 +11,7 @@ pytest.importorskip("rsl_rl")
 pytest.importorskip("mujoco_warp")
 
 import torch
-from rsl_rl.runners import OnPolicyRunner
 
-from sprintlab.integrations.rsl_rl import RslRlEnvironment
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.settings import TrainingSettings
 
@@ -35,13 +34,16 @@ CONFIGURATION = {
 
 
 @pytest.fixture(scope="module")
-def environment() -> RslRlEnvironment:
+def environment() -> Any:
+    """Imports rsl_rl when it is used: its import takes seconds, in every process that collects tests."""
+    from sprintlab.integrations.rsl_rl import RslRlEnvironment
+
     settings = TrainingSettings()
     settings = replace(settings, simulation=replace(settings.simulation, environments=ROBOTS))
     return RslRlEnvironment(SprintEnvironment(settings, "cpu", fused=False))
 
 
-def test_what_is_handed_out_stays_as_it_is(environment: RslRlEnvironment) -> None:
+def test_what_is_handed_out_stays_as_it_is(environment: Any) -> None:
     first = environment.get_observations()
     kept = first.clone()
     second, reward, done, extras = environment.step(torch.zeros(ROBOTS, 12))
@@ -52,7 +54,9 @@ def test_what_is_handed_out_stays_as_it_is(environment: RslRlEnvironment) -> Non
         assert torch.equal(mine, theirs)
 
 
-def test_their_runner_trains_an_iteration(environment: RslRlEnvironment, monkeypatch) -> None:
+def test_their_runner_trains_an_iteration(environment: Any, monkeypatch) -> None:
+    from rsl_rl.runners import OnPolicyRunner
+
     runner = OnPolicyRunner(environment, CONFIGURATION, log_dir=None, device="cpu")
     seen: list[torch.Tensor] = []
     act, update, stored = runner.alg.act, runner.alg.update, {}

@@ -21,7 +21,7 @@ from sprintlab.speed_limit import (
 from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.stride import GROUPS
 
-QUICK = SearchSettings(starts=4)
+ONE_START = SearchSettings(starts=1)
 
 
 def test_the_stride_found_keeps_every_limit(bp2, fastest):
@@ -49,20 +49,20 @@ def test_facts_describe_a_run(bp2, fastest):
 
 @pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("bus voltage", 0.7)])
 def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, quantity, factor):
-    slower = fastest_stride(scalings(bp2)[quantity](factor), QUICK, near=fastest)
-    assert slower.speed < 0.97 * fastest.speed
+    slower = fastest_stride(scalings(bp2)[quantity](factor), ONE_START, near=fastest)
+    assert 0.7 * fastest.speed < slower.speed < 0.97 * fastest.speed
 
 
 def test_without_any_torque_limit_the_search_ends_at_its_ceiling(bp2, fastest):
     kept = [name for name in GROUPS if "hip" not in name and "knee" not in name]
-    free = fastest_stride(bp2, QUICK, groups=kept, near=fastest, ceiling=1.05 * fastest.speed)
+    free = fastest_stride(bp2, ONE_START, groups=kept, near=fastest, ceiling=1.05 * fastest.speed)
     assert not free.bounded
     assert free.speed == pytest.approx(1.05 * fastest.speed)
 
 
 def test_motors_that_cannot_carry_the_robot_are_refused(bp2):
     with pytest.raises(SimulationError, match="cannot carry the robot"):
-        fastest_stride(replace(bp2, mass=60.0 * bp2.mass), SearchSettings(starts=1))
+        fastest_stride(replace(bp2, mass=60.0 * bp2.mass), ONE_START)
 
 
 def test_scaling_a_gear_takes_the_rotor_along(bp2):
@@ -80,7 +80,7 @@ def test_the_whole_answer_and_its_picture(bp2):
     seen = []
     limit = speed_limit(
         load_robot("bp2"),
-        settings=SearchSettings(starts=1),
+        settings=ONE_START,
         factors=(),
         causes=("hip torque",),
         progress=lambda what, share: seen.append((what, share)),

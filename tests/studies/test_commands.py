@@ -9,6 +9,7 @@ import pytest
 from studies.paper.paper import PAPER_TABLE
 from studies.paper.record import read_evaluation
 
+pytestmark = pytest.mark.usefixtures("short_trials")
 QUICK = ("--trials", 1, "--start", 0.5, "--top", 0.5, "--workers", 1)
 
 

@@ -42,7 +42,8 @@ def share(rank: int, port: int, folder: str) -> None:
 
 
 def test_statistics_and_gradients_are_shared(tmp_path: Path) -> None:
-    multiprocessing.spawn(share, args=(free_port(), str(tmp_path)), nprocs=2)
+    torch.set_num_threads(1)  # no pool that a fork would lose; to import PyTorch anew takes seconds
+    multiprocessing.start_processes(share, args=(free_port(), str(tmp_path)), nprocs=2, start_method="fork")
     both = BATCHES.flatten()
     for rank in (0, 1):
         result = torch.load(tmp_path / f"{rank}.pt")

@@ -28,6 +28,11 @@ SETTINGS = TrainingSettings(
 )
 
 
+@pytest.fixture(scope="module", autouse=True)
+def short_replay() -> None:
+    """Not here: this is about the comparison."""
+
+
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of a policy that has not learned anything yet."""

@@ -19,6 +19,7 @@ pytest.importorskip("tensorboard")
 import torch
 from tensorboard.backend.event_processing import event_accumulator
 
+import sprintlab as sl
 from sprintlab.cli.main import main
 from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
@@ -61,6 +62,9 @@ def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path,
     said = json.loads(capsys.readouterr().out)
     assert (said["iterations"], said["environment_steps"], said["broken_physics"]) == (3, 3 * 2 * 8, 0)
     assert said["figures"] == [str(tmp_path / f"{n}.png") for n in ("learning", "curriculum", "speeds")]
+    found = sl.learning(folder, tmp_path)
+    assert found.to_dict() == said and found.figures[0] == tmp_path / "learning.png"
+    assert "environment steps" in str(found) and str(folder / "checkpoint.pt") in str(found)
     assert main(["learning", str(tmp_path / "nothing")]) == 2
     assert "no such file" in capsys.readouterr().err
 

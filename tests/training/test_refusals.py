@@ -9,7 +9,7 @@ pytest.importorskip("rsl_rl")
 pytest.importorskip("mujoco_warp")
 
 from sprintlab.cli.main import main
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs.run import TrainOptions, open_run
 from sprintlab.training.settings import TrainingSettings
@@ -35,6 +35,13 @@ def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].startswith("sprintlab: ") and words in said[-1]
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
+
+
+@pytest.mark.parametrize("change", [{"robot": 5}, {"robot": None}, {"method": [1]}, {"method": None}])
+def test_settings_with_a_name_that_is_none_are_refused(change):
+    """As a checkpoint of a stranger may hold them."""
+    with pytest.raises(InvalidValueError, match="a name"):
+        TrainingSettings(**change)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")

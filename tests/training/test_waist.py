@@ -15,6 +15,7 @@ from sprintlab.training.settings import TrainingSettings
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("short_trials")
 def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
     settings = TrainingSettings(robot="bp2-waist")
     settings = replace(settings, ppo=replace(settings.ppo, steps=2, mini_batches=1, epochs=1))

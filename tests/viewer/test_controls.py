@@ -43,6 +43,9 @@ def page(robot, policy, pad):
     """A page that simulates in a thread of its own."""
     session = Session(robot, {"sprint": policy, "again": policy})
     served = Page(session, PageOptions(port=8261, gamepad=pad[0]))
+    # Without a GPU, a picture lit by viser's photograph of a hall takes seconds, and the page stands still.
+    served.server.scene.configure_environment_map(None)
+    served.server.scene.configure_default_lights(cast_shadow=False)
     thread = threading.Thread(target=served.run)
     thread.start()
     yield served

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from sprintlab import control
+from sprintlab.api.live import live_session
 from sprintlab.cli.main import main, parse
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.joystick import DEFAULT_DEVICE
@@ -95,7 +96,8 @@ def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypa
         (["sprint-fast", "sprint"], "bp2-first", ["sprint-fast", "sprint"]),
         ([], "bp2-first", ["sprint", "sprint-fast"]),
     ):
-        session = parse(["play", *arguments])._session()
+        command = parse(["play", *arguments])
+        session = live_session(command.policies, command.robot)
         assert session.robot.name == robot
         assert list(session.policy_names) == policies
         assert len(opened) == len(set(opened)) and set(opened) >= set(policies)

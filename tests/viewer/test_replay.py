@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+import sprintlab as sl
 from sprintlab.cli.main import main
 from sprintlab.commands import Track, command_start
 from sprintlab.core.errors import SprintlabError
@@ -230,6 +231,8 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
     assert answer["bytes"] == len(page.encode())
     assert "BP2-FIRST: 100 m in 11.50 s" in page
     assert "exploit audit FAILED" in page
+    mine = sl.replay([trajectory_file], names=["mine"], out=trajectory_file.with_name("mine.html"))
+    assert mine.path.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.path) in str(mine)
 
 
 @pytest.mark.parametrize(

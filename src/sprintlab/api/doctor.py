@@ -9,17 +9,22 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+from rich.console import RenderableType
+
+from sprintlab.api.processes import Progress
+from sprintlab.api.tables import Printed, plain_table, styled
 from sprintlab.core.extras import package_version
 
 State = Literal["ok", "missing", "broken", "not tried"]
 LEAST_DISK = 1e9
 """Free space that a training run with its checkpoints and logs should find [bytes]."""
 _PROBE_SECONDS = 120.0
+_COLOURS = {"ok": "green", "missing": "yellow", "broken": "red", "not tried": "dim"}
 _CAPTURE = """
 import torch
 x = torch.zeros(8, device="cuda:0")
@@ -62,6 +67,42 @@ class Finding:
     advice: str = ""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Examination(Printed):
+    """What works here, and what to do about the rest."""
+
+    findings: tuple[Finding, ...]
+    """One per thing that was looked at."""
+    training: bool = False
+    """Whether what GPU training lacks counts as a fault."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is at fault; what is merely not installed is no fault."""
+        return not any(map(self._is_fault, self.findings))
+
+    def _is_fault(self, finding: Finding) -> bool:
+        lacking = finding.state == "missing" and finding.needed_for.startswith("training")
+        return finding.state == "broken" or (self.training and lacking)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Whether all is well, and the findings."""
+        return {"ok": self.ok, "findings": [asdict(finding) for finding in self.findings]}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """The findings, then what to do, each thing once."""
+        table = plain_table("sprintlab doctor", "what", "state", "found", "for")
+        advised: dict[str, list[str]] = {}
+        for finding in self.findings:
+            state = styled(f"[{_COLOURS[finding.state]}]{finding.state}[/]")
+            table.add_row(finding.name, state, finding.found, finding.needed_for)
+            if finding.advice:
+                advised.setdefault(finding.advice, []).append(finding.name)
+        yield table
+        for advice, names in advised.items():
+            yield f"{', '.join(names)}: {advice}"
+
+
 class Outcome(NamedTuple):
     """What trying a thing showed; fields as in ``Finding``."""
 
@@ -77,6 +118,25 @@ class Check(NamedTuple):
     needed_for: str
     attempt: Callable[[], Outcome]
     slow: bool = False
+
+
+def doctor(
+    folder: Path | str = ".",
+    *,
+    thorough: bool = False,
+    training: bool = False,
+    progress: Progress = lambda what, share: None,
+) -> Examination:
+    """Try out what sprintlab needs: packages, GPU, graph capture, compiler, OpenGL, disk.
+
+    Args:
+        folder: whose disk runs are to be written to.
+        thorough: also try CUDA, graph capture, compilation and rendering: half a minute and more.
+        training: likewise, and count what GPU training needs and does not find as a fault.
+        progress: called with the name of what is looked at.
+    """
+    found = examine(Path(folder), lambda name: progress(name, None), thorough or training)
+    return Examination(findings=tuple(found), training=training)
 
 
 def examine(

@@ -13,7 +13,7 @@ from rich.text import Text
 from sprintlab.api.clock_check import NOTE, clock_numbers, clock_table, clock_verdict
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from sprintlab.evaluation.clock_check import ClockCheck
     from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult, TrialResult
-
-Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
-from sprintlab.api.tables import Printed, plain_table
+from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
+from sprintlab.api.processes import Progress, leave_to_the_parent
+from sprintlab.api.tables import plain_table
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.ground import GroundResult, GroundTrials
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Grounds(Printed):
+class Grounds(OfAPolicy):
     """Falls and held speed of one policy on level, sloping and rough ground.
 
     Attributes:
-        policy: its name.
-        found: the numbers.
-        notes: what differs from the published numbers' plant.
+        found: the trials on each ground.
     """
 
-    policy: str
     found: GroundResult
-    notes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, keys with units; what is undefined is None."""
-        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
 
     def tables(self) -> Iterator[RenderableType]:
         """One line a kind of ground, and what is asked for."""
@@ -79,7 +71,7 @@ def ground(
     robot: RobotChoice = None,
     drive: DriveOptions | None = None,
     workers: int | None = None,
-    progress: Callable[[str, float | None], None] = lambda what, share: None,
+    progress: Progress = lambda what, share: None,
 ) -> Grounds:
     """Measure what slopes, up and down, and rough ground cost a policy.
 

@@ -22,6 +22,25 @@ RobotChoice = str | Path | None
 """Name, folder or table of a robot; ``None`` takes that of the policy's contract."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class OfAPolicy(Printed):
+    """What was measured of a policy.
+
+    Attributes:
+        policy: its name.
+        found: the numbers.
+        notes: what differs from the published numbers' plant.
+    """
+
+    policy: str
+    found: Any
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, keys with units; what is undefined is None."""
+        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
+
+
 def policy_path(policy: PolicyChoice) -> Path:
     """A policy file by path, or one that comes with the package by name.
 

@@ -1,8 +1,12 @@
-"""Scripts that start processes: each process reads the script once more, and must not start over."""
+"""What takes long: whom to tell, and scripts whose processes read them once more and must not start over."""
 
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Callable
+
+Progress = Callable[[str, float | None], None]
+"""Told what is being done, and the share done: 0 to 1, ``None`` where nobody knows."""
 
 
 def leave_to_the_parent() -> None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import RenderableType
+
+from sprintlab.api.policies import RobotChoice, default_robot
+from sprintlab.api.tables import Printed
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_json
 
 if TYPE_CHECKING:
-    from sprintlab.viewer.replay import ReplayText
+    from sprintlab.viewer.replay import ReplayRun, ReplayText
 
 RUNS = Path("runs")
 _FIELDS: dict[str, tuple[type, ...]] = {
@@ -22,6 +28,71 @@ _FIELDS: dict[str, tuple[type, ...]] = {
     "audit": (dict,),
 }
 """What the page takes from the numbers of a race; each may be missing or null."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ReplayPage(Printed):
+    """Recorded runs as one HTML file that opens offline."""
+
+    path: Path
+    """The file."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The page and its size [bytes]."""
+        return {"page": str(self.path), "bytes": self.path.stat().st_size}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Where the page lies."""
+        yield f"replay: {self.path}"
+
+
+def replay(
+    run_folders: Sequence[Path | str] = (),
+    *,
+    world_record: bool = False,
+    names: Sequence[str] = (),
+    robot: RobotChoice = None,
+    out: Path | str | None = None,
+) -> ReplayPage:
+    """Write recorded runs as one interactive 3D page; several start together on neighbouring lanes.
+
+    Args:
+        run_folders: folders of races, or recorded trajectories (.npz); the newest race when left out.
+        world_record: also a runner at the pace of the men's world record over the distance.
+        names: what to call the runs, in their order; the policies' names when left out.
+        robot: name, folder or table; what the race's result.json says when left out.
+        out: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
+
+    Raises:
+        SprintlabError: there is no recording, it is another robot's, or an option is refused.
+    """
+    from sprintlab.viewer.replay import write_replay
+
+    paths = [trajectory_path(None if run is None else Path(run)) for run in run_folders or (None,)]
+    if names and len(names) != len(paths):
+        raise InvalidValueError("names", " ".join(names), f"one name for each of {len(paths)} runs")
+    results = [race_result(path.with_name("result.json")) for path in paths]
+    pace = record_pace(sprint_of(results[0])[1]) if world_record else None
+    runs = [_run(path, result, robot) for path, result in zip(paths, results, strict=True)]
+    if names:
+        runs = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
+    text = replay_text(paths[0], runs[0].robot.name, results[0], runs[0].name)
+    alone = len(runs) == 1 and pace is None
+    if not alone:
+        against = " against ".join([*(run.name for run in runs), *(["the world record"] if pace else [])])
+        text = replace(text, title=against, subtitle=f"{text.distance:g} m")
+    page = paths[0].with_name("replay.html" if alone else "ghosts.html") if out is None else Path(out)
+    write_replay(page, runs[0].arrays, runs[0].robot, text, runs[1:], pace)
+    return ReplayPage(path=page)
+
+
+def _run(path: Path, result: dict[str, Any], robot: RobotChoice) -> ReplayRun:
+    from sprintlab.robots import load_robot
+    from sprintlab.viewer.replay import ReplayRun, load_arrays
+
+    described = load_robot(robot or str(result.get("robot") or default_robot()))
+    name = str(result.get("policy", path.parent.name))
+    return ReplayRun(arrays=load_arrays(path), robot=described, name=name)
 
 
 def record_pace(distance: float) -> Any:

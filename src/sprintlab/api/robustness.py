@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.pool import TrialPool
-
-Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import RenderableType
+
 from sprintlab.api.policies import policy_path
+from sprintlab.api.processes import Progress
+from sprintlab.api.tables import Printed, plain_table
 
 if TYPE_CHECKING:
     from sprintlab.deployment.log import RunRecord
@@ -14,7 +19,32 @@ if TYPE_CHECKING:
     from sprintlab.evaluation.run_report import TrackRun
     from sprintlab.robots import RobotDescription
 
-Progress = Callable[[str, float | None], None]
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RunReport(Printed):
+    """A run on a robot in numbers, beside its simulation; figures and page lie in a folder."""
+
+    numbers: dict[str, Any]
+    """As in ``result.json``."""
+    folder: Path
+    """With ``report.html`` and the figures."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers and the folder."""
+        return {**self.numbers, "folder": str(self.folder)}
+
+    def tables(self) -> Iterator[RenderableType]:
+        """Robot and simulation side by side, the faults, and where the page lies."""
+        from sprintlab.evaluation.run_report import number_rows
+
+        columns = ("robot", "simulation")
+        table = plain_table("Run", "quantity", *columns, "unit", numbers=columns)
+        for row in number_rows(self.numbers):
+            table.add_row(row["name"], row["robot"], row["simulation"], row["unit"])
+        for name, count in self.numbers["faults"].items():
+            table.add_row(f"fault {name}", str(count), "", "")
+        yield table
+        yield f"\nreport: {self.folder / 'report.html'}"
 
 
 def report_run(
@@ -26,7 +56,7 @@ def report_run(
     distance: float = 100.0,
     simulate: bool = True,
     progress: Progress = lambda what, share: None,
-) -> tuple[dict[str, Any], Path]:
+) -> RunReport:
     """Draw a log of ``sprintlab run``, with the same commands in simulation beside it.
 
     Args:
@@ -37,9 +67,6 @@ def report_run(
         distance: of the sprint [m].
         simulate: whether the simulation is drawn beside the run.
         progress: called with what is being done.
-
-    Returns:
-        The numbers, as in ``result.json``, and the folder.
 
     Raises:
         SprintlabError: the log, the robot, the policy or the folder is refused.
@@ -63,7 +90,7 @@ def report_run(
     numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}
     place = folder or default_folder(prefix="report")
     _write(place, run, simulation, described, numbers, progress)
-    return numbers, place
+    return RunReport(numbers=numbers, folder=place)
 
 
 def _write(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 
 if TYPE_CHECKING:
@@ -19,31 +19,11 @@ if TYPE_CHECKING:
     from sprintlab.evaluation.lap import LapResult
     from sprintlab.evaluation.turning import TurningMap
 
-Progress = Callable[[str, float | None], None]
 TURNING_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class _OfAPolicy(Drawn):
-    """What was found of a policy.
-
-    Attributes:
-        policy: its name.
-        found: the numbers.
-        notes: what differs from the published numbers' plant.
-    """
-
-    policy: str
-    found: TurningMap | LapResult
-    notes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, keys with units; what is undefined is None."""
-        return {"policy": self.policy, **self.found.to_dict(), "notes": list(self.notes)}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Turning(_OfAPolicy):
+class Turning(OfAPolicy, Drawn):
     """Achieved over commanded yaw rate of one policy, over speeds and yaw rates.
 
     Attributes:
@@ -78,7 +58,7 @@ class Turning(_OfAPolicy):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Lap(_OfAPolicy):
+class Lap(OfAPolicy, Drawn):
     """One lap of a 400 m track in lane 1.
 
     Attributes:

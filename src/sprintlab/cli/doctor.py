@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
-from sprintlab.api.doctor import Finding, examine
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console, styled
-
-COLOURS = {"ok": "green", "missing": "yellow", "broken": "red", "not tried": "dim"}
+from sprintlab.api.doctor import doctor
+from sprintlab.cli.output import measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,36 +34,4 @@ class Doctor:
 
     def run(self) -> int:
         """Examine and print; 1 for a fault."""
-        with progress_bar(quiet=self.json) as report:
-            thorough = self.thorough or self.training
-            found = list(examine(self.folder, lambda name: report(name, None), thorough))
-        faults = [finding for finding in found if self._is_fault(finding)]
-        if self.json:
-            print_json({"ok": not faults, "findings": [asdict(finding) for finding in found]})
-        else:
-            _print_findings(found)
-        return 1 if faults else 0
-
-    def _is_fault(self, finding: Finding) -> bool:
-        lacking = finding.state == "missing" and finding.needed_for.startswith("training")
-        return finding.state == "broken" or (self.training and lacking)
-
-
-def _print_findings(found: list[Finding]) -> None:
-    table = plain_table("sprintlab doctor", "what", "state", "found", "for")
-    for finding in found:
-        state = styled(f"[{COLOURS[finding.state]}]{finding.state}[/]")
-        table.add_row(finding.name, state, finding.found, finding.needed_for)
-    console = stdout_console()
-    console.print(table)
-    for advice, names in _by_advice(found).items():
-        console.print(f"{', '.join(names)}: {advice}", soft_wrap=True, markup=False)
-
-
-def _by_advice(found: list[Finding]) -> dict[str, list[str]]:
-    """What to do, each thing once, and for what."""
-    names: dict[str, list[str]] = {}
-    for finding in found:
-        if finding.advice:
-            names.setdefault(finding.advice, []).append(finding.name)
-    return names
+        return 0 if measure(doctor, self).ok else 1

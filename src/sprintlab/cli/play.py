@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
-from sprintlab.api.policies import (
-    fitting_policies,
-    named_policies,
-    policy_path,
-    robot_of,
-    shipped_policies_opened,
-)
+from sprintlab.api.live import play
 from sprintlab.cli.output import print_json, stderr_console, stdout_console
-from sprintlab.core.errors import SprintlabError
 from sprintlab.core.joystick import DEFAULT_DEVICE
-
-MISSING = "sprintlab play needs viser; install it with: pip install 'sprintlab[play]'"
 
 OptionalDevice = tyro.constructors.PrimitiveConstructorSpec(
     nargs=(0, 1),
@@ -65,28 +55,18 @@ class Play:
         Raises:
             SprintlabError: viser is missing, policy or gamepad are refused, or nothing can be served there.
         """
-        if importlib.util.find_spec("viser") is None:
-            raise SprintlabError(MISSING)
-        from sprintlab.viewer.page import Page, PageOptions
-
-        options = PageOptions(host=self.host, port=self.port, duration=self.duration, gamepad=self.gamepad)
-        page = Page(self._session(), options)
+        page = play(
+            self.policies,
+            self.robot,
+            host=self.host,
+            port=self.port,
+            gamepad=self.gamepad,
+            duration=self.duration,
+        )
         with suppress(KeyboardInterrupt):
             self._announce(page.address)
             page.run()
         return 0
-
-    def _session(self) -> Any:
-        from sprintlab.robots import load_robot
-        from sprintlab.viewer.live import Session
-
-        policies = named_policies(self.policies) or shipped_policies_opened()
-        robot = load_robot(self.robot or self._robot_of_first(policies))
-        return Session(robot, policies if self.policies else fitting_policies(policies, robot))
-
-    def _robot_of_first(self, policies: dict[str, Any]) -> str:
-        label, policy = next(iter(policies.items()))
-        return robot_of(policy, policy_path(self.policies[0]).name if self.policies else label)
 
     def _announce(self, address: str) -> None:
         if self.json:

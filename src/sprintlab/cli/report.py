@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 
 from sprintlab.api.run_reports import report_run
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stdout_console
+from sprintlab.cli.output import measure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,31 +39,10 @@ class Report:
         Raises:
             SprintlabError: the log, the robot, the policy or the folder is refused.
         """
-        with progress_bar(quiet=self.json) as report:
-            numbers, folder = report_run(
-                self.log,
-                self.out,
-                robot=self.robot,
-                policy=self.policy,
-                distance=self.distance,
-                simulate=not self.no_simulation,
-                progress=report,
-            )
-        if self.json:
-            print_json({**numbers, "folder": str(folder)})
-        else:
-            _print_numbers(numbers, folder)
+        measure(
+            lambda out, no_simulation, **options: report_run(
+                folder=out, simulate=not no_simulation, **options
+            ),
+            self,
+        )
         return 0
-
-
-def _print_numbers(numbers: dict[str, Any], folder: Path) -> None:
-    from sprintlab.evaluation.run_report import number_rows
-
-    table = plain_table("Run", "quantity", "robot", "simulation", "unit", numbers=("robot", "simulation"))
-    for row in number_rows(numbers):
-        table.add_row(row["name"], row["robot"], row["simulation"], row["unit"])
-    for name, count in numbers["faults"].items():
-        table.add_row(f"fault {name}", str(count), "", "")
-    console = stdout_console()
-    console.print(table)
-    console.print(f"\nreport: {folder / 'report.html'}", soft_wrap=True)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
 
 from sprintlab.api.drive import DriveOptions
-from sprintlab.api.policies import default_robot
+from sprintlab.api.robot_simulations import RobotSimulation
 from sprintlab.cli.interruptions import counted_interruptions
-from sprintlab.cli.output import plain_table, print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.cli.output import progress_bar, show, stderr_console
 
 if TYPE_CHECKING:
-    from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
+    from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions
 
 
 @tyro.conf.configure(tyro.conf.FlagCreatePairsOff)
@@ -84,67 +83,22 @@ class RobotSim(DriveOptions):
         Raises:
             SprintlabError: an option or the bus is refused, or the controller stopped answering.
         """
-        from sprintlab.core.checks import check_positive
-        from sprintlab.core.errors import InvalidValueError
-        from sprintlab.deployment.bus import open_endpoint
-        from sprintlab.deployment.simulator import SimulatedWorld
-        from sprintlab.robots import load_robot
-
-        check_positive("distance", self.distance, "m")
-        if self.truth is not None and self.duration is None:
-            raise InvalidValueError("truth", str(self.truth), "give --duration too: it bounds what is kept")
-        pace, options = self._pace(), self._options()
-        endpoint = open_endpoint(self.bus, config=self.bus_config)
-        try:
-            world = SimulatedWorld(load_robot(self.robot or default_robot()), options)
-            report = self._simulate(world, endpoint, pace)
-        finally:
-            endpoint.close()
-        self._show(report)
-        return 1 if report.fall_reason else 0
-
-    def _simulate(self, world: Any, endpoint: Any, pace: PaceOptions) -> SimulatorReport:
-        from sprintlab.deployment.simulator import run_simulator
-
-        stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
-        recorder = None if self.truth is None else self._recorder(world)
-        with (
-            progress_bar(quiet=self.json) as report,
-            counted_interruptions() as interrupted,
-            self._scheduler(),
-        ):
-            result = run_simulator(
-                world,
-                endpoint,
-                pace,
-                marks=(self.distance,),
-                recorder=recorder,
-                stopped=lambda: interrupted() > 0,
-                progress=lambda time, distance: report(f"{time:.1f} s, {distance:.1f} m", None),
-            )
-        if recorder is not None and self.truth is not None:
-            from sprintlab.evaluation.race_files import save_trajectory
-
-            save_trajectory(self.truth, recorder.trajectory())
-        return result
-
-    def _scheduler(self) -> AbstractContextManager[Any]:
-        """Real-time scheduling, unless the clock does not matter."""
-        from sprintlab.core.checks import check_range
-        from sprintlab.deployment.controller.realtime import real_time
-
-        check_range("priority", self.priority, 1, 99)
-        return nullcontext() if self.lock_step or self.no_real_time else real_time(self.priority)
-
-    def _recorder(self, world: Any) -> Any:
-        """Records the true motion for as long as --duration says."""
-        from math import ceil
-
-        from sprintlab.evaluation.recorder import Recorder
-
-        assert self.duration is not None
-        plant = world.robot.plant
-        return Recorder(plant.model, plant.robot, ceil(self.duration * plant.options.record_rate) + 1)
+        with RobotSimulation(
+            self.bus,
+            robot=self.robot,
+            options=self._options(),
+            pace=self._pace(),
+            bus_config=self.bus_config,
+            distance=self.distance,
+            truth=self.truth,
+            priority=self.priority,
+            real_time=not self.no_real_time,
+        ) as robot:
+            stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
+            with progress_bar(quiet=self.json) as report, counted_interruptions() as interrupted:
+                found = robot.run(stopped=lambda: interrupted() > 0, progress=report)
+        show(found, self)
+        return 1 if found.report.fall_reason else 0
 
     def _options(self) -> SimulatorOptions:
         from sprintlab.deployment.simulator import LinkOptions, SensorNoise, SimulatorOptions
@@ -174,28 +128,3 @@ class RobotSim(DriveOptions):
             duration=self.duration,
             end_with_controller=self.end_with_controller,
         )
-
-    def _show(self, report: SimulatorReport) -> None:
-        if self.json:
-            print_json(report.to_dict())
-            return
-        table = plain_table("Simulated robot", "quantity", "value", "unit", numbers=("value",))
-        for name, value, unit in _rows(report):
-            table.add_row(name, value, unit)
-        stdout_console().print(table)
-
-
-def _rows(report: SimulatorReport) -> list[tuple[str, str, str]]:
-    marks = [(f"passed {mark:g} m at", f"{moment:.2f}", "s") for mark, moment in report.finish_times.items()]
-    return [
-        ("simulated time", f"{report.simulated_time:.2f}", "s"),
-        ("greatest distance", f"{report.greatest_distance:.2f}", "m"),
-        *marks,
-        ("top speed (0.5 s mean)", f"{report.top_speed:.2f}", "m/s"),
-        ("fall", report.fall_reason or "none", ""),
-        ("commands accepted", str(report.commands_accepted), ""),
-        ("commands dropped", str(report.commands_dropped), ""),
-        ("watchdog trips", str(report.watchdog_trips), ""),
-        ("late steps", str(report.late_steps), ""),
-        ("time given up", f"{1e3 * report.given_up:.1f}", "ms"),
-    ]

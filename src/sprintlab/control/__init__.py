@@ -13,7 +13,6 @@ from sprintlab.control.contract import (
     decode_contract,
     encode_contract,
     make_contract,
-    software_versions,
 )
 from sprintlab.control.filters import LowPass, low_pass, low_pass_coefficient
 from sprintlab.control.observation import (
@@ -80,7 +79,6 @@ __all__ = [
     "push_history",
     "shipped_policies",
     "shipped_policy",
-    "software_versions",
     "split_proprioception",
     "update_history",
 ]

@@ -6,10 +6,8 @@ the robot before the first step.
 
 from __future__ import annotations
 
-import platform
 import re
 from dataclasses import fields
-from importlib import metadata
 from typing import Any, cast
 
 import msgspec
@@ -19,7 +17,6 @@ from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
-from sprintlab.core.extras import package_version
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
 CONTRACT_KEY = "sprintlab_contract"
@@ -277,7 +274,7 @@ def make_contract(
         robot: what the policy drives.
         layout: what the policy sees.
         training: how it was trained.
-        software: package versions, see ``software_versions``.
+        software: package versions by name.
         proprioception_filter: the low-pass used in training; its rate is the policy's.
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
@@ -351,21 +348,6 @@ def decode_contract(text: str) -> PolicyContract:
         return msgspec.json.decode(text, type=PolicyContract)
     except (msgspec.DecodeError, RecursionError) as error:
         raise PolicyFileError(f"its contract cannot be read: {error}") from error
-
-
-def software_versions(*packages: str) -> dict[str, str]:
-    """Versions of Python, sprintlab and the named packages.
-
-    Raises:
-        InvalidValueError: a package is not installed.
-    """
-    versions = {"python": platform.python_version()}
-    for package in ("sprintlab", *packages):
-        try:
-            versions[package] = package_version(package)
-        except metadata.PackageNotFoundError as error:
-            raise InvalidValueError("package", package, "an installed package") from error
-    return versions
 
 
 def _term_sizes(observation: ObservationContract) -> list[str]:

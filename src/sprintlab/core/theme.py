@@ -9,7 +9,7 @@ Nothing here touches ``pyplot``, so figures can be made in threads and without a
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib import rc_context  # pyright: ignore[reportUnknownVariableType]
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sprintlab.core.files import atomic_write_bytes, check_figure_path
@@ -82,8 +83,30 @@ THEMES = (LIGHT, DARK)
 
 
 def png_bytes(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as a PNG file."""
-    return _figure_bytes(figure, "png", dpi)
+    """The figure as a PNG file.
+
+    The same bytes as of ``savefig``, which draws a figure twice: once to lay it out.
+    """
+    buffer, canvas, before = io.BytesIO(), figure.canvas, figure.dpi
+    figure.set_dpi(dpi)
+    try:
+        FigureCanvasAgg(figure).print_png(buffer)
+    finally:
+        figure.set_dpi(before)
+        figure.set_canvas(canvas)
+    return buffer.getvalue()
+
+
+def png_in_both_looks(draw: Callable[[Theme], Figure]) -> tuple[bytes, bytes]:
+    """A figure in light and in dark as PNG files; the dark one takes its layout over from the light one."""
+    light, dark = (draw(theme) for theme in THEMES)
+    first = png_bytes(light)
+    dark.set_layout_engine("none")
+    for axis, model in zip(dark.axes, light.axes, strict=True):
+        axis.set_position(model.get_position(original=True), which="original")
+    for text, title in zip(dark.texts, light.texts, strict=True):
+        text.set_position(title.get_position())
+    return first, png_bytes(dark)
 
 
 def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
@@ -103,13 +126,14 @@ def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
     """
     check_figure_path(path)
     ending = Path(path).suffix.removeprefix(".").lower()
-    atomic_write_bytes(path, _figure_bytes(figure, ending, dpi))
+    content = png_bytes(figure, dpi) if ending == "png" else _vector_bytes(figure, ending, dpi)
+    atomic_write_bytes(path, content)
 
 
-_UNDATED: dict[str, dict[str, None]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+_UNDATED: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
-def _figure_bytes(figure: Figure, ending: str, dpi: int) -> bytes:
+def _vector_bytes(figure: Figure, ending: str, dpi: int) -> bytes:
     buffer = io.BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "sprintlab", "pdf.fonttype": 42}):
         figure.savefig(

@@ -11,7 +11,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 
-from sprintlab.core.theme import THEMES, Theme, png_bytes
+from sprintlab.core.theme import Theme, png_in_both_looks
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
     LANE_MARK,
@@ -95,7 +95,7 @@ def draw_pictures(plan: Iterable[PlannedFigure], progress: Progress = lambda _: 
     pictures = []
     for name, title, caption, draw in plan:
         progress(title)
-        light, dark = (png_bytes(draw(theme)) for theme in THEMES)
+        light, dark = png_in_both_looks(draw)
         pictures.append(Picture(name=name, title=title, caption=caption, light=light, dark=dark))
     return tuple(pictures)
 

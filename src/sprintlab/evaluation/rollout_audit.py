@@ -41,6 +41,8 @@ MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
 LARGEST_ROLLOUT = 512 << 20
 """Most bytes that are read."""
+_LARGEST = 1e9  # of any number, in its SI unit
+_MOST_JOINTS, _LONGEST_NAME = 200, 100
 
 _PER_SAMPLE = ("time",)
 _TABLES = (
@@ -67,8 +69,8 @@ class Rollout:
         foot_velocity: ``(T, feet, 2 or 3)`` of the feet over the ground [m/s]; ``None`` likewise.
 
     Raises:
-        InvalidValueError: fewer than two samples, shapes that do not fit, time that does not rise, or values
-            that are no finite numbers.
+        InvalidValueError: fewer than two samples, shapes that do not fit, time that does not rise, values
+            that are no finite numbers or too large, more than 200 joints, or names that do not fit.
     """
 
     time: FloatArray
@@ -83,23 +85,42 @@ class Rollout:
         count = len(self.time)
         if self.time.ndim != 1 or count < 2 or not np.all(np.diff(self.time) > 0.0):
             raise InvalidValueError("time", f"{count} samples", "at least two, rising [s]")
+        _check_numbers("time", self.time)
         for name in ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity"):
             values = getattr(self, name)
             if values is None:
                 continue
             if values.ndim < 2 or len(values) != count:
                 raise InvalidValueError(name, f"shape {values.shape}", f"one row for each of {count} samples")
-            if not np.isfinite(values).all():
-                raise InvalidValueError(name, "NaN or infinity", "finite numbers only")
+            _check_numbers(name, values)
         if self.joint_velocity.shape != self.joint_torque.shape:
             shapes = f"{self.joint_velocity.shape} and {self.joint_torque.shape}"
             raise InvalidValueError("joint_velocity, joint_torque", shapes, "equal shapes")
+        self._check_names()
+
+    def _check_names(self) -> None:
+        joints = self.joint_velocity.shape[1]
+        if joints > _MOST_JOINTS:
+            raise InvalidValueError("joints", joints, f"at most {_MOST_JOINTS}")
+        if self.joint_names and len(self.joint_names) != joints:
+            raise InvalidValueError(
+                "joint_names", f"{len(self.joint_names)} names", f"one for each of {joints}"
+            )
+        if any(len(name) > _LONGEST_NAME for name in self.joint_names):
+            raise InvalidValueError("joint_names", "a longer name", f"at most {_LONGEST_NAME} characters")
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints, one a column."""
         joints = self.joint_velocity.shape[1]
         return self.joint_names or tuple(f"joint {index}" for index in range(joints))
+
+
+def _check_numbers(name: str, values: FloatArray) -> None:
+    if not np.isfinite(values).all():
+        raise InvalidValueError(name, "NaN or infinity", "finite numbers only")
+    if np.abs(values).max(initial=0.0) > _LARGEST:
+        raise InvalidValueError(name, "a larger number", f"at most {_LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,7 +318,8 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
     if missing:
         raise InvalidValueError("columns", ", ".join(sorted(arrays)) or "none", f"{', '.join(missing)} too")
     try:
-        found = {name: np.asarray(arrays[name], dtype=float) for name in arrays if name != "joint_position"}
+        with np.errstate(over="ignore"):  # what becomes infinite is refused
+            found = {n: np.asarray(arrays[n], dtype=float) for n in arrays if n != "joint_position"}
     except (TypeError, ValueError) as error:
         raise InvalidValueError("rollout", "text", "numbers only") from error
     return Rollout(joint_names=tuple(names), **found)
@@ -322,6 +344,8 @@ def _from_csv(text: str, path: Path) -> Rollout:
         arrays["time"] = table[:, header.index("time")]
     if "foot_velocity" in arrays:
         feet = len(columns["foot_contact"]) or len(columns["foot_velocity"]) // 2
+        if not feet or len(columns["foot_velocity"]) % feet:
+            raise SprintlabError(f"{path}: the columns of foot_velocity are not as many for every foot")
         arrays["foot_velocity"] = arrays["foot_velocity"].reshape(len(table), feet, -1)
     names = [header[at].removeprefix("joint_velocity_") for at in columns["joint_velocity"]]
     return rollout_of(arrays, names)

@@ -100,7 +100,10 @@ def _squared(offset: FloatArray) -> float:
 def rotate(angle: FloatArray, x: float, z: float) -> FloatArray:
     """``R(angle) (x, z)``, shape ``(..., 2)``."""
     cosine, sine = np.cos(angle), np.sin(angle)
-    return np.stack((x * cosine + z * sine, z * cosine - x * sine), axis=-1)
+    turned = np.empty((*np.shape(angle), 2))
+    turned[..., 0] = x * cosine + z * sine
+    turned[..., 1] = z * cosine - x * sine
+    return turned
 
 
 def foot_position(leg: PlanarLeg, position: FloatArray) -> FloatArray:

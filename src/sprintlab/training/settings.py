@@ -561,6 +561,9 @@ class TrainingSettings:
             evaluation closes; without it nothing teaches the robot to run straight.
         prior: strides that are rewarded at the start; none in the paper.
         seed: of every random generator.
+
+    Raises:
+        InvalidValueError: a motor model that is unknown, or a method or robot that is no name.
     """
 
     method: str = "sprint"
@@ -580,6 +583,9 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("method", "robot"):
+            if not isinstance(getattr(self, name), str):
+                raise InvalidValueError(name, getattr(self, name), "a name")
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
 
     def as_dict(self) -> dict[str, object]:

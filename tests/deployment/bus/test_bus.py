@@ -390,6 +390,18 @@ def test_orphans_are_removed_and_all_else_left_alone(tmp_path, bus_name):
     assert all((tmp_path / name).read_bytes() == kept for name, kept in foreign.items())
 
 
+def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name):
+    """Whether a robot runs or not."""
+    foreign = shared_folder() / f"{PREFIX}{bus_name}.controller"
+    foreign.write_bytes(b"SPRTLOCK, and mine")
+    try:
+        with pytest.raises(BusError, match="no file of sprintlab"):
+            open_bus(f"shm://{bus_name}")
+        assert foreign.read_bytes() == b"SPRTLOCK, and mine"
+    finally:
+        foreign.unlink(missing_ok=True)
+
+
 def test_a_damaged_message_is_dropped_and_counted(bus_name, make_state):
     endpoint = open_endpoint(f"shm://{bus_name}")
     interface = open_bus(f"shm://{bus_name}")

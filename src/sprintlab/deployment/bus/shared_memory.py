@@ -310,7 +310,11 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
 
 
 def _open_locked(path: Path) -> IO[bytes] | None:
-    """A lock file of one's own; None while another process has it."""
+    """A lock file of one's own; None while another process has it.
+
+    Raises:
+        BusError: it cannot be made, or a foreign file has its name, which is left alone.
+    """
     while True:
         try:
             file = open(path, "ab+", opener=_private)  # noqa: SIM115
@@ -320,6 +324,9 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             file.close()
             return None
         if _is_still(path, file):
+            if os.pread(file.fileno(), 9, 0) not in (b"", _LOCK_CONTENT):
+                file.close()
+                raise BusError(f"{path} is no file of sprintlab, and its name is needed: move it away")
             file.truncate(0)
             file.write(_LOCK_CONTENT)
             file.flush()

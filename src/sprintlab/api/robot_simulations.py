@@ -1,0 +1,160 @@
+"""``RobotSimulation``: a simulated robot on the robot bus, to be driven by ``RobotRun``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+
+from sprintlab.api.policies import RobotChoice, default_robot
+from sprintlab.api.processes import Progress
+from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
+    from sprintlab.evaluation.recorder import Recorder
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SimulatedRun(Printed):
+    """What happened to a simulated robot."""
+
+    report: SimulatorReport
+    """Times, distance, speed, fall, messages."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report, SI units."""
+        return self.report.to_dict()
+
+    def tables(self) -> Iterator[RenderableType]:
+        """One row per number."""
+        table = plain_table("Simulated robot", "quantity", "value", "unit", numbers=("value",))
+        for row in _rows(self.report):
+            table.add_row(*row)
+        yield table
+
+
+class RobotSimulation:
+    """A robot on the bus while a ``with`` block lasts: the 1 kHz plant, with the faults of a real link.
+
+    Args:
+        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
+        robot: name, folder or table; that of the policy sprint when left out.
+        options: plant, link, noise and start; the nominal robot's when left out.
+        pace: real time or lock-step, and when to end.
+        bus_config: for zenoh on a network: a file in zenoh's format with TLS, or user and password.
+        distance: mark whose passing is timed [m].
+        truth: file (.npz) for the true motion; ``pace`` must have a duration.
+        priority: of the real-time scheduler, 1 to 99.
+        real_time: use that scheduler, where permitted; never in lock-step.
+
+    Raises:
+        SprintlabError: an option or the bus is refused.
+    """
+
+    def __init__(
+        self,
+        bus: str = "shm://bp2",
+        *,
+        robot: RobotChoice = None,
+        options: SimulatorOptions | None = None,
+        pace: PaceOptions | None = None,
+        bus_config: Path | None = None,
+        distance: float = 100.0,
+        truth: Path | None = None,
+        priority: int = 40,
+        real_time: bool = True,
+    ) -> None:
+        from sprintlab.deployment.bus import open_endpoint
+        from sprintlab.deployment.simulator import PaceOptions, SimulatedWorld, SimulatorOptions
+        from sprintlab.robots import load_robot
+
+        self.pace = pace or PaceOptions()
+        check_positive("distance", distance, "m")
+        check_range("priority", priority, 1, 99)
+        if truth is not None and self.pace.duration is None:
+            raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
+        self._distance, self._truth = distance, truth
+        self._priority = priority if real_time and not self.pace.lock_step else None
+        self._endpoint = open_endpoint(bus, config=bus_config)
+        try:
+            self._world = SimulatedWorld(load_robot(robot or default_robot()), options or SimulatorOptions())
+        except BaseException:
+            self._endpoint.close()
+            raise
+
+    def __enter__(self) -> RobotSimulation:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._endpoint.close()
+
+    def run(
+        self,
+        stopped: Callable[[], bool] = lambda: False,
+        progress: Progress = lambda what, share: None,
+    ) -> SimulatedRun:
+        """Simulate until the end that ``pace`` sets, or until told to stop.
+
+        Args:
+            stopped: asked at every step.
+            progress: told simulated time and distance.
+
+        Raises:
+            SprintlabError: the controller stopped answering in lock-step, or the motion cannot be written.
+        """
+        from sprintlab.deployment.simulator import run_simulator
+
+        recorder = None if self._truth is None else self._recorder()
+        with self._scheduler():
+            report = run_simulator(
+                self._world,
+                self._endpoint,
+                self.pace,
+                marks=(self._distance,),
+                recorder=recorder,
+                stopped=stopped,
+                progress=lambda time, distance: progress(f"{time:.1f} s, {distance:.1f} m", None),
+            )
+        if recorder is not None and self._truth is not None:
+            from sprintlab.evaluation.race_files import save_trajectory
+
+            save_trajectory(self._truth, recorder.trajectory())
+        return SimulatedRun(report=report)
+
+    def _scheduler(self) -> AbstractContextManager[Any]:
+        """Real-time scheduling, unless the clock does not matter."""
+        from sprintlab.deployment.controller.realtime import real_time
+
+        return nullcontext() if self._priority is None else real_time(self._priority)
+
+    def _recorder(self) -> Recorder:
+        """Records the true motion for as long as the simulation lasts at most."""
+        from sprintlab.evaluation.recorder import Recorder
+
+        assert self.pace.duration is not None
+        plant = self._world.robot.plant
+        return Recorder(plant.model, plant.robot, ceil(self.pace.duration * plant.options.record_rate) + 1)
+
+
+def _rows(report: SimulatorReport) -> list[tuple[str, str, str]]:
+    marks = [(f"passed {mark:g} m at", f"{moment:.2f}", "s") for mark, moment in report.finish_times.items()]
+    return [
+        ("simulated time", f"{report.simulated_time:.2f}", "s"),
+        ("greatest distance", f"{report.greatest_distance:.2f}", "m"),
+        *marks,
+        ("top speed (0.5 s mean)", f"{report.top_speed:.2f}", "m/s"),
+        ("fall", report.fall_reason or "none", ""),
+        ("commands accepted", str(report.commands_accepted), ""),
+        ("commands dropped", str(report.commands_dropped), ""),
+        ("watchdog trips", str(report.watchdog_trips), ""),
+        ("late steps", str(report.late_steps), ""),
+        ("time given up", f"{1e3 * report.given_up:.1f}", "ms"),
+    ]
