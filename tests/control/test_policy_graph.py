@@ -283,7 +283,21 @@ def number_for_a_name():
     return model([node])
 
 
-STRANGE += [numbers_that_the_runtime_passes_over, attribute_of_another_kind, number_for_a_name]
+def product_of_nothing():
+    """Three stacked products of no numbers, of which the runtime makes one."""
+    return model(
+        [helper.make_node("MatMul", ["x", "y"], ["z"])],
+        constant("x", np.zeros((1, 1, 0)), np.float32),
+        constant("y", np.zeros((3, 0, 1)), np.float32),
+    )
+
+
+STRANGE += [
+    product_of_nothing,
+    numbers_that_the_runtime_passes_over,
+    attribute_of_another_kind,
+    number_for_a_name,
+]
 
 
 @pytest.mark.parametrize("make", STRANGE, ids=lambda make: make.__name__)

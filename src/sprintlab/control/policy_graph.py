@@ -461,8 +461,8 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
 def _product(rows: Shape, columns: Shape, costs: _Costs) -> Shape:
     """Shape of a matrix product as NumPy makes it; its multiplications are counted."""
     left, right = (1, *rows) if len(rows) == 1 else rows, (*columns, 1) if len(columns) == 1 else columns
-    if not rows or not columns or left[-1] != right[-2]:
-        raise ValueError("shapes do not fit")
+    if not rows or not columns or left[-1] != right[-2] or 0 in (*rows, *columns):
+        raise ValueError("shapes do not fit")  # of products of nothing the runtime makes other shapes
     stack = np.broadcast_shapes(left[:-2], right[:-2])
     full = _checked((*stack, left[-2], right[-1]))
     costs.products += math.prod(full) * left[-1]
