@@ -22,7 +22,6 @@ from sprintlab.deployment.controller.statistics import LatencyHistogram
 from sprintlab.deployment.interface import (
     JointMode,
     OperatorCommand,
-    PositionFix,
     Request,
     RobotState,
     message_size,
@@ -136,22 +135,6 @@ def test_a_question_that_was_asked_twice_is_answered_once_and_is_no_fault(start)
     assert next(count) > 200 and not controller.fault_counts
     assert report.end == "passive"
     assert len(bus.sent) == len({command.sequence for command in bus.sent}) == report.steps + 1
-
-
-def test_the_fix_of_a_question_that_was_asked_twice_is_no_fault(start):
-    """The copy of a position fix comes with that of its state, to a controller that was slow."""
-    controller, bus = start(Sleeper())
-    calls = itertools.count(2)
-
-    def receive_fix():
-        """Each fix twice."""
-        call = next(calls)
-        return PositionFix(sequence=call // 2, timestamp=0, position=np.zeros(3), velocity=np.zeros(3))
-
-    bus.receive_fix = receive_fix
-    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=0.2))
-    assert next(calls) > 200 and report.end == "passive"
-    assert not controller.fault_counts
 
 
 def test_in_lock_step_time_is_the_robots(start):

@@ -176,7 +176,6 @@ class _Loop:
         self._stopped_at: float | None = None
         self._answer_sent: JointCommand | None = None
         self._answered = 0  # sequence of the state
-        self._fix_taken: int | None = None  # sequence of the fix
 
     def run(self, steps: Callable[[], None]) -> None:
         """Go through the steps; whatever ends them, the robot hears a last, safe command at once."""
@@ -219,16 +218,8 @@ class _Loop:
             return
         # Of a controller that was slow, not deaf, the robot has asked twice: to ask again is no fault.
         asked = {state.sequence: state for state in states if state.sequence != self._answered}
-        self._answer_sent = self._step(newest.timestamp, list(asked.values()), self._new_fix())
+        self._answer_sent = self._step(newest.timestamp, list(asked.values()), self._bus.receive_fix())
         self._answered = newest.sequence
-
-    def _new_fix(self) -> PositionFix | None:
-        """The next fix; not the copy of the last one, which came with a state that was asked twice."""
-        fix = self._bus.receive_fix()
-        if fix is None or fix.sequence == self._fix_taken:
-            return None
-        self._fix_taken = fix.sequence
-        return fix
 
     def _wait(self, due: int) -> int:
         left = due - time.monotonic_ns()
