@@ -26,7 +26,7 @@ race: $(VENV)/.race-installed
 	@$(BIN)/sprintlab race $(RACE_ARGS)
 
 test: lint
-	@$(BIN)/python -m pytest -n $(WORKERS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 lint: $(VENV)/.dev-installed
 	@$(BIN)/ruff check .

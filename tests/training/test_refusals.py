@@ -2,6 +2,7 @@
 
 import importlib.util
 
+import numpy as np
 import pytest
 
 pytest.importorskip("torch")
@@ -42,6 +43,12 @@ def test_settings_with_a_name_that_is_none_are_refused(change):
     """As a checkpoint of a stranger may hold them."""
     with pytest.raises(InvalidValueError, match="a name"):
         TrainingSettings(**change)
+
+
+@pytest.mark.parametrize("seed", [None, "1", 0.5, np.zeros(3)])
+def test_a_seed_that_is_no_whole_number_is_refused(seed):
+    with pytest.raises(InvalidValueError, match="a whole number"):
+        TrainingSettings(seed=seed)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")

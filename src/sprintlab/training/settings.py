@@ -586,6 +586,8 @@ class TrainingSettings:
         for name in ("method", "robot"):
             if not isinstance(getattr(self, name), str):
                 raise InvalidValueError(name, getattr(self, name), "a name")
+        if not isinstance(self.seed, int):
+            raise InvalidValueError("seed", self.seed, "a whole number")
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
 
     def as_dict(self) -> dict[str, object]:
