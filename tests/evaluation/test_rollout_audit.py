@@ -185,3 +185,11 @@ def test_columns_of_feet_that_fit_no_foot_are_refused(tmp_path):
     (tmp_path / "a.csv").write_text(f"{head}\n0,1,1,1\n1,1,1,1\n")
     with pytest.raises(SprintlabError, match="not as many for every foot"):
         load_rollout(tmp_path / "a.csv")
+
+
+def test_time_may_be_that_of_the_calendar(tmp_path):
+    """Seconds since 1970, as most recorders write them."""
+    sound = {"joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
+    np.savez(tmp_path / "a.npz", time=1.76e9 + 0.002 * np.arange(9.0), **sound)
+    rollout = load_rollout(tmp_path / "a.npz")
+    assert rollout.time[-1] - rollout.time[0] == pytest.approx(0.016, abs=1e-6)

@@ -41,7 +41,7 @@ MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
 LARGEST_ROLLOUT = 512 << 20
 """Most bytes that are read."""
-_LARGEST = 1e9  # of any number, in its SI unit
+_LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 _MOST_JOINTS, _LONGEST_NAME = 200, 100
 
 _PER_SAMPLE = ("time",)

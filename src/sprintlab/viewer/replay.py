@@ -43,7 +43,7 @@ COLORS = ("#0b6bcb", "#d9480f", "#0e9384", "#7a5af8", "#b45309", "#be185d")
 PACE_COLOR = "#d4a72c"
 MOST_SAMPLES = 500_000
 """Longest trajectory of a page [samples]: a quarter of an hour at 500 Hz."""
-_LARGEST = 1e9  # of any number, in its SI unit
+_LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
