@@ -74,6 +74,10 @@ class _Node(NamedTuple):
     def number(self, name: str, default: int) -> int:
         return self.of_kind(name, _WHOLE_NUMBER).number if name in self.attributes else default
 
+    def value(self) -> _Tensor | None:
+        """The tensor that a constant or a filled shape holds."""
+        return self.of_kind("value", _TENSOR).tensor if "value" in self.attributes else None
+
     def of_kind(self, name: str, kind: int) -> _Attribute:
         """An attribute that is there; of another kind runtimes take another value, or their default."""
         if self.attributes[name].kind != kind:
@@ -378,7 +382,7 @@ def _makes_whole(node: _Node, inputs: Inputs) -> bool:
     if node.operator == "Cast":
         return node.number("to", 1) in _WHOLE
     if node.operator in ("Constant", "ConstantOfShape"):
-        tensor = node.of_kind("value", _TENSOR).tensor if "value" in node.attributes else None
+        tensor = node.value()
         named = "value_int" in node.attributes or "value_ints" in node.attributes
         return named if tensor is None else tensor.whole
     if node.operator in _TRUTHS:
@@ -489,7 +493,7 @@ def _gemm(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _constant(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     (name,) = node.attributes
-    tensor = node.of_kind(name, _TENSOR).tensor if name == "value" else None
+    tensor = node.value()
     if tensor is not None:
         return [tensor]
     if name == "value_int":
@@ -574,7 +578,7 @@ def _concat(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     shape = _checked([int(size) for size in _known(inputs, 0).reshape(-1)])
-    given = node.of_kind("value", _TENSOR).tensor if "value" in node.attributes else None
+    given = node.value()
     value = None if given is None else given.value
     return [_kept(shape, [value], lambda v: np.full(shape, v[0].reshape(-1)[0]))]
 

@@ -563,7 +563,8 @@ class TrainingSettings:
         seed: of every random generator.
 
     Raises:
-        InvalidValueError: a motor model that is unknown, or a method or robot that is no name.
+        InvalidValueError: a motor model that is unknown, a method or robot that is no name, or a seed that
+            is no whole number.
     """
 
     method: str = "sprint"

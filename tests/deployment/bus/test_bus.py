@@ -54,15 +54,32 @@ def eventually(look):
     raise AssertionError("nothing came")
 
 
+def now_and_again(send):
+    """Sends at once, and every half second again: a bus may drop a message, on a busy machine it does."""
+    sent_at = -1.0
+
+    def send_if_due():
+        nonlocal sent_at
+        if time.monotonic() - sent_at > 0.5:
+            sent_at = time.monotonic()
+            send()
+
+    return send_if_due
+
+
 def arrives(send, receive, base=0):
     """Send a message, another one when it is lost; all that was sent before has arrived when it has."""
-    number, sent_at = 0, -1.0
+    number = 0
+
+    def send_another():
+        nonlocal number
+        number += 1
+        send(number)
+
+    send_if_due = now_and_again(send_another)
 
     def look():
-        nonlocal number, sent_at
-        if time.monotonic() - sent_at > 0.5:  # a bus may drop a message, on a busy machine it does
-            number, sent_at = number + 1, time.monotonic()
-            send(number)
+        send_if_due()
         message = receive()
         return message is not None and message.sequence == base + number
 
@@ -71,13 +88,10 @@ def arrives(send, receive, base=0):
 
 def delivered(send, receive, sequence):
     """The message of that number, sent again where it is lost; none but late copies come before it."""
-    sent_at = -1.0
+    send_if_due = now_and_again(send)
 
     def look():
-        nonlocal sent_at
-        if time.monotonic() - sent_at > 0.5:
-            sent_at = time.monotonic()
-            send()
+        send_if_due()
         message = receive()
         assert message is None or message.sequence <= sequence
         return message if message is not None and message.sequence == sequence else None
