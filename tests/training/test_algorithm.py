@@ -170,7 +170,7 @@ def test_quiet_robots_act_with_less_noise_and_their_probabilities_know_it() -> N
     )
     learner = EstimatorPpo(SprintEnvironment(quiet, "cpu"), True, Workers())
     assert bool((learner.rollout.loudness == 1.0).all()), "not yet"
-    learner.set_noise(quiet.ppo.least_std, quiet.stages.is_steady(3))
+    learner.set_phase(3)
     for _ in range(STEPS):
         learner.act()
         learner.environment.advance()

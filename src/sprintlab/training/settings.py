@@ -494,13 +494,16 @@ class PpoSettings:
             check_range("calm_std", self.calm_std, 1e-6, self.least_std)
             check_range("calm_iterations[0]", self.calm_iterations[0], 0, self.calm_iterations[1] - 1)
 
+    def calm_share(self, iteration: int) -> float:
+        """How far an iteration of the run lies between ``calm_iterations``: 0 before them, 1 after."""
+        if self.calm_iterations is None:
+            return 0.0
+        first, last = self.calm_iterations
+        return min(max((iteration - first) / (last - first), 0.0), 1.0)
+
     def noise_floor(self, iteration: int) -> float:
         """The least deviation of the action noise in an iteration of the run."""
-        if self.calm_iterations is None:
-            return self.least_std
-        first, last = self.calm_iterations
-        share = min(max((iteration - first) / (last - first), 0.0), 1.0)
-        return self.least_std + share * (self.calm_std - self.least_std)
+        return self.least_std + self.calm_share(iteration) * (self.calm_std - self.least_std)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -512,6 +515,8 @@ class EstimatorSettings:
         encoder: widths of the encoder's layers.
         decoder: widths of the decoder's layers.
         learning_rate: of its own optimizer, which the policy's adaptive rate does not touch.
+        calm_learning_rate: to which that sinks over ``ppo.calm_iterations``: at a constant rate, the mean error
+            of the exported estimate is that of its last few steps.
         epochs: passes over the rollout; one is enough, and the update is the dearest part of an iteration.
         sees_command: whether the encoder reads the command. Under ACS the command follows the speed: an
             estimator that sees it learns to read the speed off it, and errs by metres a second as soon as
@@ -530,6 +535,7 @@ class EstimatorSettings:
     encoder: tuple[int, ...] = (256, 128)
     decoder: tuple[int, ...] = (64, 128)
     learning_rate: float = 1e-3
+    calm_learning_rate: float = 1e-4
     epochs: int = 1
     sees_command: bool = False
     contact_weight: float = 0.2
@@ -540,12 +546,16 @@ class EstimatorSettings:
     def __post_init__(self) -> None:
         for name in ("latent", "epochs"):
             check_range(name, getattr(self, name), 1, 1000)
-        for name in ("learning_rate", "velocity_scale", "height_scale"):
+        for name in ("learning_rate", "calm_learning_rate", "velocity_scale", "height_scale"):
             check_positive(name, getattr(self, name))
         for name in ("contact_weight", "latent_weight"):
             check_range(name, getattr(self, name), 0.0, 1000.0)
         for name in ("encoder", "decoder"):
             _check_widths(name, getattr(self, name))
+
+    def rate(self, calm: float) -> float:
+        """The learning rate after a share of the calm iterations, along a straight line of its logarithm."""
+        return self.learning_rate * (self.calm_learning_rate / self.learning_rate) ** calm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -97,18 +97,23 @@ class EstimatorPpo:
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
         self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
-        rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
-        self.estimator_block = ParameterBlock([list(self.actor.estimator.parameters())], rate, fused)
+        self.estimator_rate = torch.tensor(settings.estimator.learning_rate, device=self.device)
+        estimator = [list(self.actor.estimator.parameters())]
+        self.estimator_block = ParameterBlock(estimator, self.estimator_rate, fused)
         self.old_std = self.actor.std.detach().clone()
         self.least_std = torch.tensor(ppo.least_std, device=self.device)
-        self.set_noise(ppo.least_std, settings.stages.is_steady(0))
+        self.set_phase(0)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
 
-    def set_noise(self, least: float, quiet: bool) -> None:
-        """The floor of the action noise, and whether some robots have less of it, from now on."""
-        self.least_std.fill_(least)
+    def set_phase(self, iteration: int) -> None:
+        """The action noise and the estimator's learning rate of an iteration of the run."""
+        settings = self.settings
+        calm = settings.ppo.calm_share(iteration)
+        self.least_std.fill_(settings.ppo.noise_floor(iteration))
+        self.estimator_rate.fill_(settings.estimator.rate(calm))
+        quiet = settings.stages.is_steady(iteration)
         self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
 
     # --- graphs ------------------------------------------------------------------------------------------

@@ -102,7 +102,7 @@ class Runner:
         iteration = self.progress.iteration
         steady = self.settings.stages.is_steady(iteration)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
-        self.learner.set_noise(self.settings.ppo.noise_floor(iteration), steady)
+        self.learner.set_phase(iteration)
         if self.settings.prior is not None:
             self.environment.prior_weight.fill_(self.settings.prior.weight_at(iteration))
 
