@@ -36,12 +36,12 @@ class Evaluate:
     policy: tyro.conf.Positional[str]
     robot: str | None = None
     common_speed: float | None = None
-    clock_check: tyro.conf.FlagCreatePairsOff[bool] = False
+    clock_check: bool = False
     workers: int | None = None
     out: Path | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
-    search: tyro.conf.FlagCreatePairsOff[SearchOptions] = SearchOptions()
-    drive: tyro.conf.FlagCreatePairsOff[DriveOptions] = DriveOptions()
+    json: bool = False
+    search: SearchOptions = SearchOptions()
+    drive: DriveOptions = DriveOptions()
 
     def run(self) -> int:
         """Run the protocol and print its numbers.

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -48,7 +49,7 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
     """Call a function of the API with a command's fields as its arguments; draw and print what it finds.
 
     Args:
-        function: that takes ``progress`` and, by their names, all fields but ``figure`` and ``json``.
+        function: that takes by their names all fields but ``figure`` and ``json``, and maybe ``progress``.
         command: with these two as well: picture to draw, if it offers one, and whether to print JSON only.
 
     Raises:
@@ -57,7 +58,8 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
     options = arguments(command)
     with progress_bar(quiet=command.json) as report:
         report("loading", None)
-        found = function(**options, progress=report)
+        told = {"progress": report} if "progress" in signature(function).parameters else {}
+        found = function(**options, **told)
     figure = getattr(command, "figure", None)
     draw(found, figure)
     if command.json:
