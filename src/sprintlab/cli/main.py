@@ -17,6 +17,7 @@ from typing import Any, get_args, get_type_hints
 import tyro
 
 from sprintlab.api.doctor import doctor
+from sprintlab.api.evaluations import evaluate
 from sprintlab.api.grounds import ground
 from sprintlab.api.learning import learning
 from sprintlab.api.limits import limit
@@ -26,7 +27,6 @@ from sprintlab.api.rollouts import audit_rollout
 from sprintlab.api.run_reports import report_run
 from sprintlab.api.steering import lap, turning
 from sprintlab.cli.build import FIGURE, choice, command
-from sprintlab.cli.evaluate import Evaluate
 from sprintlab.cli.export import Export
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.motor import Motor
@@ -47,7 +47,7 @@ INTERRUPTED = 130
 COMMANDS = {
     "see it": {"race": Race, "play": Play, "replay": command(replay)},
     "measure": {
-        "evaluate": Evaluate,
+        "evaluate": command(evaluate),
         "turning": command(turning, figure="also draw the map here (.png, .pdf or .svg)."),
         "lap": command(
             lap,
