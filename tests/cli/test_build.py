@@ -125,7 +125,20 @@ def test_a_group_runs_the_command_that_is_named(capsys):
         tyro.cli(choice({"one": kind, "two": Measured}), args=["one", "third"], config=CONFIG)
 
 
-def test_a_policy_may_be_left_out_where_the_function_has_a_default():
-    for name in ("turning", "lap", "ground", "robustness"):
-        typed = parse([name])
-        assert typed.policy == "sprint" and typed.robot is None and typed.json is False
+@pytest.mark.parametrize("required", ["", "count"])
+def test_a_default_may_be_asked_for_all_the_same(required, capsys):
+    kind = command(measured, required=required)
+    if not required:
+        assert given(capsys, kind, "here")[1]["count"] == "2"
+        return
+    with pytest.raises(SystemExit):
+        tyro.cli(kind, args=["here"], config=CONFIG)
+    assert "--count" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["evaluate", "turning", "lap", "ground"])
+def test_what_takes_minutes_asks_for_the_policy(name, capsys):
+    with pytest.raises(SystemExit):
+        parse([name])
+    assert "policy" in capsys.readouterr().err
+    assert parse([name, "sprint"]).policy == "sprint"

@@ -20,6 +20,7 @@ def command(
     function: Callable[..., Any],
     *,
     positional: int = 1,
+    required: str = "",
     names: Mapping[str, str] | None = None,
     figure: str = "",
     status: Callable[[Any], int] = lambda found: 0,
@@ -31,6 +32,7 @@ def command(
     Args:
         function: returns a result that prints itself.
         positional: how many of its first parameters are typed without their names.
+        required: parameter that has to be typed, although the function has a default for it.
         names: what is typed for parameters that the command calls otherwise.
         figure: help of ``--figure``, where the result draws itself.
         status: the exit status that a result means.
@@ -39,7 +41,7 @@ def command(
     json = ("json", Annotated[bool, tyro.conf.arg(help="print JSON only.")], field(default=False))
     return make_dataclass(
         function.__name__,
-        [*_options(function, positional, names or {}), *(extra if figure else []), json],
+        [*_options(function, positional, required, names or {}), *(extra if figure else []), json],
         namespace={"__doc__": function.__doc__, "run": lambda self: status(measure(function, self))},
         kw_only=True,
         frozen=True,
@@ -47,7 +49,7 @@ def command(
 
 
 def _options(
-    function: Callable[..., Any], positional: int, names: Mapping[str, str]
+    function: Callable[..., Any], positional: int, required: str, names: Mapping[str, str]
 ) -> Iterator[tuple[str, Any, Any]]:
     """Name, type and default of each parameter but ``progress``."""
     kinds = get_type_hints(function)
@@ -55,7 +57,9 @@ def _options(
         if name == "progress":
             continue
         kind: Any = _typed(kinds[name])
-        default: Any = MISSING if parameter.default is parameter.empty else parameter.default
+        default: Any = (
+            MISSING if parameter.default is parameter.empty or name == required else parameter.default
+        )
         if default is None and inspect.isclass(kind) and is_dataclass(kind):
             default = kind()
         if place < positional:

@@ -47,14 +47,15 @@ INTERRUPTED = 130
 COMMANDS = {
     "see it": {"race": Race, "play": Play, "replay": command(replay)},
     "measure": {
-        "evaluate": command(evaluate),
-        "turning": command(turning, figure="also draw the map here (.png, .pdf or .svg)."),
+        "evaluate": command(evaluate, required="policy"),
+        "turning": command(turning, required="policy", figure="also draw the map here (.png, .pdf or .svg)."),
         "lap": command(
             lap,
+            required="policy",
             figure="also draw the path here (.png, .pdf or .svg).",
             status=lambda lap: 1 if lap.found.trial.fall_reason else 0,
         ),
-        "ground": command(ground),
+        "ground": command(ground, required="policy"),
         "robustness": command(robustness, names={"folder": "out"}, figure=FIGURE),
         "audit": command(audit_rollout, figure="torque-speed picture of every joint (.png, .pdf or .svg)."),
         "limit": command(limit, figure=FIGURE),

@@ -67,5 +67,5 @@ class MotorIdentify:
         draw(found, self.figure)
         if out is not None:
             found.save(out, rotor_inertia)
-        show(found, self, motor_file=out, figure=self.figure)
+        show(found, self, motor_file=out)
         return 0 if found.trustworthy else UNTRUSTED

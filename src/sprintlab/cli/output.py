@@ -60,31 +60,26 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
         report("loading", None)
         told = {"progress": report} if "progress" in signature(function).parameters else {}
         found = function(**options, **told)
-    figure = getattr(command, "figure", None)
-    draw(found, figure)
-    if command.json:
-        drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
-        print_json({**found.to_dict(), **drawn})
-        return found
-    stdout_console().print(found, soft_wrap=True)
-    show_files(figure=figure)
+    draw(found, getattr(command, "figure", None))
+    show(found, command)
     return found
 
 
-def show(found: Printed, command: Any, soft_wrap: bool = False, **files: Path | None) -> None:
+def show(found: Printed, command: Any, **files: Path | None) -> None:
     """Print a result as a command's ``json`` says, and name the files that were written.
 
     Args:
         found: the result.
-        command: whose ``json`` says whether to print JSON only.
-        soft_wrap: leave long lines to the terminal.
-        files: by what they are.
+        command: says whether to print JSON only, and which figure was drawn, if it offers one.
+        files: that were written besides, by what they are.
     """
+    figure = getattr(command, "figure", None)
     if command.json:
-        print_json(found.to_dict())
+        drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
+        print_json({**found.to_dict(), **drawn})
         return
-    stdout_console().print(found, soft_wrap=soft_wrap)
-    show_files(**files)
+    stdout_console().print(found, soft_wrap=True)
+    show_files(**files, figure=figure)
 
 
 def draw(found: Printed, figure: Path | None) -> None:
