@@ -184,6 +184,70 @@ def test_values_that_no_run_writes(path: Path, change) -> None:
     assert "\n" not in str(refusal.value)
 
 
+def refused(path: Path, change, match: str) -> None:
+    rewritten(path, change)
+    with pytest.raises(SprintlabError, match=match) as refusal:
+        read_checkpoint(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_tensors_that_share_bytes_are_refused_before_one_is_made(path: Path, monkeypatch) -> None:
+    """A thousand tensors of a megabyte each would fit into a file of one megabyte."""
+
+    def change(values, header):
+        end = max(entry["data_offsets"][1] for name, entry in header.items() if name[0] != "_")
+        for number in range(1000):
+            header[f"more.{number}"] = {"dtype": "U8", "shape": [end], "data_offsets": [0, end]}
+        values["more"] = [{"$tensor": f"more.{number}"} for number in range(1000)]
+
+    monkeypatch.setattr(module, "_tensor", lambda *_: pytest.fail("a tensor was made"))
+    refused(path, change, "overlap")
+
+
+@pytest.mark.parametrize(
+    "offsets", [[8, 0], [-8, 0], [0, 2**40], [0.5, 1], ["0", "1"], [0], 3, None, [0, 1, 2]]
+)
+def test_places_that_no_tensor_has_are_refused(path: Path, offsets) -> None:
+    def change(_, header):
+        header["more"] = {"dtype": "U8", "shape": [1], "data_offsets": offsets}
+
+    refused(path, change, "damaged")
+
+
+@pytest.mark.parametrize("kind", ["float64", "uint8", "int64", "uint16"])
+def test_an_array_is_of_the_kind_that_is_kept(path: Path, kind: str) -> None:
+    """Bytes read as numbers of eight bytes are eight times as many."""
+
+    def change(values, header):
+        header["more"] = {"dtype": "I8", "shape": [0], "data_offsets": [0, 0]}
+        values["more"] = {"$array": "more", "dtype": kind}
+
+    refused(path, change, "not kept as what it is")
+
+
+def test_values_are_counted_however_their_commas_are_written(path: Path, monkeypatch) -> None:
+    rewritten(path, lambda values, header: values.update(more=[0] * 5000))
+    content, comma = path.read_bytes(), b"\\u002c"
+    (length,) = struct.unpack_from("<Q", content)
+    header = json.loads(content[8 : 8 + length])
+    header["__metadata__"]["sha256"] = "0" * 64
+    text = json.dumps(header).encode().replace(b"0, 0", b"0" + comma + b"0")
+    whole = struct.pack("<Q", len(text)) + text + content[8 + length :]
+    path.write_bytes(whole.replace(b"0" * 64, module._checksum(whole).encode(), 1))
+    assert len(read_checkpoint(path)["more"]) == 5000
+    monkeypatch.setattr(module, "_MOST_VALUES", 4000)
+    with pytest.raises(SprintlabError, match="more than 4000 values"):
+        read_checkpoint(path)
+
+
+def test_a_module_that_imports_others_when_asked_is_not_asked(path: Path, monkeypatch) -> None:
+    lazy = types.ModuleType("lazy")
+    lazy.__getattr__ = lambda name: pytest.fail("a stranger had something imported")  # type: ignore[method-assign]
+    monkeypatch.setitem(sys.modules, "lazy", lazy)
+    rewritten(path, lambda values, _: values.update(more={"$class": "lazy:heavy", "fields": {}}))
+    assert read_checkpoint(path)["more"] == UnknownSettings("lazy:heavy", {})
+
+
 def test_another_version_is_named(path: Path) -> None:
     rewritten(path, lambda v, h: h["__metadata__"].update(format="5"))
     with pytest.raises(SprintlabError, match="format 5; this version reads 4"):

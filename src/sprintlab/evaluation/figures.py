@@ -25,6 +25,7 @@ from sprintlab.core.theme import (
     style_axis,
     themed_figure,
 )
+from sprintlab.core.thinning import thinned_cloud, thinned_curve
 from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
@@ -47,9 +48,9 @@ def require_finite(trajectory: Trajectory) -> None:
         SimulationError: names the first array, and the first sample's time where that is known.
     """
     for name, values in trajectory.arrays().items():
-        broken = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-        if broken.any():
-            sample = int(np.argmax(broken))
+        finite = np.isfinite(values)
+        if not finite.all():
+            sample = int(np.argmin(finite.reshape(len(values), -1).all(axis=1)))
             moment = trajectory.time[sample]
             when = f"at {moment:.3f} s" if np.isfinite(moment) else f"in sample {sample}"
             raise SimulationError(f"the trajectory holds a value that is no finite number: {name} {when}")
@@ -176,13 +177,14 @@ def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
         (axes[0], 0, "roll rate", theme.speed),
         (axes[1], 1, "pitch rate", theme.second),
     ):
-        axis.plot(trajectory.time, trajectory.angular_velocity[:, column], color=colour, linewidth=0.8)
+        curve = thinned_curve(trajectory.time, trajectory.angular_velocity[:, column])
+        axis.plot(*curve, color=colour, linewidth=0.8)
         axis.set_ylabel(f"{name} [rad/s]")
         axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     limit = 1.05 * float(np.abs(trajectory.angular_velocity[:, :2]).max() + 1e-6)
     axes[0].set_ylim(-limit, limit)
     axes[1].set_ylim(-limit, limit)
-    axes[2].plot(trajectory.time, _cumulative_cost(trajectory), color=theme.foreground)
+    axes[2].plot(*thinned_curve(trajectory.time, _cumulative_cost(trajectory)), color=theme.foreground)
     axes[2].set_ylabel("J so far [rad²/s]")
     axes[2].set_xlabel("time [s]")
     axes[2].set_ylim(bottom=0.0)
@@ -328,8 +330,7 @@ def _draw_limits(axis: Axes, speed: Array, curves: dict[str, Any], theme: Theme)
 def _draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
     for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
         axis.scatter(
-            speed[mask],
-            torque[mask],
+            *thinned_cloud(speed[mask], torque[mask]),
             s=size,
             color=colour,
             alpha=0.45,
@@ -392,15 +393,13 @@ def moving_average(values: Array, time: Array, window: float) -> Array:
 
 def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: Array, theme: Theme) -> None:
     time = trajectory.time
-    axis.plot(time, mechanical / 1e3, color=theme.speed, linewidth=0.4, alpha=0.25)
+    axis.plot(*thinned_curve(time, mechanical / 1e3), color=theme.speed, linewidth=0.4, alpha=0.25)
     for values, name, colour in (
         (mechanical, "mechanical", theme.speed),
         (copper, "copper loss", theme.second),
     ):
-        smooth = moving_average(values, time, POWER_WINDOW)
-        axis.plot(
-            time, smooth / 1e3, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s"
-        )
+        smooth = thinned_curve(time, moving_average(values, time, POWER_WINDOW) / 1e3)
+        axis.plot(*smooth, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s")
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_xlim(time[0], time[-1])
     axis.set_ylabel("power, all joints [kW]")

@@ -22,6 +22,7 @@ from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
+from sprintlab.core.thinning import thinned_cloud
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
@@ -375,8 +376,8 @@ def rollout_figure(rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_volt
             continue
         axis.fill_between(grid[:, joint], lower[:, joint], upper[:, joint], color=LIGHT.envelope, linewidth=0)
         for mask, color in ((~beyond[:, joint], LIGHT.inside), (beyond[:, joint], LIGHT.on_limit)):
-            speed, torque = rollout.joint_velocity[mask, joint], rollout.joint_torque[mask, joint]
-            axis.scatter(speed, torque, s=2.5, color=color, alpha=0.5, linewidths=0, rasterized=True)
+            cloud = thinned_cloud(rollout.joint_velocity[mask, joint], rollout.joint_torque[mask, joint])
+            axis.scatter(*cloud, s=2.5, color=color, alpha=0.5, linewidths=0, rasterized=True)
         set_title(axis, rollout.names[joint], LIGHT)
         share = _percent(float(beyond[:, joint].mean()))
         axis.set_title(f"{share} impossible", loc="right", fontsize=8, color=LIGHT.muted)

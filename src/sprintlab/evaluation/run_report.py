@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sprintlab.control import Policy
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
+from sprintlab.core.thinning import thinned_curve
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import QUANTITIES, json_ready, number, quantity_numbers
@@ -119,22 +120,25 @@ def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Them
     """Command, measured speed and simulated speed over time; way over time below."""
     figure, axes = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
     speed, way = axes
-    speed.plot(run.command_time, run.command[:, 0], color=theme.command, linewidth=1.2, label="command")
+    command = thinned_curve(run.command_time, run.command[:, 0])
+    speed.plot(*command, color=theme.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
         smooth = figures.moving_average(motion.velocity[:, 0], motion.time, 0.1)
-        speed.plot(motion.time, smooth, color=theme.second, linewidth=1.4, label="simulation, 0.1 s mean")
-        way.plot(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], color=theme.second, linewidth=1.4)
+        simulated = thinned_curve(motion.time, smooth)
+        speed.plot(*simulated, color=theme.second, linewidth=1.4, label="simulation, 0.1 s mean")
+        simulated = thinned_curve(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0])
+        way.plot(*simulated, color=theme.second, linewidth=1.4)
     speed.plot(
-        run.fix_time,
-        run.fix_speed,
+        *thinned_curve(run.fix_time, run.fix_speed),
         color=theme.speed,
         marker="o",
         markersize=3.0,
         linewidth=0.9,
         label="robot, position receiver",
     )
-    way.plot(run.fix_time, run.fix_way, color=theme.speed, marker="o", markersize=3.0, linewidth=0.9)
+    fixes = thinned_curve(run.fix_time, run.fix_way)
+    way.plot(*fixes, color=theme.speed, marker="o", markersize=3.0, linewidth=0.9)
     way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
     speed.set_ylabel("forward speed [m/s]")
     way.set_ylabel("way [m]")

@@ -310,6 +310,21 @@ def test_no_room_for_the_memory_is_one_sentence_and_leaves_nothing(bus_name, mon
     assert not [path for path in shared_folder().iterdir() if bus_name in path.name]
 
 
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without a name are Linux's")
+@pytest.mark.parametrize("last", ["_lock", "_take_room"])
+@pytest.mark.parametrize("end", ["open_endpoint", "open_bus"])
+def test_who_is_killed_before_the_file_is_complete_leaves_nothing(bus_name, end, last):
+    code = (
+        "import os\nfrom sprintlab.deployment import bus\n"
+        "from sprintlab.deployment.bus import shared_memory\n"
+        f"shared_memory.{last} = lambda *_: os.kill(os.getpid(), 9)\n"
+        f"bus.{end}('shm://{bus_name}')"
+    )
+    killed = subprocess.run([sys.executable, "-c", code], timeout=PATIENCE, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert not [path for path in shared_folder().iterdir() if bus_name in path.name]
+
+
 def test_a_robot_of_another_account_is_no_robot(bus_name, monkeypatch):
     """Everybody can make a file of that name in the shared folder, and pose as the robot."""
     endpoint = open_endpoint(f"shm://{bus_name}")

@@ -262,7 +262,7 @@ def test_an_hour_at_1_khz_is_within_the_limits(path):
     steps = 3_600_000
     assert steps <= limits.MOST_MESSAGES and limits.LONGEST_RUN >= 3600.0
     assert (limits.UNPACKED_LIMIT - spent._room) / 300 * steps < limits.UNPACKED_LIMIT
-    assert spent._records / 300 * steps < limits._MOST_RECORDS
+    assert spent._others / 300 * steps < limits._MOST_OTHERS
     assert path.stat().st_size / 300 * steps < limits.LOG_LIMIT
 
 
@@ -288,15 +288,23 @@ MESSAGE = struct.pack("<BQ", 5, 22) + bytes(22)
 
 
 def test_a_flood_of_records_ends(path, monkeypatch):
-    monkeypatch.setattr("sprintlab.deployment.log.reader._MOST_RECORDS", 1000)
+    """Only states, fixes, commands and control steps may be many: the rest is looked at in a second."""
+    monkeypatch.setattr("sprintlab.deployment.log.reader._MOST_OTHERS", 1000)
+    write(path, 400)
+    assert len(read_log(path).states) == 400
+    text = struct.pack("<I", 1) + b"x"
+    channel = struct.pack("<HH", 7, 0) + text + text + bytes(4)
     for records in (
         [(1, b"")] * 1001,
+        [(4, channel)] * 1001,
         [chunk(MESSAGE * 1001)],
         [chunk(MESSAGE)] * 501,
+        [chunk((struct.pack("<BQ", 4, len(channel)) + channel) * 1001)],
+        [chunk(struct.pack("<BQ", 3, 0) * 1001)],
         [(5, bytes(22))] * 1001,
     ):
         mcap_file(path, *records)
-        with pytest.raises(LogError, match="more than 1000 records"):
+        with pytest.raises(LogError, match="more than 1000 records of no use"):
             read_log(path)
 
 

@@ -153,8 +153,8 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
 
     def __init__(self, name: str, session: int) -> None:
         self.session = session
-        path = _path(name)
-        lock = _open_locked(_path(f"{name}.controller"))
+        path, self._lock_path = _path(name), _path(f"{name}.controller")
+        lock = _open_locked(self._lock_path)
         if lock is None:
             raise BusError(f"another controller drives the robot {name!r} on this machine")
         self._lock = lock
@@ -189,7 +189,7 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
 
     def _unlock(self) -> None:
         with contextlib.suppress(OSError):
-            os.unlink(self._lock.name)
+            self._lock_path.unlink()
         self._lock.close()
 
 
@@ -199,7 +199,7 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
     def __init__(self, name: str) -> None:
         path = _path(name)
         remove_orphans()
-        file = _create(path)
+        file = _create(path, struct.pack("=Q", _MAGIC), _size())
         if file is None:
             raise BusError(f"a robot named {name!r} runs already on this machine")
         super().__init__(file, path)
@@ -252,38 +252,48 @@ def _lock(file: IO[bytes]) -> bool:
     return True
 
 
-def _create(path: Path) -> IO[bytes] | None:
-    """A new file of zeros under its lock; None if there is one already.
+def _create(path: Path, first: bytes, size: int) -> IO[bytes] | None:
+    """A new file of zeros under its lock, ``first`` at its beginning; None if there is one already.
 
-    It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it.
+    It gets its name only when it is locked and complete: nobody can take it for an orphan, or see half of it,
+    and a process that is killed before leaves nothing.
     """
     name, file = "", None
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, name = _open_nameless(path)
         file = os.fdopen(handle, "rb+")
         _lock(file)
-        _take_room(file)
-        file.write(struct.pack("=Q", _MAGIC))
+        _take_room(file, size)
+        file.write(first)
         file.flush()
-        os.link(name, path)
+        os.link(name, path, src_dir_fd=handle)  # with a folder, it follows a link such as that of /proc
     except OSError as error:
         if file is not None:
             file.close()
         if isinstance(error, FileExistsError):
             return None
-        raise BusError(f"cannot make shared memory in {path.parent}: {error.strerror or error}") from error
+        raise BusError(f"cannot make {path}: {error.strerror or error}") from error
     finally:
         with contextlib.suppress(OSError):
             os.unlink(name)
     return file
 
 
-def _take_room(file: IO[bytes]) -> None:
+def _open_nameless(path: Path) -> tuple[int, str]:
+    """A file in the folder of ``path``, and by what it can be linked: hidden where none can be nameless."""
+    try:
+        handle = os.open(path.parent, os.O_TMPFILE | os.O_RDWR, 0o600)
+    except (AttributeError, OSError):
+        return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    return handle, f"/proc/self/fd/{handle}"
+
+
+def _take_room(file: IO[bytes], size: int) -> None:
     """All of the memory now: without room, a write to a mapped file would end the process without a word."""
     if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, _size())
+        os.posix_fallocate(file.fileno(), 0, size)
     else:
-        file.write(bytes(_size()))
+        file.write(bytes(size))
         file.seek(0)
 
 
@@ -316,10 +326,15 @@ def _open_locked(path: Path) -> IO[bytes] | None:
         BusError: it cannot be made, or a foreign file has its name, which is left alone.
     """
     while True:
+        file = _create(path, _LOCK_CONTENT, len(_LOCK_CONTENT))
+        if file is not None:
+            return file
         try:
-            file = open(path, "ab+", opener=_private)  # noqa: SIM115
+            file = open(path, "rb+", opener=_private)  # noqa: SIM115
+        except FileNotFoundError:
+            continue  # another controller has just left
         except OSError as error:
-            raise BusError(f"cannot make {path}: {error.strerror or error}") from error
+            raise BusError(f"cannot open {path}: {error.strerror or error}") from error
         if not _lock(file):
             file.close()
             return None
@@ -327,9 +342,6 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             if os.pread(file.fileno(), 9, 0) not in (b"", _LOCK_CONTENT):
                 file.close()
                 raise BusError(f"{path} is no file of sprintlab, and its name is needed: move it away")
-            file.truncate(0)
-            file.write(_LOCK_CONTENT)
-            file.flush()
             return file
         file.close()
 

@@ -39,7 +39,6 @@ from sprintlab.deployment.log.topics import (
     FIX,
     STATE,
     TICK,
-    TOPICS,
     LogError,
     TickRecord,
 )
@@ -57,13 +56,14 @@ LONGEST_RUN = 3700.0
 """Longest log that is read [s]."""
 
 _MAGIC = b"\x89MCAP0\r\n"
-_MOST_RECORDS = 3 * MOST_MESSAGES + 1_000_000  # of all kinds: states, commands, control steps, and the rest
+_MOST_OTHERS = 1_000_000  # records that are no states, fixes, commands or control steps
 _LARGEST_WINDOW = 64 << 20
 _LARGEST_CHUNK = 64 << 20
 _LARGEST_NOTE = 4 << 20  # facts, contract
 _MOST_NAMES = 1000  # of facts, of modes, of faults
 _MOST_FAULTS = 8 * MOST_MESSAGES  # in all control steps
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = 3, 4, 5, 6, 9, 12
+_RECORD, _MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _NOTES = {_CHANNEL, _ATTACHMENT, _METADATA}
 _IN_CHUNKS = {_SCHEMA, _CHANNEL, _MESSAGE}
 _LARGEST = 1e9  # of any number, in its SI unit
@@ -148,8 +148,9 @@ class Ticks(Sequence[TickRecord]):
         self.joints = 0
         self.faults: dict[int, tuple[str, ...]] = {}
 
-    def add(self, content: bytes) -> None:
-        """Keep one step. Raises ``msgspec.DecodeError`` or ``LogError``."""
+    def add(self, time: int, content: bytes) -> None:
+        """Keep one step, which holds its time itself. Raises ``msgspec.DecodeError`` or ``LogError``."""
+        del time
         tick = self._decoder.decode(content)
         self.joints = self.joints or len(tick.targets)
         if len(tick.velocity) != 3 or len(tick.targets) != self.joints:
@@ -304,11 +305,13 @@ class _Reader:
         self._commands = Messages(JointCommand)
         self._fixes = Messages(PositionFix)
         self._ticks = Ticks()
-        self._stores = {STATE: self._states, COMMAND: self._commands, FIX: self._fixes}
-        self._topics: dict[int, str] = {}
+        self._stores: dict[str, Messages[Any] | Ticks] = {
+            STATE: self._states, COMMAND: self._commands, FIX: self._fixes, TICK: self._ticks,
+        }  # fmt: skip
+        self._channels: dict[int, Messages[Any] | Ticks] = {}
         self._facts: dict[str, str] = {}
         self._contract = ""
-        self._records, self._room = 0, UNPACKED_LIMIT
+        self._others, self._room = 0, UNPACKED_LIMIT
 
     def record(self) -> RunRecord:
         """What was read. Raises ``LogError`` where that is no run."""
@@ -329,9 +332,8 @@ class _Reader:
         """Every record of a file, up to where it is cut off."""
         if file.read(len(_MAGIC)) != _MAGIC:
             raise LogError("it does not begin as an MCAP file")
-        while len(head := file.read(9)) == 9:
-            kind, length = struct.unpack("<BQ", head)
-            self._count()
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            kind, length = _RECORD.unpack(head)
             if kind in (_CHUNK, _MESSAGE, *_NOTES):
                 limit = 2 * _LARGEST_CHUNK if kind == _CHUNK else _LARGEST_NOTE
                 content = file.read(min(length, limit + 1))
@@ -343,20 +345,20 @@ class _Reader:
             elif length >= 1 << 63:
                 return
             else:
+                self._count_other()
                 file.seek(length, 1)
 
-    def _count(self) -> None:
-        self._records += 1
-        if self._records > _MOST_RECORDS:
-            raise LogError(f"it holds more than {_MOST_RECORDS} records")
+    def _count_other(self) -> None:
+        self._others += 1
+        if self._others > _MOST_OTHERS:
+            raise LogError(f"it holds more than {_MOST_OTHERS} records of no use")
 
     def _take(self, kind: int, content: bytes) -> None:
         try:
             if kind == _CHUNK:
                 self._take_chunk(content)
             elif kind == _MESSAGE:
-                channel, _, time = struct.unpack_from("<HIQ", content)
-                self._take_message(self._topics.get(channel, ""), time, content[22:])
+                self._take_message(content, 0, len(content))
             else:
                 self._take_note(kind, content)
         except struct.error:
@@ -364,20 +366,22 @@ class _Reader:
 
     def _take_chunk(self, content: bytes) -> None:
         """The records of a chunk, which holds them whole."""
+        self._count_other()
         data = self._unpacked(content)
         self._room -= len(data)
-        at = 0
-        while at < len(data):
-            kind, length = struct.unpack_from("<BQ", data, at)
-            begin, at = at + 9, at + 9 + length
-            self._count()
-            if kind not in _IN_CHUNKS or at > len(data):
+        at, end, head = 0, len(data), _RECORD.unpack_from
+        while at < end:
+            kind, length = head(data, at)
+            begin = at + _RECORD.size
+            at = begin + length
+            if kind not in _IN_CHUNKS or at > end:
                 raise LogError("a chunk holds a record of an unknown kind, or a part of one")
             if kind == _MESSAGE:
-                channel, _, time = struct.unpack_from("<HIQ", data, begin)
-                self._take_message(self._topics.get(channel, ""), time, data[begin + 22 : at])
+                self._take_message(data, begin, at)
             elif kind == _CHANNEL:
                 self._take_note(kind, data[begin:at])
+            else:
+                self._count_other()
 
     def _unpacked(self, content: bytes) -> bytes:
         """A chunk's records; never unpacks more than there is room for."""
@@ -395,23 +399,24 @@ class _Reader:
             raise LogError("the checksum of a chunk does not fit")
         return data
 
-    def _take_message(self, topic: str, time: int, content: bytes) -> None:
-        if topic == TICK:
-            self._ticks.add(content)
-            count = len(self._ticks)
-        elif topic in self._stores:
-            self._stores[topic].add(time, content)
-            count = len(self._stores[topic])
-        else:
+    def _take_message(self, data: bytes, begin: int, end: int) -> None:
+        channel, _, time, _ = _MESSAGE_HEAD.unpack_from(data, begin)
+        store = self._channels.get(channel)
+        if store is None:
+            self._count_other()
             return
-        if count > MOST_MESSAGES:
+        store.add(time, data[begin + _MESSAGE_HEAD.size : end])
+        if len(store) > MOST_MESSAGES:
             raise LogError(f"it holds more than {MOST_MESSAGES} messages of one kind, an hour at 1 kHz")
 
     def _take_note(self, kind: int, content: bytes) -> None:
+        self._count_other()
         if kind == _CHANNEL:
             (number,) = struct.unpack_from("<H", content)
             topic, _ = _text(content, 4)
-            self._topics[number] = topic if topic in TOPICS else ""
+            self._channels.pop(number, None)
+            if topic in self._stores:
+                self._channels[number] = self._stores[topic]
         elif kind == _ATTACHMENT:
             name, at = _text(content, 16)
             _, at = _text(content, at)

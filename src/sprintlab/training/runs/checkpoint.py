@@ -15,6 +15,7 @@ import json
 import math
 import struct
 import sys
+import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -96,6 +97,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     """
     values, table, content = _opened(path)
     try:
+        _check_places(table, len(content))
         state = _unpacked(values, table, content)
         _check_state(state)
         state["progress"] = Progress(**state["progress"])
@@ -182,13 +184,13 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
         (length,) = struct.unpack_from("<Q", content)
         if length > min(_HEADER_LIMIT, len(content) - 8):
             raise ValueError("it is cut off")
-        if content.count(b",", 0, 8 + length) > _MOST_VALUES:
-            raise ValueError(f"it holds more than {_MOST_VALUES} values")
+        _check_count(content.count(b",", 0, 8 + length))
         header = parse_json(content[8 : 8 + length])
         about = header.pop("__metadata__")
         if about["kind"] != _NAME:
             raise ValueError("it is of another kind")
         version, told = str(about["format"]), str(about["sha256"])
+        _check_count(str(about["values"]).count(","))  # in the header commas may be written as codes
     except (ValueError, KeyError, TypeError, AttributeError, struct.error) as error:
         raise SprintlabError(f"{path} is no checkpoint or is truncated: {printable(error)}") from error
     if version != str(CHECKPOINT_FORMAT):
@@ -204,6 +206,11 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
         return parse_json(about["values"]), header, body
     except (ValueError, KeyError, TypeError) as error:
         raise SprintlabError(f"{path} is no checkpoint: {printable(error)}") from error
+
+
+def _check_count(commas: int) -> None:
+    if commas > _MOST_VALUES:
+        raise ValueError(f"it holds more than {_MOST_VALUES} values")
 
 
 # --- values -----------------------------------------------------------------------------------------------
@@ -280,7 +287,10 @@ def _unpacked(value: Any, table: dict[str, Any], content: memoryview, depth: int
     if "$array" in entry:
         if entry["dtype"] not in _ARRAY_TYPES:
             raise ValueError("an array is of no number")
-        return _tensor(entry["$array"], table, content).numpy().astype(entry["dtype"])
+        stored, kind = _tensor(entry["$array"], table, content).numpy(), np.dtype(entry["dtype"])
+        if stored.dtype != kind and (stored.dtype != np.int64 or kind.kind != "u"):
+            raise ValueError("an array is not kept as what it is")
+        return stored.astype(kind)
     if "$tuple" in entry:
         return tuple(_unpacked(entry["$tuple"], table, content, depth + 1))
     if "$class" in entry:
@@ -289,17 +299,25 @@ def _unpacked(value: Any, table: dict[str, Any], content: memoryview, depth: int
     return {key: _unpacked(item, table, content, depth + 1) for key, item in entry.items()}
 
 
+def _check_places(table: dict[str, Any], size: int) -> None:
+    """Refuse tensors that share bytes, of which a small file could hold any number. Raises ``ValueError``."""
+    if len(table) > _MOST_TENSORS:
+        raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
+    used = 0
+    for start, end in sorted(entry["data_offsets"] for entry in table.values()):
+        if not used <= start <= end <= size:
+            raise ValueError("its tensors overlap, or lie outside of it")
+        used = end
+
+
 def _tensor(name: Any, table: dict[str, Any], content: memoryview) -> torch.Tensor:
     """A tensor by its name, which stands in one place only: a name a million times is no checkpoint."""
     import torch
 
-    if len(table) > _MOST_TENSORS:
-        raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
     entry = table.pop(name)
     torch_name, size = _TYPES[entry["dtype"]]
     shape, (start, end) = [int(side) for side in entry["shape"]], entry["data_offsets"]
-    inside = 0 <= start <= end <= len(content) and all(side >= 0 for side in shape) and len(shape) <= 16
-    if not inside or end - start != math.prod(shape) * size:
+    if any(side < 0 for side in shape) or len(shape) > 16 or end - start != math.prod(shape) * size:
         raise ValueError(f"the size of tensor {name} is not that of its shape")
     kind = getattr(torch, torch_name)
     if start == end:
@@ -315,8 +333,8 @@ def _settings(path: str, values: dict[str, Any]) -> Any:
         with contextlib.suppress(ImportError):  # of another version: the class is not known here
             module = importlib.import_module(module_name)
     found: Any = module
-    for part in name.split("."):
-        found = getattr(found, part, None)
+    for part in name.split("."):  # not getattr: some modules import others when they are asked for them
+        found = vars(found).get(part) if isinstance(found, type | types.ModuleType) else None
     if not isinstance(found, type) or not is_dataclass(found):
         return UnknownSettings(path, values)
     if not found.__dataclass_params__.frozen or found.__module__ != module_name:  # type: ignore[attr-defined]
