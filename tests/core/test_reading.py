@@ -105,6 +105,15 @@ def test_terminal_codes_are_shown_not_obeyed():
     assert printable("ordinary name, µ") == "ordinary name, µ"
 
 
+@pytest.mark.parametrize(
+    "error",
+    [SprintlabError("motor.\x1b[2J\n\u202e is unknown"), InvalidValueError("motor.\x1b[2J\n\u202e", 1, "no")],
+)
+def test_an_error_in_python_shows_a_strangers_names_and_does_not_obey_them(error):
+    assert str(error).startswith("motor.\\x1b[2J \\u202e ")
+    assert len(str(SprintlabError("x" * 10**6))) < 3000
+
+
 def test_arrays_come_back(tmp_path):
     given = {"a": np.arange(6.0).reshape(2, 3), "b": np.asfortranarray(np.eye(3)), "c": np.array("text")}
     np.savez_compressed(tmp_path / "a.npz", **given)
