@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.archives import read_arrays
-from sprintlab.core.errors import RobotModelError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError
 from sprintlab.core.reading import (
     parse_json,
     parse_toml,
