@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.archives import read_arrays
-from sprintlab.core.errors import RobotModelError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError
 from sprintlab.core.reading import (
     parse_json,
     parse_toml,
@@ -103,6 +103,15 @@ def test_terminal_codes_are_shown_not_obeyed():
     assert printable("\x1b[2Jabc\r\n‮") == "\\x1b[2Jabc\\r\\n\\u202e"
     assert printable("x" * 1000) == "x" * 300 + "..."
     assert printable("ordinary name, µ") == "ordinary name, µ"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [SprintlabError("motor.\x1b[2J\n\u202e is unknown"), InvalidValueError("motor.\x1b[2J\n\u202e", 1, "no")],
+)
+def test_an_error_in_python_shows_a_strangers_names_and_does_not_obey_them(error):
+    assert str(error).startswith("motor.\\x1b[2J \\u202e ")
+    assert len(str(SprintlabError("x" * 10**6))) < 3000
 
 
 def test_arrays_come_back(tmp_path):

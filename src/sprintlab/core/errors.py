@@ -1,10 +1,27 @@
 """The errors a user can meet. Each message is one sentence that names what is wrong."""
 
 _LONGEST_VALUE = 300  # characters of a refused value in a message
+_LONGEST = 2000  # characters of a message
+
+
+def printable(text: object, longest: int = _LONGEST_VALUE) -> str:
+    """Text of a stranger as it may stand on a terminal: no control characters, no turned writing, not long.
+
+    What a terminal would obey instead of show (escape sequences, carriage returns, writing from right to
+    left) appears as its code, e.g. ``\\x1b``.
+    """
+    plain = "".join(
+        sign if sign.isprintable() else sign.encode("unicode_escape").decode()
+        for sign in str(text)[: longest + 1]
+    )
+    return plain if len(plain) <= longest else plain[:longest] + "..."
 
 
 class SprintlabError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base of every error this package raises on purpose. Its text is one line, ``printable``."""
+
+    def __str__(self) -> str:
+        return printable(" ".join(super().__str__().split()), _LONGEST)
 
 
 class InvalidValueError(SprintlabError, ValueError):

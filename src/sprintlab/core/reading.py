@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import IO, Any, cast
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -188,19 +188,6 @@ def refused_as_damaged(path: object) -> Generator[None, None, None]:
     ) as error:  # fmt: skip
         reason = printable(" ".join(str(error).split()) or type(error).__name__, 150)
         raise SprintlabError(f"{printable(path)} is damaged: {reason}") from error
-
-
-def printable(text: object, longest: int = 300) -> str:
-    """Text of a stranger as it may stand on a terminal: no control characters, no turned writing, not long.
-
-    What a terminal would obey instead of show (escape sequences, carriage returns, writing from right to
-    left) appears as its code, e.g. ``\\x1b``.
-    """
-    plain = "".join(
-        sign if sign.isprintable() else sign.encode("unicode_escape").decode()
-        for sign in str(text)[: longest + 1]
-    )
-    return plain if len(plain) <= longest else plain[:longest] + "..."
 
 
 def _check_tree(value: Any, depth: int) -> None:
