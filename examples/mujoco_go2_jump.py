@@ -15,20 +15,17 @@ import json
 import re
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from torque_over_speed import Drives, FloatArray, draw, impossible_share, table_drives
 
-from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, style_axis, themed_figure
 from sprintlab.integrations.mjcf import dc_motor, motor_callback
-from sprintlab.motors import Gear, PmsmParameters, drive_torque, no_load_speed
 from sprintlab.robots import RobotDescription, load_robot
 
-FloatArray = NDArray[np.float64]
 Control = Callable[[FloatArray, FloatArray], FloatArray]
 
 PARTS = {"hip": "abad", "thigh": "hip", "calf": "knee"}  # the model's names of a leg's joints, the table's
@@ -36,7 +33,6 @@ CROUCH = {"hip": 0.0, "thigh": 1.2, "calf": -2.5}  # [rad]
 STRETCH = {"hip": 0.0, "thigh": 0.5, "calf": -1.0}
 LAND = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}
 PHASES = ((0.6, CROUCH), (0.78, STRETCH), (1.5, LAND))  # until when [s]
-PARAMETERS = [item.name for item in fields(PmsmParameters)]
 STIFFNESS, DAMPING = 250.0, 3.0  # [N m/rad], [N m s/rad]
 
 
@@ -77,25 +73,21 @@ def compiled(text: str, robot: RobotDescription) -> mujoco.MjModel:
     return model
 
 
-def drives(model: mujoco.MjModel, robot: RobotDescription) -> tuple[PmsmParameters, Gear]:
+def drives(model: mujoco.MjModel, robot: RobotDescription) -> Drives:
     """The table's motors and gears in the order of the model's actuators."""
     places: list[int] = []
     for joint in model.actuator_trnid[:, 0]:
         leg, part, _ = model.joint(joint).name.split("_")
         places.append(robot.joint_names.index(f"{leg}_{PARTS[part]}"))
-    values = {name: np.broadcast_to(getattr(robot.motors, name), len(places)) for name in PARAMETERS}
-    motor = PmsmParameters(**{name: value[places] for name, value in values.items()})
-    return motor, Gear(ratio=robot.gear.ratio[places], efficiency=robot.gear.efficiency[places])
+    return table_drives(robot, places)
 
 
-def on_dc_motors(
-    text: str, model: mujoco.MjModel, motor: PmsmParameters, gear: Gear, bus_voltage: float
-) -> tuple[str, Control]:
+def on_dc_motors(text: str, model: mujoco.MjModel, drives: Drives) -> tuple[str, Control]:
     """The same model's MJCF on the `<dcmotor>`s nearest to the motors, and their voltages for wanted torques.
 
     Their rotors are left out: the model's armature has them.
     """
-    found = [dc_motor(*single(motor, gear, index), bus_voltage) for index in range(model.nu)]
+    found = [dc_motor(*drives.single(index)) for index in range(model.nu)]
     names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
     elements = [replace(element, rotor_inertia=0.0) for element in found]
     lines = "".join(element.element(name) for element, name in zip(elements, names, strict=True))
@@ -110,10 +102,10 @@ def on_dc_motors(
 
 def jump(
     model: mujoco.MjModel,
-    refined: tuple[PmsmParameters, Gear, float] | None = None,
+    refined: Drives | None = None,
     control: Control = lambda asked, speed: asked,
 ) -> Jump:
-    """One jump: on the model's actuators, or on motors and gears behind a bus voltage [V]."""
+    """One jump: on the model's actuators, or on refined motors."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     joints = model.actuator_trnid[:, 0]
@@ -139,65 +131,9 @@ def jump(
 
 def numbers(jumps: dict[str, Jump]) -> dict[str, float]:
     """How high, and how fast the fastest joint was."""
-    rises = {f"rise_{name}_m": round(found.height, 3) for name, found in jumps.items()}
+    rises = {f"rise_{name}_m": round(found.height, 4) for name, found in jumps.items()}
     tops = {name: round(float(np.abs(found.speed).max()), 1) for name, found in jumps.items()}
     return rises | {f"fastest_joint_{name}_rad_s": top for name, top in tops.items()}
-
-
-def single(motor: PmsmParameters, gear: Gear, joint: int) -> tuple[PmsmParameters, Gear]:
-    """Motor and gear of one joint."""
-    one = PmsmParameters(**{name: np.asarray(getattr(motor, name))[joint] for name in PARAMETERS})
-    return one, Gear(ratio=gear.ratio[joint], efficiency=gear.efficiency[joint])
-
-
-def limits(
-    motor: PmsmParameters, gear: Gear, bus_voltage: float, speed: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest joint torque [N m] at joint speeds [rad/s]."""
-    most = 10.0 * motor.peak_torque * gear.ratio
-    lower, upper = (drive_torque(motor, gear, sign * most, speed, bus_voltage).torque for sign in (-1.0, 1.0))
-    return lower, upper
-
-
-def impossible_share(own: Jump, motor: PmsmParameters, gear: Gear, bus_voltage: float) -> float:
-    """Share of the own motors' driving work that refined ones could not have done at the same speeds [-]."""
-    possible = np.clip(own.delivered, *limits(motor, gear, bus_voltage, own.speed))
-    done = np.maximum(own.delivered * own.speed, 0.0)
-    return float(1.0 - np.clip(possible * own.speed, 0.0, done).sum() / done.sum())
-
-
-def draw(path: Path, jumps: dict[str, Jump], motor: PmsmParameters, gear: Gear, bus_voltage: float) -> None:
-    """Torque over speed, asked and delivered: thighs above calves, one column a jump."""
-    figure, axes = themed_figure(LIGHT, (9.0, 6.4), 2, 2, sharex=True)
-    for row, part in enumerate(("thigh", "calf")):
-        joints = np.arange(row + 1, len(gear.ratio), 3)
-        envelope = _envelope(motor, gear, bus_voltage, int(joints[0]))
-        for column, (name, found) in enumerate(jumps.items()):
-            axis = axes[2 * row + column]
-            style_axis(axis, LIGHT)
-            axis.fill_between(*envelope, color=LIGHT.envelope, lw=0.0, label="what the motor can give")
-            speed, kept = found.speed[:, joints].ravel(), slice(None, None, 2)
-            for values, color, label in (
-                (found.asked, LIGHT.muted, "asked by the PD loop"),
-                (found.delivered, LIGHT.on_limit, "delivered"),
-            ):
-                axis.plot(speed[kept], values[:, joints].ravel()[kept], ".", ms=2.5, color=color, label=label)
-            axis.set_ylim(1.6 * envelope[1].min(), 1.6 * envelope[2].max())
-            set_title(axis, f"{part}, {name}: jumps {100.0 * found.height:.0f} cm", LIGHT)
-            axis.set_xlabel("joint speed [rad/s]" if row else "")
-            axis.set_ylabel("" if column else "joint torque [N m]")
-    axis_legend(axes[2], LIGHT, loc="lower right", markerscale=4.0)
-    save_figure(path, figure, dpi=110)
-
-
-def _envelope(
-    motor: PmsmParameters, gear: Gear, bus_voltage: float, joint: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speeds [rad/s], least and greatest torque [N m] of one joint."""
-    one, alone = single(motor, gear, joint)
-    top = 1.3 * float(no_load_speed(one, bus_voltage)) / alone.ratio
-    speeds = np.linspace(-top, top, 201)
-    return speeds, *limits(one, alone, bus_voltage, speeds)
 
 
 def main() -> None:
@@ -212,20 +148,16 @@ def main() -> None:
     robot = load_robot("go2")
     text = load_text(given.model)
     model = compiled(text, robot)
-    motor, gear = drives(model, robot)
-    own, refined = jump(model), jump(model, (motor, gear, robot.bus_voltage))
-    dc_text, volts = on_dc_motors(text, model, motor, gear, robot.bus_voltage)
+    motors = drives(model, robot)
+    own, refined = jump(model), jump(model, motors)
+    dc_text, volts = on_dc_motors(text, model, motors)
     dc_motors = jump(compiled(dc_text, robot), control=volts)
     found = numbers({"own": own, "dcmotor": dc_motors, "refined": refined})
-    found["impossible_work_share"] = round(impossible_share(own, motor, gear, robot.bus_voltage), 3)
+    found["impossible_work_share"] = round(impossible_share(own, motors), 3)
     if given.figure is not None:
-        draw(
-            given.figure,
-            {"model's own motors": own, "refined motors": refined},
-            motor,
-            gear,
-            robot.bus_voltage,
-        )
+        jumps = {"model's own motors": own, "refined motors": refined}
+        titled = {f"{name}: jumps {100.0 * one.height:.0f} cm": one for name, one in jumps.items()}
+        draw(given.figure, {"thigh": range(1, 12, 3), "calf": range(2, 12, 3)}, titled, motors)
     print(json.dumps(found) if given.json else "\n".join(f"{name}: {value}" for name, value in found.items()))
 
 

@@ -1,5 +1,6 @@
 """The snippets of docs/integrations.md, each run where what it needs is installed."""
 
+import json
 import re
 import sys
 from dataclasses import dataclass
@@ -12,8 +13,10 @@ import pytest
 
 from sprintlab.integrations.mjcf import dc_motor_excess
 from sprintlab.motors import Gear, PmsmParameters, drive_torque, load_library_motor, no_load_speed, save_motor
+from sprintlab.robots import load_robot
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "integrations.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "integrations.md"
 MOTOR = PmsmParameters(
     pole_pairs=21,
     stator_resistance=0.13,
@@ -91,7 +94,7 @@ def test_the_exported_line_gives_the_wanted_torque():
 
 
 def test_what_the_export_loses_is_what_the_page_says():
-    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
+    rows = re.findall(r"^\| `([a-z][\w-]+)` \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
     assert len(rows) == 7
     for name, cells in rows:
         actuator = load_library_motor(name)
@@ -121,25 +124,147 @@ def test_newton_builds_the_pages_model():
     assert actuator.clamping[0].gear_ratio.numpy() == pytest.approx([6.0])
 
 
-@pytest.fixture
-def isaac_lab(monkeypatch):
-    """What the snippet uses of Isaac Lab 2: a PD actuator that clips, its configuration, ``configclass``."""
-    torch = pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[train]'")
+def measured(name):
+    return json.loads((ROOT / "results" / "integrations" / f"{name}.json").read_text(encoding="utf-8"))
 
-    class IdealPDActuator:
-        def __init__(self, cfg, environments, joints):
-            self.cfg = cfg
-            self.computed_effort = torch.zeros(environments, joints)
-            self.stiffness, self.damping = cfg.stiffness, cfg.damping
 
-        def compute(self, control_action, joint_pos, joint_vel):
-            self.computed_effort = (
-                self.stiffness * (control_action.joint_positions - joint_pos)
-                + self.damping * (control_action.joint_velocities - joint_vel)
-                + control_action.joint_efforts
-            )
-            control_action.joint_efforts = self._clip_effort(self.computed_effort)
-            return control_action
+def row(name):
+    """Cells behind the actuator's or clamping stage's name."""
+    return re.search(rf"^\| `{name}` \| (.*) \|$", PAGE.read_text("utf-8"), re.MULTILINE)[1].split(" | ")
+
+
+def cells(held, fastest, share):
+    return [f"{held:.2f} m/s", f"{fastest:.1f} rad/s", f"{100.0 * share:.1f} %"]
+
+
+def test_the_jump_of_plain_mujoco_is_what_was_measured(flowing):
+    found, page = measured("mujoco-go2"), flowing("docs/integrations.md")
+    robot = load_robot("go2")
+    own, refined = (f"{100.0 * found[f'rise_{name}_m']:.0f} cm" for name in ("own", "refined"))
+    assert f"jumps {own} on the first and {refined} on the second" in page
+    slowest = float(np.min(no_load_speed(robot.motors, robot.bus_voltage) / robot.gear.ratio))
+    assert (
+        f"up to {found['fastest_joint_own_rad_s']:.0f} rad/s; their motors reach {slowest:.1f} rad/s" in page
+    )
+    assert f"{100.0 * found['impossible_work_share']:.0f} % lies outside" in page
+    assert f"the same motors jump {100.0 * found['rise_dcmotor_m']:.0f} cm" in page
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        ("position", "BuiltinPositionActuatorCfg"),
+        ("dc_motor", "DcMotorActuatorCfg"),
+        ("refined", "PmsmActuatorCfg"),
+    ],
+)
+def test_the_walk_of_mjlabs_go1_is_what_was_measured(law, name):
+    found = measured("mjlab-go1")[f"{law}_1.5"]
+    keys = ("held_m_s", "fastest_calf_rad_s", "impossible_work_share")
+    assert row(name) == cells(*(found[key] for key in keys))
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        ("peak_torque", "ClampingMaxEffort"),
+        ("straight_line", "ClampingDCMotor"),
+        ("refined", "PmsmClamping"),
+    ],
+)
+def test_the_walk_of_newtons_anymal_is_what_was_measured(law, name):
+    found = measured("newton-anymal")
+    keys = (f"held_{law}_m_s", f"fastest_joint_{law}_rad_s", f"impossible_work_share_{law}")
+    assert row(name) == cells(*(found[key] for key in keys))
+
+
+def test_what_the_page_says_of_both_walks_is_what_was_measured(flowing):
+    page, robot = flowing("docs/integrations.md"), load_robot("go1")
+    fastest = measured("mjlab-go1")["position_1.5"]["fastest_calf_rad_s"]
+    calf = float(np.min(no_load_speed(robot.motors, robot.bus_voltage) / robot.gear.ratio))
+    assert f"at up to {fastest:.1f} rad/s; their motors reach {calf:.1f} rad/s without load" in page
+    fastest = measured("newton-anymal")["fastest_joint_peak_torque_rad_s"]
+    assert f"up to {fastest:.1f} rad/s; their drives reach 7.5 rad/s without load" in page
+
+
+class ActuatorOfIsaacLab:
+    """What Isaac Lab's ``IdealPDActuator`` is to a subclass, in release 2 and in release 3.
+
+    Both make their buffers in the constructor, call ``_clip_effort`` between the two of them, and return the
+    torque in the action they were given, with the targets taken away.
+    """
+
+    def _prepare(self, cfg, joint_names, num_envs, stiffness, damping):
+        import torch
+
+        self.cfg, self._num_envs, self._joint_names = cfg, num_envs, joint_names
+        self.stiffness = torch.full((num_envs, len(joint_names)), cfg.stiffness or stiffness)
+        self.damping = torch.full_like(self.stiffness, cfg.damping or damping)
+        self.computed_effort = torch.zeros_like(self.stiffness)
+        self.applied_effort = torch.zeros_like(self.stiffness)
+
+    def reset(self, env_ids):
+        """Nothing to reset."""
+
+    def compute(self, control_action, joint_pos, joint_vel):
+        error_pos = control_action.joint_positions - joint_pos
+        error_vel = control_action.joint_velocities - joint_vel
+        wanted = self.stiffness * error_pos + self.damping * error_vel
+        self.computed_effort = wanted + control_action.joint_efforts
+        self.applied_effort = self._clip_effort(self.computed_effort)
+        control_action.joint_efforts = self.applied_effort
+        control_action.joint_positions = control_action.joint_velocities = None
+        return control_action
+
+
+class ActuatorOfRelease2(ActuatorOfIsaacLab):
+    def __init__(
+        self,
+        cfg,
+        joint_names,
+        joint_ids,
+        num_envs,
+        device,
+        stiffness=0.0,
+        damping=0.0,
+        armature=0.0,
+        friction=0.0,
+        dynamic_friction=0.0,
+        viscous_friction=0.0,
+        effort_limit=np.inf,
+        velocity_limit=np.inf,
+    ):
+        self._prepare(cfg, joint_names, num_envs, stiffness, damping)
+
+
+class ActuatorOfRelease3(ActuatorOfIsaacLab):
+    def __init__(
+        self,
+        cfg,
+        joint_names,
+        joint_ids,
+        num_envs,
+        device,
+        stiffness=0.0,
+        damping=0.0,
+        actuator_effort_limit=None,
+        actuator_velocity_limit=None,
+        effort_limit=None,
+        velocity_limit=None,
+    ):
+        self._prepare(cfg, joint_names, num_envs, stiffness, damping)
+
+
+LIMITS = {  # what Isaac Lab's articulation hands over beside the gains
+    ActuatorOfRelease2: {"armature": 0.0, "friction": 0.0, "effort_limit": 1e9, "velocity_limit": 1e9},
+    ActuatorOfRelease3: {"actuator_effort_limit": 1e9, "actuator_velocity_limit": 1e9},
+}
+
+
+@pytest.fixture(params=LIMITS, ids=["release 2", "release 3"])
+def isaac_lab(request, monkeypatch):
+    """What the snippet uses of Isaac Lab: a PD actuator that clips, its configuration, ``configclass``."""
+    pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[train]'")
 
     @dataclass
     class IdealPDActuatorCfg:
@@ -147,19 +272,29 @@ def isaac_lab(monkeypatch):
         damping: float = 1.0
 
     actuators, utilities = ModuleType("isaaclab.actuators"), ModuleType("isaaclab.utils")
-    actuators.IdealPDActuator, actuators.IdealPDActuatorCfg = IdealPDActuator, IdealPDActuatorCfg
+    actuators.IdealPDActuator, actuators.IdealPDActuatorCfg = request.param, IdealPDActuatorCfg
     utilities.configclass = dataclass
     for module in (ModuleType("isaaclab"), actuators, utilities):
         monkeypatch.setitem(sys.modules, module.__name__, module)
-    return torch
+    return request.param
 
 
 def test_isaac_lab_actuator_gives_the_law(isaac_lab, tmp_path):
-    torch = isaac_lab
+    import torch
+
     save_motor(MOTOR, tmp_path / "motor.toml")
     names = run("Isaac Lab")
     configuration = names["PmsmMotorCfg"](motor_file=str(tmp_path / "motor.toml"), bus_voltage=24.0)
-    actuator = configuration.class_type(configuration, 5, 3)
+    actuator = configuration.class_type(
+        cfg=configuration,
+        joint_names=["hip", "thigh", "calf"],
+        joint_ids=slice(None),
+        num_envs=5,
+        device="cpu",
+        stiffness=0.0,
+        damping=0.0,
+        **LIMITS[isaac_lab],
+    )
     random = np.random.default_rng(0)
     position, target, speed = (random.normal(0.0, scale, (5, 3)) for scale in (1.0, 1.0, 20.0))
     action = SimpleNamespace(
@@ -167,7 +302,10 @@ def test_isaac_lab_actuator_gives_the_law(isaac_lab, tmp_path):
         joint_velocities=torch.zeros(5, 3),
         joint_efforts=torch.zeros(5, 3),
     )
-    given = actuator.compute(action, torch.tensor(position), torch.tensor(speed)).joint_efforts
+    done = actuator.compute(action, torch.tensor(position), torch.tensor(speed))
+    assert done is action and done.joint_positions is None
+    given = actuator.applied_effort
+    assert torch.equal(done.joint_efforts, given)
     wanted = 40.0 * (target - position) - speed
     expected = drive_torque(MOTOR, Gear(ratio=6.0, efficiency=0.95), wanted, speed, 24.0).torque
     assert given.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)

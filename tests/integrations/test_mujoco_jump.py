@@ -48,23 +48,24 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     robot = example.load_robot("go2")
     model = example.compiled(example.load_text(tmp_path / "go2.xml"), robot)
     assert model.nmesh == 0 and (model.dof_damping[6:] == robot.viscous_friction[0]).all()
-    motor, gear = example.drives(model, robot)
-    own, refined = example.jump(model), example.jump(model, (motor, gear, robot.bus_voltage))
+    drives = example.drives(model, robot)
+    own, refined = example.jump(model), example.jump(model, drives)
     assert 0.05 < refined.height < own.height - 0.05
     peaks = np.tile(list(PEAKS.values()), 4)
     np.testing.assert_allclose(own.delivered, np.clip(own.asked, -peaks, peaks), atol=1e-9)
-    law = drive_torque(motor, gear, refined.asked, refined.speed, robot.bus_voltage).torque
+    law = drive_torque(drives.motor, drives.gear, refined.asked, refined.speed, robot.bus_voltage).torque
     np.testing.assert_allclose(refined.delivered, np.clip(law, -peaks, peaks), atol=1e-9)
-    assert 0.2 < example.impossible_share(own, motor, gear, robot.bus_voltage) < 1.0
-    assert example.impossible_share(refined, motor, gear, robot.bus_voltage) < 1e-6
+    assert 0.2 < example.impossible_share(own, drives) < 1.0
+    assert example.impossible_share(refined, drives) < 1e-6
 
 
 def test_dc_motors_jump_as_a_law_without_inductance_and_losses(example, tmp_path):
     """At every step of the jump MuJoCo's motors give the simplified law's torque."""
     robot, text = example.load_robot("go2"), example.load_text(tmp_path / "go2.xml")
     model = example.compiled(text, robot)
-    motor, gear = example.drives(model, robot)
-    other, volts = example.on_dc_motors(text, model, motor, gear, robot.bus_voltage)
+    drives = example.drives(model, robot)
+    motor, gear, _ = drives
+    other, volts = example.on_dc_motors(text, model, drives)
     found = example.jump(example.compiled(other, robot), control=volts)
     simple = replace(motor, saturation=np.zeros(12), q_axis_inductance=np.zeros(12))
     ideal = Gear(ratio=gear.ratio, efficiency=np.ones(12))
@@ -75,7 +76,7 @@ def test_dc_motors_jump_as_a_law_without_inductance_and_losses(example, tmp_path
 
 def test_gears_stand_where_the_models_actuators_stand(example, tmp_path):
     robot = example.load_robot("go2")
-    _, gear = example.drives(example.compiled(example.load_text(tmp_path / "go2.xml"), robot), robot)
+    _, gear, _ = example.drives(example.compiled(example.load_text(tmp_path / "go2.xml"), robot), robot)
     assert gear.ratio.tolist() == pytest.approx([6.33, 6.33, 12.13] * 4, abs=0.01)
 
 
