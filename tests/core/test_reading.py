@@ -99,6 +99,21 @@ def test_json_files_hold_no_nan(tmp_path, text):
         read_json(tmp_path / "a.json")
 
 
+def test_a_folder_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch):
+    """Between the question what it is and the opening."""
+    (tmp_path / "file").write_text("x = 1\n")
+    status = os.stat(tmp_path / "file")
+    (tmp_path / "folder").mkdir()
+    opened, names = os.open, []
+    monkeypatch.setattr(os, "stat", lambda path: status)
+    monkeypatch.setattr(os, "open", lambda *arguments: names.append(opened(*arguments)) or names[-1])
+    with pytest.raises(SprintlabError, match="no regular file"):
+        read_bytes(tmp_path / "folder", 100)
+    monkeypatch.undo()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(names[0])  # it was closed
+
+
 def test_terminal_codes_are_shown_not_obeyed():
     assert printable("\x1b[2Jabc\r\n‮") == "\\x1b[2Jabc\\r\\n\\u202e"
     assert printable("x" * 1000) == "x" * 300 + "..."

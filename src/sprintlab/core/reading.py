@@ -48,10 +48,11 @@ def open_regular(
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as reason:  # ValueError: a zero byte in the name
         raise _unreadable(path, what, error, reason) from reason
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode):  # something else has taken its place; Python opens no folder
+        os.close(handle)
+        raise error(f"cannot read {what} {printable(path)}: it is no regular file")
     with open(handle, "rb") as file:
-        status = os.fstat(handle)
-        if not stat.S_ISREG(status.st_mode):
-            raise error(f"cannot read {what} {printable(path)}: it is no regular file")
         if status.st_size > limit:
             raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
         try:
