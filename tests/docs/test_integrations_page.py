@@ -267,12 +267,12 @@ def isaac_lab(request, monkeypatch):
     pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[train]'")
 
     @dataclass
-    class IdealPDActuatorCfg:
+    class ActuatorBaseCfg:
         stiffness: float = 40.0
         damping: float = 1.0
 
     actuators, utilities = ModuleType("isaaclab.actuators"), ModuleType("isaaclab.utils")
-    actuators.IdealPDActuator, actuators.IdealPDActuatorCfg = request.param, IdealPDActuatorCfg
+    actuators.IdealPDActuator, actuators.ActuatorBaseCfg = request.param, ActuatorBaseCfg
     utilities.configclass = dataclass
     for module in (ModuleType("isaaclab"), actuators, utilities):
         monkeypatch.setitem(sys.modules, module.__name__, module)
