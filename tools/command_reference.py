@@ -65,9 +65,9 @@ def _sections(name: str, command: type) -> Iterator[str]:
 
 
 def described(command: type) -> tuple[str, dict[str, str]]:
-    """What a docstring says: the text before ``Attributes:``, and the meaning of each attribute."""
+    """What a docstring says: the text before ``Attributes:`` or ``Args:``, and the meaning of each."""
     text = inspect.cleandoc(command.__doc__ or "")
-    summary, _, attributes = text.partition("Attributes:")
+    summary, attributes, *_ = [*re.split(r"^(?:Attributes|Args|Raises):$", text, flags=re.MULTILINE), ""]
     meanings: dict[str, str] = {}
     for entry in re.split(r"\n(?=\S)", textwrap.dedent(attributes.strip("\n"))):
         name, _, meaning = " ".join(entry.split()).partition(": ")
@@ -79,6 +79,8 @@ def _rows(command: type) -> Iterator[str]:
     """A row a field; fields that are groups of options stand as their own fields, without a prefix."""
     hints, meanings = get_type_hints(command, include_extras=True), described(command)[1]
     for field in dataclasses.fields(command):
+        for note in _notes(hints[field.name]):
+            meanings[field.name] = note.help or meanings.get(field.name, "")
         if dataclasses.is_dataclass(hints[field.name]):
             yield from _rows(hints[field.name])
         else:
@@ -100,14 +102,17 @@ def _escaped(text: str) -> str:
 
 
 def _option_name(field: dataclasses.Field[Any], hint: Any) -> str:
-    for note in getattr(hint, "__metadata__", ()):
-        if getattr(note, "name", None):
-            return f"--{note.name}"
-    return "--" + field.name.replace("_", "-")
+    name = next((note.name for note in _notes(hint) if note.name), field.name.replace("_", "-"))
+    return f"--no-{name}" if field.default is True else f"--{name}"
+
+
+def _notes(hint: Any) -> list[Any]:
+    """What is said to the parser about an argument beside its type."""
+    return [note for note in getattr(hint, "__metadata__", ()) if hasattr(note, "help")]
 
 
 def _default_text(value: Any) -> str:
-    if value is None or value is False or value == () or value is dataclasses.MISSING:
+    if value is None or isinstance(value, bool) or value == () or value is dataclasses.MISSING:
         return ""
     return f"`{ast.literal_eval(repr(value)) if isinstance(value, str) else value}`"
 

@@ -53,6 +53,7 @@ def answer(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         (["race", "--top-speed", "nan"], "top_speed"),
         (["race", "--out", "file/run"], "cannot write"),
         (["race", "--workers", "0"], "workers"),
+        (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
     ],
 )
 def test_refused_before_any_work(tmp_path: Path, words: list[str], said: str) -> None:

@@ -3,8 +3,7 @@
 import shlex
 from pathlib import Path
 
-from sprintlab.cli.learning import Learning
-from sprintlab.cli.main import parse
+from sprintlab.cli.main import Command, named_commands, parse
 from sprintlab.cli.race import Race
 from sprintlab.cli.train import next_steps
 
@@ -15,6 +14,6 @@ def test_the_lines_can_be_copied_where_names_have_spaces():
     words = [shlex.split(line.removeprefix("next:")) for line in lines]
     assert all(each[0] == "sprintlab" for each in words)
     learning, race = (parse(each[1:]) for each in words)
-    assert isinstance(learning, Learning) and isinstance(race, Race)
+    assert type(learning) is named_commands(Command)["learning"] and isinstance(race, Race)
     assert learning.run_folder == Path("my runs/one")
     assert race.policy == "my runs/one/policy.onnx"

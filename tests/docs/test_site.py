@@ -51,6 +51,17 @@ def test_every_command_has_its_section(site):
         assert f'id="sprintlab-{name}' in text
 
 
+def test_options_are_listed_as_they_are_typed():
+    from tools.command_reference import command_reference
+
+    text = command_reference()
+    assert "Options(" not in text and "`--drive`" not in text
+    turning = text.partition("## sprintlab turning")[2].partition("\n## ")[0]
+    for option in ("POLICY", "--speeds", "--figure", "--json", "--air", "--winding-temperature"):
+        assert f"| `{option}` |" in turning
+    assert "| `--no-simulation` |" in text
+
+
 def test_placeholders_are_shown_as_text(site):
     """Markdown takes <date> for HTML and drops it."""
     assert "runs/race-&lt;date&gt;-&lt;time&gt;" in (site / "commands.html").read_text(encoding="utf-8")

@@ -121,7 +121,7 @@ class Check(NamedTuple):
 
 
 def doctor(
-    folder: Path | str = ".",
+    folder: Path | str = Path("."),
     *,
     thorough: bool = False,
     training: bool = False,
@@ -129,10 +129,15 @@ def doctor(
 ) -> Examination:
     """Try out what sprintlab needs: packages, GPU, graph capture, compiler, OpenGL, disk.
 
+    Exit status 1 where something is broken, 0 otherwise: what is merely not installed is no fault. With
+    --training it is 1 too where training on a GPU is not possible.
+
+    What takes long (importing PyTorch, compiling, rendering) is tried with --thorough or --training only.
+
     Args:
         folder: whose disk runs are to be written to.
         thorough: also try CUDA, graph capture, compilation and rendering: half a minute and more.
-        training: likewise, and count what GPU training needs and does not find as a fault.
+        training: also count what GPU training needs and does not find as a fault.
         progress: called with the name of what is looked at.
     """
     found = examine(Path(folder), lambda name: progress(name, None), thorough or training)

@@ -100,7 +100,7 @@ def envelope(
     trajectory: Path | None = None,
     points: int = 13,
 ) -> Envelope:
-    """The torque-speed envelope of a joint under every motor model.
+    """Print and draw the torque-speed envelope of a joint under every motor model, all four quadrants.
 
     Args:
         source: a motor file (TOML), the name of a robot, or an actuator of the library.
@@ -108,7 +108,7 @@ def envelope(
         bus_voltage: [V]; the robot's or actuator's own, or 60 for a motor file.
         gear_ratio: motor speed over joint speed; the robot's or actuator's own, or 1 for a motor file.
         gear_efficiency: the robot's or actuator's own, or 1 for a motor file.
-        trajectory: trajectory.npz of a race, to be compared with the envelope.
+        trajectory: trajectory.npz of a race, drawn over the envelope and compared with it.
         points: speeds in the table, from standstill to the no-load speed.
 
     Raises:

@@ -73,15 +73,15 @@ def ground(
     workers: int | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Grounds:
-    """Measure what slopes, up and down, and rough ground cost a policy.
+    """Measure what slopes and rough ground cost a policy: falls, and speed held against level ground.
 
     Args:
-        policy: a policy file, or the name of one that comes with the package.
-        top_speed: commanded speed [m/s] of the evaluation's profile.
+        policy: a policy file, or the name of a policy that comes with the package.
+        top_speed: commanded speed of the evaluation's profile [m/s].
         trials: seeded trials on each ground; on rough ground each has heights of its own.
-        slope: rise over run.
+        slope: rise over run, run up and down: 0.05 is 5 %.
         roughness: greatest height of the rough ground above and below its mean [m].
-        robot: name, folder or table; that of the policy's contract when left out.
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         drive: motor model, battery and heat; the published numbers' when left out.
         workers: processes; one a core when left out.
         progress: called with what is being done and the share done.

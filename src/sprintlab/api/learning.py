@@ -42,12 +42,13 @@ class Learning(Printed):
         return {**self.numbers, "figures": [str(path) for path in self.figures]}
 
     def tables(self) -> Iterator[RenderableType]:
-        """One row per number."""
+        """One row per number, then the pictures."""
         table = plain_table(f"{self.checkpoint}", "what", "value", "unit", numbers=("value",))
         for name, value in self.numbers.items():
             text = f"{value:.6g}" if isinstance(value, float) else str(value)
             table.add_row(name.replace("_", " "), text, UNITS.get(name, ""))
         yield table
+        yield from map(str, self.figures)
 
 
 def learning(
@@ -61,8 +62,8 @@ def learning(
     It reads the run's checkpoint, also while the run goes on.
 
     Args:
-        run_folder: folder of the run, or its checkpoint.
-        output: folder for the pictures; that of the checkpoint when left out.
+        run_folder: folder of the run, with its checkpoint.pt, or a checkpoint.
+        output: folder for the pictures; the run's own when left out.
         progress: called with what is being done.
 
     Raises:

@@ -102,18 +102,18 @@ def limit(
     max_stride: float | None = None,
     min_duty: float | None = None,
     seed: int = 0,
-    results: Path | str = "results",
+    results: Path | str = Path("results"),
     progress: Callable[[str, float | None], None] | None = None,
 ) -> Limit:
     """Estimate from above how fast a robot can run, from its motors and legs alone.
 
     Args:
-        robot: name, folder or table.
-        factors: on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
+        robot: name of a robot, or the path of its folder or table.
+        factors: factors on bus voltage, gear ratio, leg length and mass; none: no sensitivities.
         quick: only the limit and its stride: no causes, no sensitivities.
         starts: random strides to begin from; more find a little more.
-        max_stride: highest stride frequency that counts [Hz]; None: what the motors allow.
-        min_duty: lowest share of a stride in which a foot stands; None: what the motors allow.
+        max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
+        min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         seed: of the random strides.
         results: folder whose result.json files say what trained policies reach.
         progress: called with what is being done and the share done.

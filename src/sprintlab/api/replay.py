@@ -54,13 +54,15 @@ def replay(
     robot: RobotChoice = None,
     out: Path | str | None = None,
 ) -> ReplayPage:
-    """Write recorded runs as one interactive 3D page; several start together on neighbouring lanes.
+    """Write recorded runs as one HTML file: orbit, scrub, slow motion, speed and torque; opens offline.
+
+    Several runs start together on neighbouring lanes, with the gaps between them as they run.
 
     Args:
         run_folders: folders of races, or recorded trajectories (.npz); the newest race when left out.
-        world_record: also a runner at the pace of the men's world record over the distance.
+        world_record: also a runner at the pace of the men's world record over the distance (100 or 400 m).
         names: what to call the runs, in their order; the policies' names when left out.
-        robot: name, folder or table; what the race's result.json says when left out.
+        robot: a robot's name or parameter table (.toml); what the race's result.json says when left out.
         out: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
 
     Raises:

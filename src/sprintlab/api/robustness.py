@@ -95,20 +95,24 @@ def robustness(
     folder: Path | str | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Robustness:
-    """Run many sprints with friction, masses, motors, sensors, delay, pads and pushes drawn anew for each.
+    """Run many sprints with everything randomized at once: how many stay upright, what they hold.
 
-    Every sprint is kept in a file: the same call after a kill, or with more trials, goes on where it was.
+    Friction, payload, centre of mass, strength, bus voltage, delay, sensor noise, joint offsets, pushes and
+    foot pads are drawn anew for every sprint; a few more sprints randomize one of them at a time and tell
+    what each costs. Every sprint is kept in a file of its own: run the same again after a kill, or with more
+    trials, and it goes on where it was.
 
     Args:
-        policy: a policy file, or the name of one that comes with the package.
-        robot: name, folder or table; that of the policy's contract when left out.
+        policy: a policy file, or the name of a policy that comes with the package.
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         trials: sprints with everything randomized at once.
         cause_trials: sprints of each cause alone, and of the nominal robot.
-        top_speed: asked for [m/s]; when left out, that of the folder, or a search finds where most is held.
+        top_speed: speed asked for [m/s]; when left out, that of the folder, or a search finds that at which
+            most is held.
         distance: of a sprint [m].
         seed: of the first sprint; the next one has the next seed.
         workers: processes; one a core when left out.
-        folder: of the sprints; ``runs/robustness-<policy>`` when left out.
+        folder: folder of the sprints; runs/robustness-<policy> when left out.
         progress: called with what is being done and the share done.
 
     Raises:

@@ -92,16 +92,19 @@ def audit_rollout(
     gear_efficiency: float | None = None,
     policy_rate: float = 50.0,
 ) -> AuditedRollout:
-    """How much of a policy's torque its motors cannot give, from any simulator's recording.
+    """How much of a policy's torque its motors cannot give: any simulator's rollout against a motor.
+
+    Reads CSV and NPZ (columns: docs/check-your-policy.md) and the logs of `sprintlab run` (MCAP).
 
     Args:
-        rollout: CSV, NPZ, or the log of ``sprintlab run`` (MCAP).
-        motor: a motor file (.toml), an actuator of the library, or a robot with each joint its own motor.
-        joint: of a robot: give all joints this one's motor.
+        rollout: the recording.
+        motor: a motor file (.toml), an actuator of `sprintlab motor library`, or a robot of the package with
+            each joint its own motor.
+        joint: of a robot: give all joints this one's motor (abad, hip or knee).
         bus_voltage: [V]; the robot's or actuator's when left out.
         gear_ratio: the robot's or actuator's when left out; 1 for a motor file.
         gear_efficiency: likewise.
-        policy_rate: decisions of the policy per second, for the stances [Hz].
+        policy_rate: decisions of the policy a second, for the stances [Hz].
 
     Raises:
         SprintlabError: the recording or the motor cannot be used.

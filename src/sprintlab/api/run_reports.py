@@ -60,12 +60,12 @@ def report_run(
     """Draw a log of ``sprintlab run``, with the same commands in simulation beside it.
 
     Args:
-        log: of the run (.mcap).
-        folder: of the results, must not exist; ``runs/report-<date>-<time>`` when left out.
-        robot: name or table; that of the log when left out.
-        policy: that is simulated; that of the log when left out.
+        log: the log (.mcap).
+        folder: result folder, which must not exist; runs/report-<date>-<time> when left out.
+        robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
+        policy: the policy to simulate; the log's when left out.
         distance: of the sprint [m].
-        simulate: whether the simulation is drawn beside the run.
+        simulate: whether the simulation stands beside the run; without it the log is drawn alone.
         progress: called with what is being done.
 
     Raises:

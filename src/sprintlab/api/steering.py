@@ -99,11 +99,13 @@ def turning(
     workers: int | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Turning:
-    """Measure how much of a commanded yaw rate a policy turns with, up to what friction allows.
+    """Measure how much of a commanded yaw rate a policy turns with, at every speed.
+
+    Yaw rates go up to what friction allows, |v w| = mu g, and at most 1 rad/s.
 
     Args:
-        policy: a policy file, or the name of one that comes with the package.
-        robot: name, folder or table; that of the policy's contract when left out.
+        policy: a policy file, or the name of a policy that comes with the package.
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         speeds: commanded forward speeds [m/s].
         drive: motor model, battery and heat; the published numbers' when left out.
         workers: processes; one a core when left out.
@@ -133,12 +135,12 @@ def lap(
     drive: DriveOptions | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Lap:
-    """Run one lap of a standard track in lane 1.
+    """Run one lap of a standard 400 m track in lane 1: time, lane, energy, heat.
 
     Args:
-        policy: a policy file, or the name of one that comes with the package.
+        policy: a policy file, or the name of a policy that comes with the package.
         top_speed: commanded speed [m/s].
-        robot: name, folder or table; that of the policy's contract when left out.
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         self_paced: hold the command within 1 m/s of the measured speed.
         drive: motor model, battery and heat; the published numbers' when left out.
         progress: called with what is being done.

@@ -23,7 +23,7 @@ class Export:
 
     checkpoint: tyro.conf.Positional[Path]
     output: tyro.conf.Positional[Path]
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Export.

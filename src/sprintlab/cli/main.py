@@ -12,28 +12,29 @@ import os
 import sys
 import textwrap
 from collections.abc import Sequence
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import tyro
 
-from sprintlab.cli.audit import Audit
-from sprintlab.cli.doctor import Doctor
-from sprintlab.cli.evaluate import Evaluate
+from sprintlab.api.doctor import doctor
+from sprintlab.api.evaluations import evaluate
+from sprintlab.api.grounds import ground
+from sprintlab.api.learning import learning
+from sprintlab.api.limits import limit
+from sprintlab.api.replay import replay
+from sprintlab.api.robustness import robustness
+from sprintlab.api.rollouts import audit_rollout
+from sprintlab.api.run_reports import report_run
+from sprintlab.api.steering import lap, turning
+from sprintlab.cli.build import FIGURE, choice, command
 from sprintlab.cli.export import Export
-from sprintlab.cli.ground import Ground
 from sprintlab.cli.interruptions import tidy_termination
-from sprintlab.cli.learning import Learning
-from sprintlab.cli.limit import Limit
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
-from sprintlab.cli.replay import Replay
-from sprintlab.cli.report import Report
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
-from sprintlab.cli.robustness import Robustness
 from sprintlab.cli.run import Run
-from sprintlab.cli.steering import Lap, Turning
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.core.errors import SprintlabError
@@ -43,38 +44,39 @@ from sprintlab.core.reading import printable
 REFUSED = 2
 INTERRUPTED = 130
 
-Command = (
-    Annotated[Race, tyro.conf.subcommand(name="race")]
-    | Annotated[Play, tyro.conf.subcommand(name="play")]
-    | Annotated[Replay, tyro.conf.subcommand(name="replay")]
-    | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
-    | Annotated[Turning, tyro.conf.subcommand(name="turning")]
-    | Annotated[Lap, tyro.conf.subcommand(name="lap")]
-    | Annotated[Ground, tyro.conf.subcommand(name="ground")]
-    | Annotated[Audit, tyro.conf.subcommand(name="audit")]
-    | Annotated[Robustness, tyro.conf.subcommand(name="robustness")]
-    | Annotated[Robot, tyro.conf.subcommand(name="robot")]
-    | Annotated[Limit, tyro.conf.subcommand(name="limit")]
-    | Annotated[Run, tyro.conf.subcommand(name="run")]
-    | Annotated[RobotSim, tyro.conf.subcommand(name="robot-sim")]
-    | Annotated[Report, tyro.conf.subcommand(name="report")]
-    | Annotated[Motor, tyro.conf.subcommand(name="motor")]
-    | Annotated[Train, tyro.conf.subcommand(name="train")]
-    | Annotated[Sweep, tyro.conf.subcommand(name="sweep")]
-    | Annotated[Learning, tyro.conf.subcommand(name="learning")]
-    | Annotated[Export, tyro.conf.subcommand(name="export")]
-    | Annotated[Doctor, tyro.conf.subcommand(name="doctor")]
-)
-
-
-GROUPS = {
-    "see it": ("race", "play", "replay"),
-    "measure": ("evaluate", "turning", "lap", "ground", "robustness", "audit", "limit"),
-    "motors and robots": ("motor", "robot"),
-    "train": ("train", "sweep", "learning", "export", "doctor"),
-    "deploy": ("run", "robot-sim", "report"),
+COMMANDS = {
+    "see it": {"race": Race, "play": Play, "replay": command(replay)},
+    "measure": {
+        "evaluate": command(evaluate, required="policy"),
+        "turning": command(turning, required="policy", figure="also draw the map here (.png, .pdf or .svg)."),
+        "lap": command(
+            lap,
+            required="policy",
+            figure="also draw the path here (.png, .pdf or .svg).",
+            status=lambda lap: 1 if lap.found.trial.fall_reason else 0,
+        ),
+        "ground": command(ground, required="policy"),
+        "robustness": command(robustness, names={"folder": "out"}, figure=FIGURE),
+        "audit": command(audit_rollout, figure="torque-speed picture of every joint (.png, .pdf or .svg)."),
+        "limit": command(limit, figure=FIGURE),
+    },
+    "motors and robots": {"motor": Motor, "robot": Robot},
+    "train": {
+        "train": Train,
+        "sweep": Sweep,
+        "learning": command(learning),
+        "export": Export,
+        "doctor": command(doctor, positional=0, status=lambda examined: 0 if examined.ok else 1),
+    },
+    "deploy": {
+        "run": Run,
+        "robot-sim": RobotSim,
+        "report": command(report_run, names={"folder": "out", "simulate": "simulation"}),
+    },
 }
-"""The commands by what one wants; a command that stands nowhere else is listed under "more"."""
+"""The commands by what one wants."""
+
+Command = choice({name: kind for kinds in COMMANDS.values() for name, kind in kinds.items()})
 
 
 def named_commands(union: Any) -> dict[str, Any]:
@@ -93,14 +95,12 @@ def commands() -> dict[str, str]:
 def grouped_help() -> str:
     """What ``sprintlab --help`` prints: the commands by what one wants."""
     known = commands()
-    rest = tuple(name for name in known if not any(name in group for group in GROUPS.values()))
-    groups = {**GROUPS, **({"more": rest} if rest else {})}
     lines = [
         "usage: sprintlab COMMAND [OPTIONS]",
         "",
         "How fast can a legged robot run before its motors, not its controller, stop it?",
     ]
-    for title, names in groups.items():
+    for title, names in COMMANDS.items():
         lines += ["", title]
         for name in names:
             lines += textwrap.wrap(
@@ -138,11 +138,15 @@ def parse(arguments: Sequence[str]) -> Any:
         SystemExit: help was printed, or the command line makes no sense.
     """
     return tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
+        Command,
         prog="sprintlab",
         description="How fast can a legged robot run before its motors stop it? (See also --version.)",
         args=list(arguments),
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+        config=(
+            tyro.conf.OmitArgPrefixes,
+            tyro.conf.OmitSubcommandPrefixes,
+            tyro.conf.FlagCreatePairsOff,
+        ),
     )
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import tyro
 
+from sprintlab.api.envelopes import envelope
 from sprintlab.api.motors import chosen_motor
+from sprintlab.cli.build import FIGURE, command, group
 from sprintlab.cli.motor_datasheet import MotorFromDatasheet
-from sprintlab.cli.motor_envelope import MotorEnvelope
 from sprintlab.cli.motor_identify import MotorIdentify
 from sprintlab.cli.motor_library import MotorLibrary
 from sprintlab.cli.output import arguments, show
@@ -29,7 +29,7 @@ class MotorShow:
     source: tyro.conf.Positional[str] = "bp2"
     joint: tyro.conf.Positional[str] = "hip"
     bus_voltage: float | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Print the parameters; raises ``SprintlabError`` for an unknown source."""
@@ -37,18 +37,13 @@ class MotorShow:
         return 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Motor:
-    """Motors: from a data sheet or a bench to parameters, envelope and picture."""
-
-    command: (
-        Annotated[MotorEnvelope, tyro.conf.subcommand(name="envelope")]
-        | Annotated[MotorFromDatasheet, tyro.conf.subcommand(name="from-datasheet")]
-        | Annotated[MotorIdentify, tyro.conf.subcommand(name="identify")]
-        | Annotated[MotorLibrary, tyro.conf.subcommand(name="library")]
-        | Annotated[MotorShow, tyro.conf.subcommand(name="show")]
-    )
-
-    def run(self) -> int:
-        """Run the chosen subcommand."""
-        return self.command.run()
+Motor = group(
+    "Motors: from a data sheet or a bench to parameters, envelope and picture.",
+    {
+        "envelope": command(envelope, positional=2, figure=FIGURE),
+        "from-datasheet": MotorFromDatasheet,
+        "identify": MotorIdentify,
+        "library": MotorLibrary,
+        "show": MotorShow,
+    },
+)

@@ -28,11 +28,11 @@ class MotorFromDatasheet:
     """
 
     sheet: tyro.conf.Positional[Path | None] = None
-    template: tyro.conf.FlagCreatePairsOff[bool] = False
+    template: bool = False
     out: Path | None = None
     supply_out: Path | None = None
     tolerance: float = 0.05
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Convert and print; raises ``SprintlabError`` where the sheet is unreadable, unclear or wrong."""

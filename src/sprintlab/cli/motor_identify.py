@@ -53,11 +53,11 @@ class MotorIdentify:
     rotor_inertia: float | None = None
     column: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     gear_ratio: float = 1.0
-    motor_speed: tyro.conf.FlagCreatePairsOff[bool] = False
-    saturation_only: tyro.conf.FlagCreatePairsOff[bool] = False
+    motor_speed: bool = False
+    saturation_only: bool = False
     out: Path | None = None
     figure: Path | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Fit and print; raises ``SprintlabError`` for an unusable bench, or without SciPy."""
@@ -67,5 +67,5 @@ class MotorIdentify:
         draw(found, self.figure)
         if out is not None:
             found.save(out, rotor_inertia)
-        show(found, self, motor_file=out, figure=self.figure)
+        show(found, self, motor_file=out)
         return 0 if found.trustworthy else UNTRUSTED

@@ -25,7 +25,7 @@ class MotorLibrary:
     name: tyro.conf.Positional[str | None] = None
     figure: Path | None = None
     save: Path | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Print the library or one actuator; raises ``SprintlabError`` for an unknown name."""

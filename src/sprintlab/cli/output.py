@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -48,7 +49,7 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
     """Call a function of the API with a command's fields as its arguments; draw and print what it finds.
 
     Args:
-        function: that takes ``progress`` and, by their names, all fields but ``figure`` and ``json``.
+        function: that takes by their names all fields but ``figure`` and ``json``, and maybe ``progress``.
         command: with these two as well: picture to draw, if it offers one, and whether to print JSON only.
 
     Raises:
@@ -57,32 +58,28 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
     options = arguments(command)
     with progress_bar(quiet=command.json) as report:
         report("loading", None)
-        found = function(**options, progress=report)
-    figure = getattr(command, "figure", None)
-    draw(found, figure)
-    if command.json:
-        drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
-        print_json({**found.to_dict(), **drawn})
-        return found
-    stdout_console().print(found, soft_wrap=True)
-    show_files(figure=figure)
+        told = {"progress": report} if "progress" in signature(function).parameters else {}
+        found = function(**options, **told)
+    draw(found, getattr(command, "figure", None))
+    show(found, command)
     return found
 
 
-def show(found: Printed, command: Any, soft_wrap: bool = False, **files: Path | None) -> None:
+def show(found: Printed, command: Any, **files: Path | None) -> None:
     """Print a result as a command's ``json`` says, and name the files that were written.
 
     Args:
         found: the result.
-        command: whose ``json`` says whether to print JSON only.
-        soft_wrap: leave long lines to the terminal.
-        files: by what they are.
+        command: says whether to print JSON only, and which figure was drawn, if it offers one.
+        files: that were written besides, by what they are.
     """
+    figure = getattr(command, "figure", None)
     if command.json:
-        print_json(found.to_dict())
+        drawn = {"figure": None if figure is None else str(figure)} if "figure" in vars(command) else {}
+        print_json({**found.to_dict(), **drawn})
         return
-    stdout_console().print(found, soft_wrap=soft_wrap)
-    show_files(**files)
+    stdout_console().print(found, soft_wrap=True)
+    show_files(**files, figure=figure)
 
 
 def draw(found: Printed, figure: Path | None) -> None:

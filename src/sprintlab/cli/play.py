@@ -46,8 +46,8 @@ class Play:
     port: int = 8080
     gamepad: Annotated[Path | None, OptionalDevice] = None
     duration: float | None = None
-    open: tyro.conf.FlagCreatePairsOff[bool] = False
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    open: bool = False
+    json: bool = False
 
     def run(self) -> int:
         """Serve the page until Ctrl-C or the end of its time.

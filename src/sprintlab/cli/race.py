@@ -45,10 +45,10 @@ class Race:
     trials: int = 3
     seed: int = 0
     workers: int | None = None
-    step_check: tyro.conf.FlagCreatePairsOff[bool] = False
-    no_video: tyro.conf.FlagCreatePairsOff[bool] = False
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
-    drive: tyro.conf.FlagCreatePairsOff[DriveOptions] = DriveOptions()
+    step_check: bool = False
+    no_video: bool = False
+    json: bool = False
+    drive: DriveOptions = DriveOptions()
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` where ``race`` does."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
+from sprintlab.cli.build import group
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 from sprintlab.cli.robot_new import RobotNew
 
@@ -21,7 +22,7 @@ class RobotShow:
     """
 
     name: tyro.conf.Positional[str] = "bp2"
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Print the table; raises ``RobotModelError`` for an unknown robot."""
@@ -48,7 +49,7 @@ class RobotList:
         json: print JSON only.
     """
 
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Print one name a line."""
@@ -61,19 +62,10 @@ class RobotList:
         return 0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Robot:
-    """Robots and where their numbers come from."""
-
-    command: (
-        Annotated[RobotShow, tyro.conf.subcommand(name="show")]
-        | Annotated[RobotNew, tyro.conf.subcommand(name="new")]
-        | Annotated[RobotList, tyro.conf.subcommand(name="list")]
-    )
-
-    def run(self) -> int:
-        """Run the chosen subcommand."""
-        return self.command.run()
+Robot = group(
+    "Robots and where their numbers come from.",
+    {"show": RobotShow, "new": RobotNew, "list": RobotList},
+)
 
 
 def value_text(value: Any) -> str:

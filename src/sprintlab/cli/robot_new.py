@@ -49,7 +49,7 @@ class RobotNew:
     bus_voltage: float | None = None
     foot_radius: float | None = None
     output: Path = Path("robots")
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Write the folder; raises ``SprintlabError`` for a source or a choice that cannot be used."""

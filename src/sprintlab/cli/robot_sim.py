@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions
 
 
-@tyro.conf.configure(tyro.conf.FlagCreatePairsOff)
 @dataclass(frozen=True, kw_only=True)
 class RobotSim(DriveOptions):
     """Be a robot on the bus: the 1 kHz plant in a process of its own, with the faults of a real link.

@@ -56,14 +56,14 @@ class Run:
     top_speed: float = 12.0
     distance: float = 100.0
     log: Path | None = None
-    no_log: tyro.conf.FlagCreatePairsOff[bool] = False
+    no_log: bool = False
     duration: float | None = None
     priority: int = 50
     core: int | None = None
-    no_real_time: tyro.conf.FlagCreatePairsOff[bool] = False
-    lock_step: tyro.conf.FlagCreatePairsOff[bool] = False
+    no_real_time: bool = False
+    lock_step: bool = False
     despite_audit: str | None = None
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    json: bool = False
 
     def run(self) -> int:
         """Drive until the robot lies again; 1 when something kept it from running as it should.

@@ -68,8 +68,8 @@ class Sweep:
     partition: str | None = None
     save_seconds: float = 60.0
     retries: int = 3
-    dry_run: tyro.conf.FlagCreatePairsOff[bool] = False
-    json: tyro.conf.FlagCreatePairsOff[bool] = False
+    dry_run: bool = False
+    json: bool = False
 
     def run(self) -> int:
         """Train everything that is not finished.

@@ -1,0 +1,101 @@
+"""Commands made of functions of the API, and commands that choose among others."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, field, is_dataclass, make_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import tyro
+
+from sprintlab.cli.output import measure
+
+FIGURE = "picture to draw (.png, .pdf or .svg); none when left out."
+
+
+def command(
+    function: Callable[..., Any],
+    *,
+    positional: int = 1,
+    required: str = "",
+    names: Mapping[str, str] | None = None,
+    figure: str = "",
+    status: Callable[[Any], int] = lambda found: 0,
+) -> Any:
+    """A command that calls a function of the API with what was typed, and prints what it finds.
+
+    The function's parameters are the options, its docstring is the help.
+
+    Args:
+        function: returns a result that prints itself.
+        positional: how many of its first parameters are typed without their names.
+        required: parameter that has to be typed, although the function has a default for it.
+        names: what is typed for parameters that the command calls otherwise.
+        figure: help of ``--figure``, where the result draws itself.
+        status: the exit status that a result means.
+    """
+    extra = [("figure", Annotated[Path | None, tyro.conf.arg(help=figure)], field(default=None))]
+    json = ("json", Annotated[bool, tyro.conf.arg(help="print JSON only.")], field(default=False))
+    return make_dataclass(
+        function.__name__,
+        [*_options(function, positional, required, names or {}), *(extra if figure else []), json],
+        namespace={"__doc__": function.__doc__, "run": lambda self: status(measure(function, self))},
+        kw_only=True,
+        frozen=True,
+    )
+
+
+def _options(
+    function: Callable[..., Any], positional: int, required: str, names: Mapping[str, str]
+) -> Iterator[tuple[str, Any, Any]]:
+    """Name, type and default of each parameter but ``progress``."""
+    kinds = get_type_hints(function)
+    for place, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
+        if name == "progress":
+            continue
+        kind: Any = _typed(kinds[name])
+        default: Any = (
+            MISSING if parameter.default is parameter.empty or name == required else parameter.default
+        )
+        if default is None and inspect.isclass(kind) and is_dataclass(kind):
+            default = kind()
+        if place < positional:
+            kind = tyro.conf.Positional[kind]
+        if name in names:
+            kind = Annotated[kind, tyro.conf.arg(name=names[name])]
+        yield name, kind, field(default=default)
+
+
+def _typed(kind: Any) -> Any:
+    """What is typed for a parameter: of the types that it takes the first, for a sequence any number."""
+    if get_origin(kind) is Sequence:
+        return tuple[_typed(get_args(kind)[0]), ...]
+    if get_origin(kind) not in (Union, UnionType):
+        return kind
+    first, *others = get_args(kind)
+    return first | None if type(None) in others and not is_dataclass(first) else first
+
+
+def choice(commands: Mapping[str, Any]) -> Any:
+    """The type of a choice among commands by their names."""
+    named = (Annotated[kind, tyro.conf.subcommand(name=name)] for name, kind in commands.items())
+    return Union[tuple(named)]  # noqa: UP007 (a tuple cannot be joined with |)
+
+
+def group(summary: str, commands: Mapping[str, Any]) -> Any:
+    """A command of subcommands, e.g. ``sprintlab motor``.
+
+    Args:
+        summary: what they are for, one sentence.
+        commands: by their names.
+    """
+    return make_dataclass(
+        "Group",
+        [("command", choice(commands))],
+        namespace={"__doc__": summary, "run": lambda self: self.command.run()},
+        kw_only=True,
+        frozen=True,
+    )
