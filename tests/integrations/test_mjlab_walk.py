@@ -31,46 +31,50 @@ def write_policy(path):
     save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=10), path)
 
 
-@pytest.fixture
-def policy(tmp_path):
-    write_policy(tmp_path / "go1_policy.onnx")
-    return tmp_path / "go1_policy.onnx"
+@pytest.fixture(scope="module")
+def example(load_script):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MUJOCO_GL", "disabled")
+        return load_script("examples/mjlab_go1_walk.py")
 
 
-@pytest.fixture
-def example(load_script, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "disabled")
-    return load_script("examples/mjlab_go1_walk.py")
-
-
-@pytest.mark.slow
-def test_each_law_delivers_what_it_says(example, policy):
+@pytest.fixture(scope="module")
+def found(example, tmp_path_factory):
+    """A short walk of two commands on every law."""
+    policy = tmp_path_factory.mktemp("policy") / "go1_policy.onnx"
+    write_policy(policy)
     robot = load_robot("go1")
-    drives = example.model_drives(robot)
-    for law in example.LAWS:
-        for found in example.walks(law, robot, policy, COMMANDS, duration=0.08):
-            limit = np.tile([23.7, 23.7, 35.55], 4)
-            expected = np.clip(found.asked, -limit, limit)
-            if law == "dc_motor":
-                top = limit / np.tile([30.1, 30.1, 20.06], 4) * found.speed
-                expected = np.clip(
-                    found.asked, np.maximum(-limit - top, -limit), np.minimum(limit - top, limit)
-                )
-            if law == "refined":
-                motor, gear, bus_voltage = drives
-                expected = drive_torque(motor, gear, found.asked, found.speed, bus_voltage).torque
-            np.testing.assert_allclose(found.delivered, expected, atol=2e-3)
-            assert np.abs(found.speed[:, 2::3]).max() > 1.0
+    return {law: example.walks(law, robot, policy, COMMANDS, duration=0.08) for law in example.LAWS}
 
 
 @pytest.mark.slow
-def test_it_runs_from_the_command_line(example, policy, tmp_path, monkeypatch, capsys):
+def test_each_law_delivers_what_it_says(example, found):
+    motor, gear, bus_voltage = example.model_drives(load_robot("go1"))
+    limit = np.tile([23.7, 23.7, 35.55], 4)
+    for law, walks in found.items():
+        for one in walks:
+            expected = np.clip(one.asked, -limit, limit)
+            if law == "dc_motor":
+                top = limit / np.tile([30.1, 30.1, 20.06], 4) * one.speed
+                lower, upper = np.maximum(-limit - top, -limit), np.minimum(limit - top, limit)
+                expected = np.clip(one.asked, lower, upper)
+            if law == "refined":
+                expected = drive_torque(motor, gear, one.asked, one.speed, bus_voltage).torque
+            np.testing.assert_allclose(one.delivered, expected, atol=2e-3)
+            assert np.abs(one.speed[:, 2::3]).max() > 1.0
+
+
+@pytest.mark.slow
+def test_it_prints_and_draws_what_it_walked(example, found, tmp_path, monkeypatch, capsys):
     figure = tmp_path / "walk.png"
-    arguments = ["walk", str(policy), "--commands", "1.5", "--duration", "0.04", "--figure", str(figure)]
-    monkeypatch.setattr(sys, "argv", [*arguments, "--json"])
+    arguments = ["walk", "policy.onnx", "--commands", "0.5", "2", "--figure", str(figure), "--json"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    monkeypatch.setattr(example, "walks", lambda law, *_: found[law])
     example.main()
-    found = json.loads(capsys.readouterr().out)
-    assert set(found) == {f"{law}_1.5" for law in example.LAWS}
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed) == {f"{law}_{command}" for law in example.LAWS for command in ("0.5", "2")}
+    assert printed["refined_2"]["held_m_s"] == round(found["refined"][1].held, 3)
+    assert printed["refined_2"]["impossible_work_share"] == 0.0
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
