@@ -104,14 +104,14 @@ def test_a_folder_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatc
     (tmp_path / "file").write_text("x = 1\n")
     status = os.stat(tmp_path / "file")
     (tmp_path / "folder").mkdir()
-    opened, names = os.open, []
-    monkeypatch.setattr(os, "stat", lambda path: status)
-    monkeypatch.setattr(os, "open", lambda *arguments: names.append(opened(*arguments)) or names[-1])
-    with pytest.raises(SprintlabError, match="no regular file"):
-        read_bytes(tmp_path / "folder", 100)
-    monkeypatch.undo()
+    opened, handles = os.open, []
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "stat", lambda path, **_: status)
+        patch.setattr(os, "open", lambda *arguments: handles.append(opened(*arguments)) or handles[-1])
+        with pytest.raises(SprintlabError, match="no regular file"):
+            read_bytes(tmp_path / "folder", 100)
     with pytest.raises(OSError, match="Bad file descriptor"):
-        os.fstat(names[0])  # it was closed
+        os.fstat(handles[0])  # it was closed
 
 
 def test_terminal_codes_are_shown_not_obeyed():
