@@ -34,7 +34,7 @@ from sprintlab.deployment.interface import (
 )
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 from sprintlab.motors import torque_limits
-from sprintlab.robots import RobotDescription
+from sprintlab.robots import RobotDescription, load_robot
 
 MILLISECOND = 1_000_000
 
@@ -253,16 +253,17 @@ def sprint_policy() -> Policy:
 
 
 @pytest.fixture(scope="session")
-def make_rig(sprint_robot: RobotDescription, sprint_policy: Policy) -> Callable[..., Rig]:
-    """A rig whose robot lies on the ground; ``sprint`` drives it unless told otherwise.
+def make_rig(sprint_policy: Policy) -> Callable[..., Rig]:
+    """A rig whose robot lies on the ground, the one that the policy was made for; ``sprint`` if none is given.
 
     Options as of ``SimulatorOptions``.
     """
 
     def make(source: Any | None = None, policy: Policy | None = None, **options: Any) -> Rig:
-        source = source or StraightSource()
-        simulated = SimulatedRobot(sprint_robot, SimulatorOptions(**options))
-        return Rig(sprint_robot, simulated, Controller(policy or sprint_policy, sprint_robot, source), source)
+        source, policy = source or StraightSource(), policy or sprint_policy
+        robot = load_robot(policy.contract.robot_name)
+        simulated = SimulatedRobot(robot, SimulatorOptions(**options))
+        return Rig(robot, simulated, Controller(policy, robot, source), source)
 
     return make
 

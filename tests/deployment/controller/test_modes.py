@@ -11,6 +11,7 @@ import pytest
 from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policy
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import modes as modes_module
+from sprintlab.deployment.controller.modes import Mode, Run
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus, encode
 from sprintlab.deployment.safety import Fault, trunk_tilt
 
@@ -46,7 +47,7 @@ def lying(lie_down_with):
 
 @pytest.fixture(scope="module", params=["sprint", "sprint-fast"])
 def policy(request):
-    """Every policy of the package that drives this robot."""
+    """Every policy of the package that stands on this robot when it is asked to."""
     return load_policy(shipped_policy(request.param))
 
 
@@ -73,6 +74,21 @@ def test_a_whole_life_goes_through_the_modes_in_order(whole_life):
     assert whole_life.simulated.fall_reason == ""
     grave = set(whole_life.controller.fault_counts) - {Fault.STATE_LOST}
     assert grave == set()
+
+
+def test_a_policy_that_trots_instead_of_standing_is_laid_down_too(make_rig):
+    rig = make_rig(Operator(), load_policy(shipped_policy("runner")))
+    rig.source.request = Request.STAND
+    until(rig, "stand")
+    rig.source.request, rig.source.speed = Request.RUN, 2.0
+    until(rig, "run")
+    rig.run(1.2)
+    rig.source.request = Request.LIE_DOWN
+    until(rig, "passive", 12.0)
+    assert modes(rig) == ["passive", "stand-up", "stand", "run", "stand", "lie-down", "passive"]
+    assert rig.simulated.fall_reason == ""
+    assert not set(rig.controller.fault_counts) - {Fault.STATE_LOST}
+    assert max(trunk_tilt(tick.state) for tick in rig.ticks if tick.mode == "lie-down") < 15.0
 
 
 def test_it_ran_when_it_was_told_to(whole_life):
@@ -236,6 +252,21 @@ def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch
     running.source.request = Request.STAND
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
     assert running.controller.stop_reason == "brake-failed" and Fault.BRAKE_FAILED.value in tick.faults
+
+
+@pytest.mark.parametrize(
+    ("joint_speed", "estimate", "end"),
+    [(7.0, 0.4, Mode.STAND), (7.0, 0.6, Fault.BRAKE_FAILED), (7.0, None, Fault.BRAKE_FAILED),
+     (5.0, 0.6, Mode.STAND)],
+)  # fmt: skip
+def test_braked_means_calm_joints_or_a_robot_that_steps_on_the_spot(lying, joint_speed, estimate, end):
+    """Policies that were not trained to stand trot: their joints never rest."""
+    run = Run(0.5, lambda: estimate)
+    run.brake(0.0)
+    [state] = restless(joint_speed)([lying.simulated.state(0)])
+    outcomes = [run.advance(state, 0.02 * step, np.zeros(3)) for step in range(300)]
+    assert next(outcome for outcome in outcomes if outcome is not None) == end
+    assert all(outcome is None for outcome in outcomes[:25]), "half a second of rest is not enough"
 
 
 def test_coming_down_overrules_the_source(running):

@@ -399,12 +399,17 @@ class Controller:
             self._behaviour = LieDown(robot, here, state, time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
             limits = self._limiter.limits
-            self._behaviour = Run(limits.forward / limits.braking)
+            self._behaviour = Run(limits.forward / limits.braking, self._estimated_speed)
             self._start_run(state, time)
         else:
             self._behaviour = Passive()
             if before.mode is Mode.STOP:
                 self._forget_robot()
+
+    def _estimated_speed(self) -> float | None:
+        """Of the trunk along the ground, as the policy estimates it [m/s]."""
+        estimate = self._runtime.last_estimate
+        return None if estimate is None else float(np.hypot(estimate[0], estimate[1]))
 
     def _start_run(self, state: RobotState, time: float) -> None:
         self._runtime.reset()

@@ -29,7 +29,8 @@ _DAMP_TIME = 1.0  # s of damping after sinking
 _SETTLE_TIME = 0.4  # s from the policy's pose to the standing pose
 _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
-_BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands or steps on the spot
+_BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands
+_STANDING_SPEED = 0.5  # m/s: estimated of a robot that steps on the spot
 _BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
 _CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
 _CALM_TIME = 0.5  # s
@@ -157,6 +158,7 @@ class Run(Behaviour):
 
     Args:
         command_time: that the commanded velocity needs from its greatest value to zero [s].
+        planar_speed: of the trunk as the policy estimates it [m/s]; None where it estimates nothing.
     """
 
     mode = Mode.RUN
@@ -164,8 +166,8 @@ class Run(Behaviour):
     carried = True
     policy_drives = True
 
-    def __init__(self, command_time: float) -> None:
-        self._command_time = command_time
+    def __init__(self, command_time: float, planar_speed: Callable[[], float | None]) -> None:
+        self._command_time, self._planar_speed = command_time, planar_speed
         self._brake_started: float | None = None
         self._slow = Persistence(_BRAKED_TIME)
 
@@ -175,11 +177,12 @@ class Run(Behaviour):
             self.brakes, self._brake_started = True, time
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
-        """Hand over from the policy once the command is zero and the joints have calmed down."""
+        """Stand once the command is zero and the robot at rest, though it may trot on the spot."""
         if self._brake_started is None:
             return None
-        calm = fastest_joint(state) < _BRAKED_SPEED
-        if self._slow.update(calm and not velocity[:2].any(), time):
+        speed = self._planar_speed()
+        at_rest = fastest_joint(state) < _BRAKED_SPEED or (speed is not None and speed < _STANDING_SPEED)
+        if self._slow.update(at_rest and not velocity[:2].any(), time):
             return Mode.STAND
         longest = self._command_time + _BRAKED_TIME + _BRAKE_RESERVE
         return Fault.BRAKE_FAILED if time - self._brake_started > longest else None
