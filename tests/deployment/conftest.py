@@ -254,7 +254,7 @@ def sprint_policy() -> Policy:
 
 @pytest.fixture(scope="session")
 def make_rig(sprint_policy: Policy) -> Callable[..., Rig]:
-    """A rig whose robot lies on the ground, the one that the policy was made for; ``sprint`` if none is given.
+    """A rig whose robot lies on the ground: the one that the policy was made for; ``sprint`` by default.
 
     Options as of ``SimulatorOptions``.
     """
