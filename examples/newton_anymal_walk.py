@@ -33,6 +33,7 @@ from sprintlab.integrations.newton import PmsmClamping
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
+    library_motors,
     load_library_motor,
     no_load_speed,
     phase_voltage_limit,
@@ -192,13 +193,20 @@ def walk(urdf: str, policy: Path, clamping: Clamping, command: float = 1.0, dura
 
 
 def numbers(walks: dict[str, Walk], drives: Drives) -> dict[str, float]:
-    """How fast the robot and its joints were, and what the motors could not have done."""
+    """How fast the robot and its joints were, and what the motors could not have done.
+
+    The last on the straight line also with the reactance of each motor of the library.
+    """
     found: dict[str, float] = {}
     for name, one in walks.items():
         found[f"held_{name}_m_s"] = round(one.held, 3)
         found[f"lowest_trunk_{name}_m"] = round(one.lowest, 3)
         found[f"fastest_joint_{name}_rad_s"] = round(float(np.abs(one.speed).max()), 1)
         found[f"impossible_work_share_{name}"] = round(impossible_share(one, drives), 3)
+    others = [all_drives(drive_motor(name)) for name in library_motors()]
+    shares = [impossible_share(walks["straight_line"], other) for other in others]
+    found["impossible_work_share_straight_line_least"] = round(min(shares), 3)
+    found["impossible_work_share_straight_line_most"] = round(max(shares), 3)
     return found
 
 

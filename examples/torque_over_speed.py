@@ -103,12 +103,13 @@ def _draw_cloud(axis: Any, found: Motion, joints: Sequence[int], drives: Drives)
     style_axis(axis, LIGHT)
     envelope = _envelope(drives.single(joints[0]))
     axis.fill_between(*envelope, color=LIGHT.envelope, lw=0.0, label="what the motor can give")
-    speed, kept = found.speed[:, joints].ravel(), slice(None, None, 2)
+    kept = slice(None, None, -(-len(found.speed) // 1500))
     for values, color, label in (
         (found.asked, LIGHT.muted, "asked by the PD loop"),
         (found.delivered, LIGHT.on_limit, "delivered"),
     ):
-        axis.plot(speed[kept], values[:, joints].ravel()[kept], ".", ms=2.5, color=color, label=label)
+        speed, torque = found.speed[kept, joints].ravel(), values[kept, joints].ravel()
+        axis.plot(speed, torque, ".", ms=2.5, color=color, label=label)
     axis.set_ylim(1.6 * envelope[1].min(), 1.6 * envelope[2].max())
 
 

@@ -118,6 +118,12 @@ def test_help_is_the_docstring_without_what_nobody_types(capsys):
     assert "progress" not in text and "Raises" not in text and "--folder" not in text
 
 
+def test_an_option_may_be_typed_once_for_each_of_its_values(capsys):
+    kind = command(measured, repeated="paths")
+    found = given(capsys, kind, "here", "--paths", "a", "--paths", "b=c")[1]
+    assert found["paths"] == repr((Path("a"), Path("b=c")))
+
+
 def test_a_group_runs_the_command_that_is_named(capsys):
     kind = group("Both.", {"first": Measured, "second": command(measured, positional=2)})
     assert given(capsys, kind, "second", "there", "4")[1]["count"] == "4"

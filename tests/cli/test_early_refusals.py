@@ -53,6 +53,8 @@ def answer(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         (["race", "--top-speed", "nan"], "top_speed"),
         (["race", "--out", "file/run"], "cannot write"),
         (["race", "--workers", "0"], "workers"),
+        (["robustness", "--trials", "0"], "trials"),
+        (["robustness", "--distance", "-5"], "distance"),
         (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
     ],
 )

@@ -183,7 +183,10 @@ def test_what_the_page_says_of_both_walks_is_what_was_measured(flowing):
     fastest = measured("mjlab-go1")["position_1.5"]["fastest_calf_rad_s"]
     calf = float(np.min(no_load_speed(robot.motors, robot.bus_voltage) / robot.gear.ratio))
     assert f"at up to {fastest:.1f} rad/s; their motors reach {calf:.1f} rad/s without load" in page
-    fastest = measured("newton-anymal")["fastest_joint_peak_torque_rad_s"]
+    found = measured("newton-anymal")
+    least, most = (found[f"impossible_work_share_straight_line_{end}"] for end in ("least", "most"))
+    assert f"share is {100.0 * least:.1f} to {100.0 * most:.1f} %" in page
+    fastest = found["fastest_joint_peak_torque_rad_s"]
     assert f"up to {fastest:.1f} rad/s; their drives reach 7.5 rad/s without load" in page
 
 

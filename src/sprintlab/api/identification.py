@@ -30,6 +30,8 @@ class IdentifiedMotor(Drawn):
     """Estimates, residuals and warnings."""
     base: PmsmParameters | None = None
     """Supplies what the bench does not determine."""
+    file: Path | None = None
+    """Motor file that was written."""
 
     @property
     def trustworthy(self) -> bool:
@@ -93,6 +95,8 @@ class IdentifiedMotor(Drawn):
             yield f"warning: {warning}"
         if result.bench.unused:
             yield f"columns not read: {', '.join(result.bench.unused)}"
+        if self.file is not None:
+            yield f"motor file: {self.file}"
 
     def plot(self) -> Figure:
         """Fit against data, and residuals over current and speed."""
@@ -110,25 +114,38 @@ def identify_motor(
     hold: Sequence[str] = (),
     also: Sequence[str] = (),
     window: float = 0.1,
+    rotor_inertia: float | None = None,
     column: Sequence[str] = (),
     gear_ratio: float = 1.0,
     motor_speed: bool = False,
     saturation_only: bool = False,
+    out: Path | str | None = None,
 ) -> IdentifiedMotor:
     """Fit resistance, inductance, flux, saturation, friction and usable voltage to bench data.
 
+    The bench is a CSV of steady points with units in its header: speed [rad/s], iq [A] (or phase_current
+    [A rms]) and torque [N m]; better also vq [V], vd [V], power [W], bus_voltage [V], temperature [degC] and
+    limited (1 where the inverter gives all its voltage). The status is 1 when the model does not describe the
+    data.
+
     Args:
-        bench: CSV of steady points, or a log with a time column, with units in its header.
+        bench: the measurements (CSV).
         pole_pairs: of the motor; the base motor's when left out.
-        peak_current: amplitude of the drive's current limit [A]; the base motor's when left out.
+        peak_current: amplitude of the drive's current limit [A], to which saturation and peak torque refer;
+            the base motor's when left out.
         base: motor file, robot or actuator that supplies what the bench does not determine.
-        hold: parameters not fitted but taken from the base motor.
-        also: parameters fitted only on request.
-        window: of a log: means over windows of this length [s] in which current and speed rest.
-        column: ``name=heading`` or ``name=heading:unit`` for a column that the file calls otherwise.
-        gear_ratio: of a gear between the motor and the torque sensor.
+        hold: parameters not fitted but taken from the base motor (friction and flux_drift: 0,
+            voltage_utilization: 0.95).
+        also: parameters fitted only on request: torque_offset and current_offset (what the sensors read at
+            zero), gear_efficiency (a gear that loses a share of the load), rotor_inertia (of a log).
+        window: of a log with a time column, e.g. 100 rows a second: means over windows of this length [s] in
+            which current and speed rest.
+        rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
+        column: name=heading or name=heading:unit, for a column that the file calls otherwise.
+        gear_ratio: of a gear between the motor and the torque sensor; results are the motor's.
         motor_speed: behind a gear, the speed is the motor's already.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
+        out: motor file to write; none when left out.
 
     Raises:
         SprintlabError: the bench cannot be used, a choice is refused, or SciPy is not installed.
@@ -151,7 +168,12 @@ def identify_motor(
     if saturation_only:
         data = replace(data, speed=None, q_voltage=None, d_voltage=None, power=None)
     found = identify(data, pole_pairs=pole_pairs, peak_current=peak_current, base=known, hold=hold, also=also)
-    return IdentifiedMotor(name=Path(bench).stem, found=found, base=known)
+    motor = IdentifiedMotor(
+        name=Path(bench).stem, found=found, base=known, file=None if out is None else Path(out)
+    )
+    if out is not None:
+        motor.save(out, rotor_inertia)
+    return motor
 
 
 def _base_motor(source: str) -> PmsmParameters:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,14 +124,16 @@ def robustness(
 
     path = policy_path(policy)
     place = Path("runs") / f"robustness-{path.stem}" if folder is None else Path(folder)
+    settings = StudySettings(  # refused before the search for a speed
+        top_speed=top_speed or 1.0,
+        trials=trials,
+        cause_trials=cause_trials,
+        distance=distance,
+        seed=seed,
+    )
     with trial_pool(path, robot, workers) as pool:
-        settings = StudySettings(
-            top_speed=top_speed or known_top_speed(place) or _search(pool, progress),
-            trials=trials,
-            cause_trials=cause_trials,
-            distance=distance,
-            seed=seed,
-        )
+        speed = top_speed or known_top_speed(place) or _search(pool, progress)
+        settings = replace(settings, top_speed=speed)
         sprints = run_study(
             pool,
             path,

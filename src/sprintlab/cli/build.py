@@ -21,6 +21,7 @@ def command(
     *,
     positional: int = 1,
     required: str = "",
+    repeated: str = "",
     names: Mapping[str, str] | None = None,
     figure: str = "",
     status: Callable[[Any], int] = lambda found: 0,
@@ -33,40 +34,39 @@ def command(
         function: returns a result that prints itself.
         positional: how many of its first parameters are typed without their names.
         required: parameter that has to be typed, although the function has a default for it.
+        repeated: parameter of several values, whose option is typed once for each.
         names: what is typed for parameters that the command calls otherwise.
         figure: help of ``--figure``, where the result draws itself.
         status: the exit status that a result means.
     """
-    extra = [("figure", Annotated[Path | None, tyro.conf.arg(help=figure)], field(default=None))]
-    json = ("json", Annotated[bool, tyro.conf.arg(help="print JSON only.")], field(default=False))
+    options: list[tuple[str, Any, Any]] = []
+    for place, (name, kind, default) in enumerate(_parameters(function)):
+        shape = tyro.conf.UseAppendAction[kind] if name == repeated else kind
+        shape = tyro.conf.Positional[shape] if place < positional else shape
+        if names and name in names:
+            shape = Annotated[shape, tyro.conf.arg(name=names[name])]
+        options.append((name, shape, field(default=MISSING if name == required else default)))
+    if figure:
+        options.append(("figure", Annotated[Path | None, tyro.conf.arg(help=figure)], field(default=None)))
+    options.append(("json", Annotated[bool, tyro.conf.arg(help="print JSON only.")], field(default=False)))
     return make_dataclass(
         function.__name__,
-        [*_options(function, positional, required, names or {}), *(extra if figure else []), json],
+        options,
         namespace={"__doc__": function.__doc__, "run": lambda self: status(measure(function, self))},
         kw_only=True,
         frozen=True,
     )
 
 
-def _options(
-    function: Callable[..., Any], positional: int, required: str, names: Mapping[str, str]
-) -> Iterator[tuple[str, Any, Any]]:
+def _parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any, Any]]:
     """Name, type and default of each parameter but ``progress``."""
     kinds = get_type_hints(function)
-    for place, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
-        if name == "progress":
-            continue
-        kind: Any = _typed(kinds[name])
-        default: Any = (
-            MISSING if parameter.default is parameter.empty or name == required else parameter.default
-        )
-        if default is None and inspect.isclass(kind) and is_dataclass(kind):
-            default = kind()
-        if place < positional:
-            kind = tyro.conf.Positional[kind]
-        if name in names:
-            kind = Annotated[kind, tyro.conf.arg(name=names[name])]
-        yield name, kind, field(default=default)
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name != "progress":
+            kind: Any = _typed(kinds[name])
+            default: Any = MISSING if parameter.default is parameter.empty else parameter.default
+            options = default is None and inspect.isclass(kind) and is_dataclass(kind)
+            yield name, kind, kind() if options else default
 
 
 def _typed(kind: Any) -> Any:

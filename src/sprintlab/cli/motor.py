@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import tyro
 
 from sprintlab.api.envelopes import envelope
+from sprintlab.api.identification import identify_motor
 from sprintlab.api.motors import chosen_motor
 from sprintlab.cli.build import FIGURE, command, group
 from sprintlab.cli.motor_datasheet import MotorFromDatasheet
-from sprintlab.cli.motor_identify import MotorIdentify
 from sprintlab.cli.motor_library import MotorLibrary
 from sprintlab.cli.output import arguments, show
+
+UNTRUSTED = 1
+"""Status where the model does not describe the data."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +45,12 @@ Motor = group(
     {
         "envelope": command(envelope, positional=2, figure=FIGURE),
         "from-datasheet": MotorFromDatasheet,
-        "identify": MotorIdentify,
+        "identify": command(
+            identify_motor,
+            repeated="column",
+            figure="picture (.png, .pdf or .svg) of fit and residuals; none when left out.",
+            status=lambda found: 0 if found.trustworthy else UNTRUSTED,
+        ),
         "library": MotorLibrary,
         "show": MotorShow,
     },
