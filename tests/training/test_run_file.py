@@ -116,6 +116,8 @@ def test_a_part_of_several_kinds_is_chosen_in_file_and_command_line_alike(tmp_pa
             '[schedule]\nkind = "slow"',
             "schedule.kind = 'slow' is not allowed: choose one of adaptive-schedule",
         ),
+        ("[schedule]\nkind = [1, 2]", "schedule.kind = [1, 2] is not allowed: choose one of"),
+        ("[schedule]\nkind = {}", "schedule.kind = {} is not allowed: choose one of"),
         ("[schedule]\nwindow = 0.5", "write keep_schedule = true"),
         ('actuator_model = "square"', "write keep_motor_model = true"),
         ("seed = -1", "seed = -1 is not allowed"),

@@ -327,7 +327,10 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
 
 
 def _from_csv(text: str, path: Path) -> Rollout:
-    rows = list(csv.reader(io.StringIO(text)))
+    try:
+        rows = list(csv.reader(io.StringIO(text)))
+    except csv.Error as error:
+        raise SprintlabError(f"{path} is no CSV file: {error}") from error
     if len(rows) < 3:
         raise SprintlabError(f"{path} holds no header and two samples")
     header = [name.strip() for name in rows[0]]

@@ -99,7 +99,7 @@ def _begun(name: str, present: Any, values: Mapping[str, Any], hint: Any) -> tup
         first = next(iter(parts.values()), None)
         return (first() if present is None and first else present), values
     kind = values[KIND]
-    if kind not in parts:
+    if not isinstance(kind, str) or kind not in parts:
         raise InvalidValueError(f"{name}.{KIND}", kind, f"choose one of {', '.join(parts)}")
     part = present if type(present) is parts[kind] else parts[kind]()
     return part, {key: value for key, value in values.items() if key != KIND}
