@@ -32,6 +32,7 @@ def tables() -> dict[str, str]:
         "policy_audit": policy_audit(policies),
         "robustness": robustness(policies),
         "second_engine": second_engine(engines),
+        "second_looks": second_looks(_read("second-looks/trainings.json")),
     }
 
 
@@ -93,6 +94,36 @@ def second_engine(engines: Sequence[Row]) -> str:
             f"{first['falls']} / {second['falls']} of {first['trials']}",
             f"{_cell(first['sprint_time_s'])} / {_cell(second['sprint_time_s'])} s",
             row["mark"] or "none",
+        )
+        rows.append(cells)
+    return _table(head, rows)
+
+
+def second_looks(trainings: Row) -> str:
+    """Speed, estimate and stop of trainings that are not shipped."""
+    head = (
+        "",
+        "what",
+        "speed at a command of 10 m/s",
+        "at 12",
+        "bias of the estimate at 10",
+        "at 12",
+        "stance at 12",
+        "self-paced from 12: left after 5 s",
+    )
+    rows = []
+    for name, row in trainings.items():
+        trials = {(trial["self_paced"], trial["command_m_s"]): trial for trial in row["trials"]}
+        ten, twelve, paced = trials[False, 10.0], trials[False, 12.0], trials[True, 12.0]
+        cells = (
+            name,
+            row["what"],
+            _speed(ten["speed_m_s"]),
+            _speed(twelve["speed_m_s"]),
+            f"{ten['estimate_bias_m_s']:+.2f}",
+            f"{twelve['estimate_bias_m_s']:+.2f}",
+            f"{twelve['stance_ms']:.0f} ms",
+            _speed(abs(paced["speed_after_1_to_6_s_m_s"][4])),
         )
         rows.append(cells)
     return _table(head, rows)

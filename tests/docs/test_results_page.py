@@ -1,6 +1,7 @@
 """The pages tell of the policies what results/robustness holds."""
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -34,6 +35,21 @@ def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_t
     ):
         cells = audit[number].split("|")
         assert cells[1].strip().startswith(item["name"]) and ("**" in cells[2]) != item["passed"]
+
+
+def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
+    found = json.loads((ROOT / "results/second-looks/trainings.json").read_text(encoding="utf-8"))
+    page, policies = flowing("docs/results.md"), found["policies"]
+    airborne = [100 * row["stand"]["feet_airborne"] for name, row in policies.items() if name != "E0"]
+    assert f"off the ground {min(airborne):.0f} to {max(airborne):.0f} % of the time" in page
+    terms = found["reward_terms"]["policies"]["runner"]
+    shares = [math.exp(-0.5 * 4.0 * terms[command]["foot_force"]) for command in ("9.0", "12.0")]
+    assert f"by {shares[0]:.2f} at a command of 9 m/s and by {shares[1]:.2f} at 12" in page
+    for name, row in policies.items():
+        met = [t for t in row["trials"] if t["self_paced"] or t["command_m_s"] <= 8.0]
+        assert name == "E0" or max(abs(trial["estimate_bias_m_s"]) for trial in met) < 0.2
+        left = min(abs(trial["speed_after_1_to_6_s_m_s"][-1]) for trial in row["trials"])
+        assert (left > 2.0) == (name in ("A0", "A1", "B0", "C0")), "none of these ever stops"
 
 
 @pytest.mark.parametrize("name", POLICIES)

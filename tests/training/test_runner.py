@@ -213,5 +213,14 @@ def test_the_noise_calms_down_where_it_is_told_to() -> None:
     resumed = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
     resumed.load(runner.state())
     assert float(resumed.learner.least_std) == float(runner.learner.least_std) == pytest.approx(0.2)
+    rates = [float(learner.estimator_rate) for learner in (runner.learner, resumed.learner)]
+    assert rates == pytest.approx(2 * [SETTINGS.estimator.calm_learning_rate])
     with pytest.raises(InvalidValueError, match="calm_std"):
         replace(ppo, calm_std=0.5)
+
+
+def test_the_estimators_rate_sinks_with_the_noise() -> None:
+    estimator = replace(SETTINGS.estimator, learning_rate=1e-3, calm_learning_rate=1e-5)
+    assert [estimator.rate(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1e-3, 1e-4, 1e-5])
+    with pytest.raises(InvalidValueError, match="calm_learning_rate"):
+        replace(estimator, calm_learning_rate=0.0)
