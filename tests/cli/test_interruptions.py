@@ -6,6 +6,8 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import pytest
+
 from sprintlab.cli.interruptions import TERMINATED, counted_interruptions
 from sprintlab.cli.run import _status_line
 from sprintlab.deployment.controller.loop import LoopReport
@@ -27,6 +29,15 @@ sys.exit(command.main([]))
 """
 
 
+@pytest.fixture
+def hanging_up():
+    """The signal of a lost terminal at its default: whoever runs the tests may ignore it (``nohup``)."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hanging_up")
 def test_a_terminal_that_goes_away_counts_once():
     with counted_interruptions() as count:
         os.kill(os.getpid(), signal.SIGHUP)

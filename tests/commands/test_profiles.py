@@ -107,6 +107,11 @@ def test_heading_loop_recovers_from_far_off_with_nonlinear_kinematics(speed):
     assert np.max(np.abs(run.y[:, -1])) < 1e-2
 
 
+@given(heading=st.floats(-7, 7), offset=st.floats(-20, 20))
+def test_a_robot_that_is_asked_to_stand_is_not_asked_to_turn(heading, offset):
+    assert float(heading_command(heading, offset, 0.0)) == 0.0
+
+
 @given(heading=st.floats(-7, 7), offset=st.floats(-20, 20), speed=st.floats(-15, 15))
 def test_heading_command_obeys_its_limits(heading, offset, speed):
     rate = float(heading_command(heading, offset, speed, limit=0.8, friction=0.7))

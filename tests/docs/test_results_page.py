@@ -1,7 +1,6 @@
 """The pages tell of the policies what results/robustness holds."""
 
 import json
-import math
 import re
 from pathlib import Path
 
@@ -40,11 +39,20 @@ def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_t
 def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
     found = json.loads((ROOT / "results/second-looks/trainings.json").read_text(encoding="utf-8"))
     page, policies = flowing("docs/results.md"), found["policies"]
-    airborne = [100 * row["stand"]["feet_airborne"] for name, row in policies.items() if name != "E0"]
-    assert f"off the ground {min(airborne):.0f} to {max(airborne):.0f} % of the time" in page
-    terms = found["reward_terms"]["policies"]["runner"]
-    shares = [math.exp(-0.5 * 4.0 * terms[command]["foot_force"]) for command in ("9.0", "12.0")]
-    assert f"by {shares[0]:.2f} at a command of 9 m/s and by {shares[1]:.2f} at 12" in page
+    runner, audited = (
+        found["penalty_factors"]["policies"][name]
+        for name in (
+            "runner, its weights",
+            "runner, stance 26 ms, stride 0.183 s, foot force 3.4 body weights, electrical power 0.6",
+        )
+    )
+    slow, fast = runner["8.0"]["factor"], runner["12.0"]["factor"]
+    assert f"by {slow:.2f} at a command of 8 m/s, by {fast:.2f} at 12" in page
+    assert f"it is {audited['8.0']['factor']:.2f} and {audited['12.0']['factor']:.2f}" in page
+    assert list(runner["12.0"]["gain_without"])[:2] == ["electrical_power", "short_stances"]
+    asked = found["asked_to_stand"]
+    assert f"{100 * asked['heading_held']:.1f} % of the steps" in page
+    assert f"speed: {100 * asked['heading_free']:.1f} %" in page
     for name, row in policies.items():
         met = [t for t in row["trials"] if t["self_paced"] or t["command_m_s"] <= 8.0]
         assert name == "E0" or max(abs(trial["estimate_bias_m_s"]) for trial in met) < 0.2

@@ -301,11 +301,14 @@ def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironm
     environment.commands.target_yaw_rate[1] = 0.4
     environment.commands.command[:, 0] = environment.running_speed.fill_(2.0)
     environment.commands.target_speed.fill_(2.0)
+    environment.commands.time_to_update.fill_(1.0)
+    environment.commands.command[3, 0] = 0.0
     environment.course.copy_(heading_angle(environment.simulation.qpos[:, 3:7]) + 0.1)
     course = environment.course.clone()
     environment._advance_commands(torch.arange(N) == 2)
     yaw_rate = environment.commands.command[:, 2]
     assert yaw_rate[0] == pytest.approx(0.2, abs=1e-3)  # gain 2 1/s, 0.1 rad to go
     assert yaw_rate[1] == pytest.approx(0.4)
+    assert environment.commands.command[3].abs().max() == 0.0, "it is asked to stand, and nothing else"
     assert environment.course[2] == pytest.approx(float(course[2]) - 0.1, abs=1e-5)
     assert torch.equal(environment.course[3:], course[3:])

@@ -14,6 +14,9 @@ LATERAL_GAIN = 0.5
 STEEPEST_COURSE = 0.3
 """Greatest course angle taken to remove an offset [rad]."""
 
+REST_SPEED = 0.05
+"""A commanded speed below this asks for rest [m/s]."""
+
 
 def wrap_angle(angle: Array) -> Array:
     """The same angle [rad] in [-pi, pi]."""
@@ -41,7 +44,8 @@ def heading_command(
     Course angle ``-ky offset / v`` (at most 0.3 rad, ``v`` at least 1 m/s in magnitude), yaw
     rate ``kh (course - heading)``. With ``offset' = v heading`` the loop has the characteristic
     polynomial ``s^2 + kh s + kh ky``: critically damped, poles at -1 1/s, for
-    ``kh = 2 1/s`` and ``ky = 0.5 1/s`` at every speed above 1 m/s.
+    ``kh = 2 1/s`` and ``ky = 0.5 1/s`` at every speed above 1 m/s. Zero where the robot is asked to stand:
+    to turn on the spot it would have to step, and then it never learns to stand.
 
     Args:
         heading: yaw away from the course [rad], positive to the left.
@@ -56,4 +60,5 @@ def heading_command(
     pace = direction * xp.maximum(xp.abs(forward), filled(1.0, forward))
     course = clip(-LATERAL_GAIN * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
     yaw_rate = clip(HEADING_GAIN * wrap_angle(course - angle), -limit, limit)
-    return limit_yaw_rate(yaw_rate, forward, friction)
+    moving = xp.where(xp.abs(forward) < REST_SPEED, filled(0.0, forward), filled(1.0, forward))
+    return limit_yaw_rate(moving * yaw_rate, forward, friction)
