@@ -15,7 +15,6 @@ import argparse
 import json
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import onnxruntime
@@ -28,7 +27,7 @@ from mjlab.scene import Scene, SceneCfg
 from mjlab.sim import MujocoCfg, Simulation, SimulationCfg
 from mjlab.terrains import TerrainEntityCfg
 from numpy.typing import NDArray
-from torque_over_speed import Drives, FloatArray, draw, impossible_share, table_drives
+from torque_over_speed import Drives, FloatArray, Walk, draw, impossible_share, table_drives, walked
 
 from sprintlab.integrations.mjlab import PmsmActuatorCfg
 from sprintlab.robots import RobotDescription, load_robot
@@ -42,21 +41,6 @@ GROUPS = (
 STIFFNESS, DAMPING = 35.0, 0.5  # [N m/rad], [N m s/rad]
 ACTION_SCALE, POLICY_PERIOD, TIMESTEP = 0.5, 0.02, 0.004  # [rad], [s], [s]
 LAWS = ("position", "dc_motor", "refined")
-
-
-class Walk(NamedTuple):
-    """``n`` steps of a walk of one environment, joints in the model's order."""
-
-    held: float
-    """Mean forward speed over the second half [m/s]."""
-    lowest: float
-    """Least height of the trunk [m]."""
-    speed: FloatArray
-    """Of the joints [rad/s] ``(n, joints)``."""
-    asked: FloatArray
-    """Torque of the PD loop [N m] ``(n, joints)``."""
-    delivered: FloatArray
-    """On the joints [N m] ``(n, joints)``."""
 
 
 def actuators(law: str, robot: RobotDescription) -> tuple[ActuatorCfg, ...]:
@@ -131,12 +115,8 @@ def walks(
         for _ in range(round(POLICY_PERIOD / TIMESTEP)):
             samples.append(advance(scene, simulation, target))
     trunk, speed, asked, delivered = (np.array(values, dtype=float) for values in zip(*samples, strict=True))
-    half = len(trunk) // 2
-    held = (trunk[-1, :, 0] - trunk[half, :, 0]) / (TIMESTEP * (len(trunk) - 1 - half))
-    lowest = trunk[:, :, 2].min(axis=0)
     return [
-        Walk(float(held[i]), float(lowest[i]), speed[:, i], asked[:, i], delivered[:, i])
-        for i in range(len(commands))
+        walked(trunk[:, i], speed[:, i], asked[:, i], delivered[:, i], TIMESTEP) for i in range(len(commands))
     ]
 
 

@@ -19,7 +19,7 @@ import json
 import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import newton
 import numpy as np
@@ -27,7 +27,7 @@ import onnxruntime
 import warp as wp
 from newton.actuators import ClampingDCMotor, ClampingMaxEffort, DrivePD
 from numpy.typing import NDArray
-from torque_over_speed import Drives, FloatArray, draw, impossible_share
+from torque_over_speed import Drives, FloatArray, Walk, draw, impossible_share, walked
 
 from sprintlab.integrations.newton import PmsmClamping
 from sprintlab.motors import (
@@ -51,21 +51,6 @@ STANDSTILL, PEAK, NO_LOAD = 120.0, 80.0, 7.5  # [N m], [N m], [rad/s]: Isaac Lab
 GEAR, BUS_VOLTAGE = Gear(ratio=50.0, efficiency=1.0), 48.0  # [V]
 
 Clamping = tuple[type, dict[str, Any]]
-
-
-class Walk(NamedTuple):
-    """``n`` steps of a walk, joints in the model's order."""
-
-    held: float
-    """Mean forward speed over the second half [m/s]."""
-    lowest: float
-    """Least height of the trunk [m]."""
-    speed: FloatArray
-    """Of the joints [rad/s] ``(n, joints)``."""
-    asked: FloatArray
-    """Torque of the PD loop [N m] ``(n, joints)``."""
-    delivered: FloatArray
-    """On the joints [N m] ``(n, joints)``."""
 
 
 def drive_motor(published: str = "mit-humanoid-u12") -> PmsmParameters:
@@ -187,9 +172,7 @@ def walk(urdf: str, policy: Path, clamping: Clamping, command: float = 1.0, dura
         solver.step(before, after, control, None, TIMESTEP)
         before, after = after, before
     trunk, speed, asked, delivered = (np.array(values) for values in zip(*samples, strict=True))
-    half = len(trunk) // 2
-    held = (trunk[-1, 0] - trunk[half, 0]) / (TIMESTEP * (len(trunk) - 1 - half))
-    return Walk(float(held), float(trunk[:, 2].min()), speed, asked, delivered)
+    return walked(trunk, speed, asked, delivered, TIMESTEP)
 
 
 def numbers(walks: dict[str, Walk], drives: Drives) -> dict[str, float]:

@@ -65,6 +65,30 @@ class Motion(Protocol):
         ...
 
 
+class Walk(NamedTuple):
+    """``n`` steps of a walk, joints in the model's order."""
+
+    held: float
+    """Mean forward speed over the second half [m/s]."""
+    lowest: float
+    """Least height of the trunk [m]."""
+    speed: FloatArray
+    """Of the joints [rad/s] ``(n, joints)``."""
+    asked: FloatArray
+    """Torque of the PD loop [N m] ``(n, joints)``."""
+    delivered: FloatArray
+    """On the joints [N m] ``(n, joints)``."""
+
+
+def walked(
+    trunk: FloatArray, speed: FloatArray, asked: FloatArray, delivered: FloatArray, timestep: float
+) -> Walk:
+    """A walk from its samples: the trunk's positions [m] ``(n, 3)``, the joints' speeds and torques."""
+    half = len(trunk) // 2
+    held = (trunk[-1, 0] - trunk[half, 0]) / (timestep * (len(trunk) - 1 - half))
+    return Walk(float(held), float(trunk[:, 2].min()), speed, asked, delivered)
+
+
 def table_drives(robot: RobotDescription, joints: Sequence[int]) -> Drives:
     """The table's motors and gears of these joints, in this order."""
     places = np.asarray(joints)

@@ -7,16 +7,8 @@ import numpy as np
 import pytest
 
 from sprintlab.core.archives import read_arrays
-from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError
-from sprintlab.core.reading import (
-    parse_json,
-    parse_toml,
-    printable,
-    read_bytes,
-    read_json,
-    read_text,
-    read_toml,
-)
+from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError, printable
+from sprintlab.core.reading import parse_json, parse_toml, read_bytes, read_json, read_text, read_toml
 
 
 def test_link_to_a_file_is_followed(tmp_path):

@@ -11,7 +11,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from sprintlab.core.reading import printable
+from sprintlab.core.errors import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

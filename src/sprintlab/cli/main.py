@@ -37,9 +37,8 @@ from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
-from sprintlab.core.reading import printable
 
 REFUSED = 2
 INTERRUPTED = 130

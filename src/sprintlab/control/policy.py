@@ -32,8 +32,8 @@ from sprintlab.control.observation import (
     split_proprioception,
 )
 from sprintlab.control.policy_graph import GraphError, check_graph
-from sprintlab.core.errors import InvalidValueError, PolicyFileError
-from sprintlab.core.reading import printable, read_bytes
+from sprintlab.core.errors import InvalidValueError, PolicyFileError, printable
+from sprintlab.core.reading import read_bytes
 from sprintlab.robots import RobotDescription
 
 FloatArray = npt.NDArray[np.floating[Any]]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import printable, read_bytes
+from sprintlab.core.errors import SprintlabError, printable
+from sprintlab.core.reading import read_bytes
 
 Array = npt.NDArray[Any]
 

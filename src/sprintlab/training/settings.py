@@ -515,8 +515,8 @@ class EstimatorSettings:
         encoder: widths of the encoder's layers.
         decoder: widths of the decoder's layers.
         learning_rate: of its own optimizer, which the policy's adaptive rate does not touch.
-        calm_learning_rate: to which that sinks over ``ppo.calm_iterations``: at a constant rate, the mean
-            error of the exported estimate is that of its last few steps.
+        calm_learning_rate: to which that sinks over ``ppo.calm_iterations``: the exported estimate shall not
+            depend on its last few steps.
         epochs: passes over the rollout; one is enough, and the update is the dearest part of an iteration.
         sees_command: whether the encoder reads the command. Under ACS the command follows the speed: an
             estimator that sees it learns to read the speed off it, and errs by metres a second as soon as

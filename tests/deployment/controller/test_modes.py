@@ -40,6 +40,17 @@ def until(rig, mode, seconds=6.0):
     return rig.run_until(lambda tick: tick.mode == mode, seconds)
 
 
+def run_once(rig):
+    """Stand up, run for a second at 2 m/s, lie down."""
+    rig.source.request = Request.STAND
+    until(rig, "stand")
+    rig.source.request, rig.source.speed = Request.RUN, 2.0
+    until(rig, "run")
+    rig.run(1.2)
+    rig.source.request = Request.LIE_DOWN
+    until(rig, "passive", 12.0)
+
+
 @pytest.fixture
 def lying(lie_down_with):
     return lie_down_with(Operator())
@@ -55,13 +66,7 @@ def policy(request):
 def whole_life(make_rig, policy):
     """Stand up, run, come down, stand up again: once for all tests that look at it."""
     rig = make_rig(Operator(), policy)
-    rig.source.request = Request.STAND
-    until(rig, "stand")
-    rig.source.request, rig.source.speed = Request.RUN, 2.0
-    until(rig, "run")
-    rig.run(1.2)
-    rig.source.request = Request.LIE_DOWN
-    until(rig, "passive", 12.0)
+    run_once(rig)
     rig.source.request = Request.STAND
     until(rig, "stand")
     rig.run(0.5)
@@ -78,13 +83,7 @@ def test_a_whole_life_goes_through_the_modes_in_order(whole_life):
 
 def test_a_policy_that_trots_instead_of_standing_is_laid_down_too(make_rig):
     rig = make_rig(Operator(), load_policy(shipped_policy("runner")))
-    rig.source.request = Request.STAND
-    until(rig, "stand")
-    rig.source.request, rig.source.speed = Request.RUN, 2.0
-    until(rig, "run")
-    rig.run(1.2)
-    rig.source.request = Request.LIE_DOWN
-    until(rig, "passive", 12.0)
+    run_once(rig)
     assert modes(rig) == ["passive", "stand-up", "stand", "run", "stand", "lie-down", "passive"]
     assert rig.simulated.fall_reason == ""
     assert not set(rig.controller.fault_counts) - {Fault.STATE_LOST}

@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.errors import printable
 from sprintlab.core.extras import require_package
-from sprintlab.core.reading import open_regular, printable
+from sprintlab.core.reading import open_regular
 from sprintlab.deployment.interface import (
     JointCommand,
     JointMode,

@@ -20,8 +20,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sprintlab.core.errors import RobotModelError, SprintlabError
-from sprintlab.core.reading import printable, read_text
+from sprintlab.core.errors import RobotModelError, SprintlabError, printable
+from sprintlab.core.reading import read_text
 
 MODEL_LIMIT = 16 << 20
 """Largest model file that is read [bytes]."""

@@ -110,9 +110,8 @@ class EstimatorPpo:
     def set_phase(self, iteration: int) -> None:
         """The action noise and the estimator's learning rate of an iteration of the run."""
         settings = self.settings
-        calm = settings.ppo.calm_share(iteration)
         self.least_std.fill_(settings.ppo.noise_floor(iteration))
-        self.estimator_rate.fill_(settings.estimator.rate(calm))
+        self.estimator_rate.fill_(settings.estimator.rate(settings.ppo.calm_share(iteration)))
         quiet = settings.stages.is_steady(iteration)
         self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
 

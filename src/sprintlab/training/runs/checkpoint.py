@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.core.reading import parse_json, printable, read_bytes
+from sprintlab.core.reading import parse_json, read_bytes
 
 if TYPE_CHECKING:
     import torch

@@ -16,9 +16,8 @@ import numpy as np
 import torch
 
 from sprintlab.commands import RangeGrowth, StageBlend
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.files import atomic_write_text
-from sprintlab.core.reading import printable
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
