@@ -6,10 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sprintlab.commands import (
+    AdaptiveSchedule,
     SpeedProfile,
     SprintProfile,
+    TargetSampling,
     heading_angle,
     heading_command,
+    initial_state,
     self_paced,
     wrap_angle,
 )
@@ -57,14 +60,41 @@ def test_sprint_that_ends_while_it_still_accelerates_falls_from_there():
     assert sprint.end_time(2.0) == 3.0
 
 
-@given(command=st.floats(-15, 15), speed=st.floats(-15, 15), window=st.floats(0.1, 3))
-def test_self_paced_command_neither_leads_nor_lags(command, speed, window, torch):
-    paced = float(self_paced(command, speed, window))
-    assert abs(paced - speed) <= window * (1 + 1e-9)
-    if abs(command - speed) <= window * (1 - 1e-9):
+@given(
+    command=st.floats(-15, 15),
+    speed=st.floats(-15, 15),
+    window=st.floats(0.1, 3),
+    braking_window=st.floats(0.1, 5),
+)
+def test_self_paced_command_neither_leads_nor_lags(command, speed, window, braking_window, torch):
+    paced = float(self_paced(command, speed, window, braking_window))
+    lead = paced - speed
+    assert -braking_window * (1 + 1e-9) <= lead <= window * (1 + 1e-9)
+    if -braking_window * (1 - 1e-9) <= command - speed <= window * (1 - 1e-9):
         assert paced == command
     tensors = (torch.tensor(value, dtype=torch.float64) for value in (command, speed))
-    assert float(self_paced(*tensors, window)) == paced
+    assert float(self_paced(*tensors, window, braking_window)) == paced
+
+
+@given(target=st.floats(-2, 14), speed=st.floats(-2, 14))
+def test_self_paced_command_is_that_of_the_schedule_in_training(target, speed):
+    """Its farthest reach, that is: in training an update reaches down by a drawn part of it."""
+    schedule = AdaptiveSchedule(biased_share=1.0, targets=TargetSampling(persistence=(9.0, 9.0)))
+    state = initial_state(1, np.zeros(1))._replace(
+        target_speed=np.array([target]), time_to_target=np.array([9.0])
+    )
+    random = np.array([[0.5, 0.5, 0.5, 0.5, 0.5, 1.0, 0.0, 0.5]])
+    commanded = schedule.advance(
+        state,
+        speed=np.array([speed]),
+        dt=0.02,
+        lower=-2.0,
+        upper=14.0,
+        friction=0.8,
+        fresh=np.zeros(1, dtype=bool),
+        random=random,
+    ).command[0, 0]
+    assert commanded == pytest.approx(np.clip(float(self_paced(target, speed)), -2.0, 14.0))
 
 
 @given(angle=st.floats(-50, 50))
@@ -83,8 +113,8 @@ def test_heading_of_a_turn_about_the_vertical(torch):
 
 
 @pytest.mark.parametrize("speed", [1.0, 4.0, 12.0, -2.0])
-def test_heading_loop_is_critically_damped(speed):
-    """Double pole at -1 1/s: the offset falls as (1 + t) exp(-t) while nothing saturates."""
+def test_heading_loop_removes_an_offset_in_two_seconds(speed):
+    """Poles at -2 +- 2i 1/s: the offset falls as (cos 2t + sin 2t) exp(-2t) while nothing saturates."""
 
     def derivative(_, state):
         offset, heading = state
@@ -94,7 +124,8 @@ def test_heading_loop_is_critically_damped(speed):
     run = pytest.importorskip("scipy.integrate").solve_ivp(
         derivative, (0.0, 8.0), [0.05, 0.0], t_eval=times, rtol=1e-9, atol=1e-11
     )
-    np.testing.assert_allclose(run.y[0], 0.05 * (1 + times) * np.exp(-times), atol=1e-6)
+    expected = 0.05 * (np.cos(2 * times) + np.sin(2 * times)) * np.exp(-2 * times)
+    np.testing.assert_allclose(run.y[0], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("speed", [2.0, 12.0])

@@ -33,7 +33,7 @@ class Evaluation(Drawn):
     Attributes:
         policy: name of the policy.
         raw: the search with the command as it is.
-        self_paced: the search with the command held within 1 m/s of the measured speed.
+        self_paced: the search with the command held near the measured speed.
         clock_check: the same speed with other policy clocks; ``None`` where it was not asked for.
         battery: one raw trial at the highest command on battery and warm windings; ``None`` where none passed
             or all trials are.

@@ -141,7 +141,7 @@ def lap(
         policy: a policy file, or the name of a policy that comes with the package.
         top_speed: commanded speed [m/s].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
-        self_paced: hold the command within 1 m/s of the measured speed.
+        self_paced: hold the command near the measured speed, as ``self_paced`` does.
         drive: motor model, battery and heat; the published numbers' when left out.
         progress: called with what is being done.
 

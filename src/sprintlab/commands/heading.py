@@ -5,10 +5,10 @@ from __future__ import annotations
 from sprintlab.commands.state import limit_yaw_rate
 from sprintlab.control.arrays import Array, as_array, clip, filled, namespace
 
-HEADING_GAIN = 2.0
+HEADING_GAIN = 4.0
 """Yaw rate for a heading error [1/s]."""
 
-LATERAL_GAIN = 0.5
+LATERAL_GAIN = 2.0
 """Rate at which a lateral offset is to shrink [1/s]."""
 
 STEEPEST_COURSE = 0.3
@@ -43,9 +43,10 @@ def heading_command(
 
     Course angle ``-ky offset / v`` (at most 0.3 rad, ``v`` at least 1 m/s in magnitude), yaw
     rate ``kh (course - heading)``. With ``offset' = v heading`` the loop has the characteristic
-    polynomial ``s^2 + kh s + kh ky``: critically damped, poles at -1 1/s, for
-    ``kh = 2 1/s`` and ``ky = 0.5 1/s`` at every speed above 1 m/s. Zero where the robot is asked to stand:
-    to turn on the spot it would have to step, and then it never learns to stand.
+    polynomial ``s^2 + kh s + kh ky``: poles at ``-2 +- 2i`` 1/s, a damping of 0.7, for ``kh = 4 1/s`` and
+    ``ky = 2 1/s`` at every speed above 1 m/s. A robot that turns at ``w`` when asked to run straight
+    settles ``v w / (kh ky)`` beside its course: 6 cm at 10 m/s and 0.05 rad/s. Zero where the robot is asked
+    to stand: to turn on the spot it would have to step, and then it never learns to stand.
 
     Args:
         heading: yaw away from the course [rad], positive to the left.

@@ -13,6 +13,13 @@ from sprintlab.core.checks import check_positive, check_range
 
 SpeedValues = npt.NDArray[np.float64]
 
+PACE_WINDOW = 1.0
+"""How far a self-paced command may lead the robot [m/s]: the paper's neighbourhood."""
+
+BRAKING_WINDOW = 4.0
+"""How far a self-paced command may lag it [m/s]. Asked for no more than 1 m/s less than their speed, trained
+policies brake at about 2 m/s^2, half of what the profile asks for, and are still running at its end."""
+
 
 class Phase(NamedTuple):
     """One phase of a profile: its name, start and end [s]."""
@@ -122,10 +129,16 @@ class SprintProfile:
         return np.clip(self.acceleration * (time - self.stand), 0.0, self.top_speed)
 
 
-def self_paced(command: Array | float, speed: Array | float, window: float = 1.0) -> Array:
-    """ACS at run time: ``command`` [m/s] kept within ``window`` of the measured ``speed`` [m/s].
+def self_paced(
+    command: Array | float,
+    speed: Array | float,
+    window: float = PACE_WINDOW,
+    braking_window: float = BRAKING_WINDOW,
+) -> Array:
+    """ACS at run time: ``command`` [m/s] kept near the measured ``speed`` [m/s], as in training.
 
-    The command neither leads nor lags the robot by more than ``window``; shapes broadcast.
+    It never leads the robot by more than ``window`` nor lags it by more than ``braking_window``; shapes
+    broadcast.
     """
     present = as_array(speed)
-    return clip(as_array(command), present - window, present + window)
+    return clip(as_array(command), present - braking_window, present + window)

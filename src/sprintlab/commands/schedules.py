@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
+from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
@@ -303,8 +304,8 @@ class AdaptiveSchedule(TargetSchedule):
         InvalidValueError: a non-positive window, a share outside [0, 1], an unordered interval.
     """
 
-    window: float = 1.0
-    braking_window: float = 4.0
+    window: float = PACE_WINDOW
+    braking_window: float = BRAKING_WINDOW
     hold: tuple[float, float] = (0.2, 0.6)
     biased_share: float = 0.75
     ramp_share: float = 0.0

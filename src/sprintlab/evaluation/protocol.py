@@ -190,7 +190,7 @@ def run_protocol(
 
     Args:
         pool: policy, robot and processes.
-        self_paced: hold the command within 1 m/s of the measured speed.
+        self_paced: hold the command near the measured speed, as ``self_paced`` does.
         settings: grid, seeds, number of trials.
         common_speed: v* [m/s] at which J is compared between methods; ``None`` leaves it out.
         progress: called with the result of every speed.

@@ -28,9 +28,6 @@ from sprintlab.evaluation.results import (
 from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
-PACE_WINDOW = 1.0
-"""Self-paced: the command stays within this distance of the measured speed [m/s]."""
-
 _REST = 2.0  # after a sprint the command stays zero for so long, the last second of which tells a stop [s]
 _SLOWEST_USEFUL_SHARE = 0.25  # a sprint slower than this share of its command is given up
 
@@ -42,7 +39,7 @@ class TrialRequest:
     Attributes:
         top_speed: v* of the profile [m/s].
         settings: what differs from trial to trial: friction, payload, noise, pushes and the like.
-        self_paced: hold the command within 1 m/s of the measured speed.
+        self_paced: hold the command near the measured speed, as ``self_paced`` does.
         distance: length of a sprint [m]; ``None`` runs the stand-rise-hold-fall-stand profile.
         hold: duration of the profile's hold [s].
         plant: how the robot is simulated.
@@ -239,7 +236,7 @@ def _drive(
 
 def _command(asked: float, base: BaseState, paced: bool, steering: Steering) -> np.ndarray:
     """Command ``(3,)``: forward speed, no sideways speed, yaw rate."""
-    speed = float(self_paced(asked, base.forward_speed, PACE_WINDOW)) if paced else asked
+    speed = float(self_paced(asked, base.forward_speed)) if paced else asked
     return np.array([speed, 0.0, steering(base, speed)])
 
 

@@ -94,7 +94,9 @@ class Controls:
         gui = self._gui
         self._speed = gui.add_slider("Speed (m/s)", min=-2.0, max=TOP_SPEED, step=0.1, initial_value=0.0)
         self._turn = gui.add_slider("Turn (rad/s)", min=-1.0, max=1.0, step=0.05, initial_value=0.0)
-        paced = gui.add_checkbox("Self-paced", False, hint="Command within 1 m/s of the measured speed")
+        paced = gui.add_checkbox(
+            "Self-paced", False, hint="Command at most 1 m/s ahead of the measured speed"
+        )
         self._turns(self._speed, "speed", float)
         self._turns(self._turn, "yaw_rate", float)
         self._turns(paced, "self_paced", bool)

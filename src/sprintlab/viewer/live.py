@@ -47,7 +47,7 @@ class Knobs:
     Attributes:
         speed: wanted forward speed [m/s], -3 to 20.
         yaw_rate: wanted turning rate [rad/s], -2 to 2.
-        self_paced: hold the command within 1 m/s of the measured speed.
+        self_paced: hold the command near the measured speed, as ``self_paced`` does.
         policy: name of the policy.
         motor_model: one of ``sprintlab.motors.MOTOR_MODELS``.
         bus_voltage: [V].

@@ -11,9 +11,6 @@ from sprintlab.core.checks import check_positive
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
 
-PACE_WINDOW = 1.0
-"""Self-paced: the command stays within this distance of the measured speed [m/s]."""
-
 
 class SprintSource(ScriptedSource):
     """Stand, rise to the top speed, hold it until the distance is run, brake, stand.
@@ -25,7 +22,7 @@ class SprintSource(ScriptedSource):
     Args:
         top_speed: [m/s].
         distance: [m].
-        pace: keep the command within 1 m/s of the measured speed.
+        pace: keep the command near the measured speed, as ``self_paced`` does.
         acceleration: of the command [m/s^2].
 
     Attributes:
@@ -62,7 +59,7 @@ class SprintSource(ScriptedSource):
             return None
         speed = float(self._profile.command(time, self.finish_time))
         if self._pace:
-            speed = float(self_paced(speed, view.forward_speed, PACE_WINDOW))
+            speed = float(self_paced(speed, view.forward_speed))
         return np.array([speed, 0.0, float(heading_command(view.heading, view.lateral_offset, speed))])
 
     def _way(self, view: SourceView) -> float:
