@@ -12,6 +12,7 @@ from sprintlab.control import (
     encode_contract,
     load_policy,
 )
+from sprintlab.control.standing import StandingContract
 from sprintlab.core.errors import InvalidValueError, PolicyFileError
 
 COEFFICIENT = 0.25
@@ -83,6 +84,20 @@ def test_a_reset_starts_from_a_zero_estimate(write_estimator, robot, measurement
     runtime.reset()
     assert runtime.last_estimate is None
     np.testing.assert_array_equal([runtime.step(measurement, command) for measurement in measurements], first)
+
+
+def test_a_robot_that_nearly_stands_is_held_in_its_default_pose(
+    write_estimator, robot, measurements, estimator_contract
+):
+    standing = StandingContract(hold_speed=100.0, release_speed=100.0)
+    contract = msgspec.structs.replace(estimator_contract, standing=standing)
+    plain = PolicyRuntime(load_policy(write_estimator()), robot)
+    held = PolicyRuntime(load_policy(write_estimator(described=contract)), robot)
+    pose = np.asarray(contract.default_pose)
+    for command in (np.array([1.0, 0.0, 0.0]), np.zeros(3)):
+        own, blended = (runtime.step(measurements[0], command) for runtime in (plain, held))
+        share = 1.0 if command.any() else np.exp(-1.0 / (50.0 * standing.blend_time))
+        np.testing.assert_allclose(blended, pose + share * (own - pose), rtol=1e-5, atol=1e-6)
 
 
 def test_without_an_estimate_a_decision_starts_from_zeros(write_estimator):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sprintlab.commands.state import limit_yaw_rate
 from sprintlab.control.arrays import Array, as_array, clip, filled, namespace
+from sprintlab.control.standing import REST_COMMAND
 
 HEADING_GAIN = 4.0
 """Yaw rate for a heading error [1/s]."""
@@ -13,9 +14,6 @@ LATERAL_GAIN = 2.0
 
 STEEPEST_COURSE = 0.3
 """Greatest course angle taken to remove an offset [rad]."""
-
-REST_SPEED = 0.05
-"""A commanded speed below this asks for rest [m/s]."""
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -61,5 +59,5 @@ def heading_command(
     pace = direction * xp.maximum(xp.abs(forward), filled(1.0, forward))
     course = clip(-LATERAL_GAIN * offset / pace, -STEEPEST_COURSE, STEEPEST_COURSE)
     yaw_rate = clip(HEADING_GAIN * wrap_angle(course - angle), -limit, limit)
-    moving = xp.where(xp.abs(forward) < REST_SPEED, filled(0.0, forward), filled(1.0, forward))
+    moving = xp.where(xp.abs(forward) < REST_COMMAND, filled(0.0, forward), filled(1.0, forward))
     return limit_yaw_rate(moving * yaw_rate, forward, friction)

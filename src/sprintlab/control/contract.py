@@ -15,6 +15,7 @@ import numpy as np
 
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
+from sprintlab.control.standing import StandingContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.robots import RobotDescription, robot_fingerprint
@@ -164,6 +165,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             not tell, whose fingerprint covers them all the same.
         estimate: terms of the network's estimate in order; None without an estimator, and in files that do
             not tell.
+        standing: when the robot is stood still in its default pose; None: never.
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
@@ -188,6 +190,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     training: TrainingRecord
     position_limits: tuple[Interval, ...] | None = None
     estimate: tuple[EstimateTerm, ...] | None = None
+    standing: StandingContract | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
@@ -291,6 +294,7 @@ def make_contract(
             estimate_cutoff_hz=None if estimate_filter is None else estimate_filter.cutoff_hz,
         ),
         estimate=None if estimate_filter is None else ESTIMATE_TERMS,
+        standing=None if estimate_filter is None else StandingContract(),
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,

@@ -32,6 +32,7 @@ from sprintlab.control.observation import (
     split_proprioception,
 )
 from sprintlab.control.policy_graph import GraphError, check_graph
+from sprintlab.control.standing import StandingHold
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, printable
 from sprintlab.core.reading import read_bytes
 from sprintlab.robots import RobotDescription
@@ -175,6 +176,8 @@ class Measurement(NamedTuple):
 class PolicyRuntime:
     """Runs a policy on one robot: filter, observation, history, network and its estimate, joint targets.
 
+    A robot that is asked to stand and nearly does is held in its default pose, as the contract says.
+
     Args:
         policy: the loaded policy.
         robot: the robot it shall drive.
@@ -191,10 +194,12 @@ class PolicyRuntime:
         self._filter = contract.proprioception_filter
         self._default_pose = np.asarray(contract.default_pose)
         self._action_scale = np.asarray(contract.action_scale)
+        standing = contract.standing if policy.estimates else None
+        self._standing = None if standing is None else StandingHold(standing, contract.policy_rate_hz)
         self.reset()
 
     def reset(self) -> None:
-        """Forget filter, history, previous action and estimate.
+        """Forget filter, history, previous action, estimate and hold.
 
         The next step starts from its own measurement and from a zero estimate.
         """
@@ -202,6 +207,8 @@ class PolicyRuntime:
         self._filtered: FloatArray | None = None
         self._history: FloatArray | None = None
         self._previous_action: FloatArray = np.zeros(self._layout.joints)
+        if self._standing is not None:
+            self._standing.reset()
 
     @property
     def previous_action(self) -> FloatArray:
@@ -239,6 +246,8 @@ class PolicyRuntime:
             self._history = push_history(self._history, frame)
         decision = self._policy.decide(network_input(self._history)[None], self._estimate)
         action, self._estimate = decision.action[0], decision.estimate
+        if self._standing is not None and self._estimate is not None:
+            action = action * self._standing.share(np.asarray(command), self._estimate[0])
         limit = self._policy.contract.action_limit
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)

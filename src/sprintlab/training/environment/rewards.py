@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 
 from sprintlab.commands.state import GRAVITY
+from sprintlab.control.standing import REST_COMMAND
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.loads import Loads
@@ -23,7 +24,6 @@ PROGRESS_SPEED = 10.0
 POWER_SPEED = 2.0
 """Added to the speed by which electrical power is divided [m/s], so that standing has a cost. With 0.5 m/s,
 and the power that action noise takes in training, walking on was cheaper than standing when asked to."""
-_REST = 0.1  # commands that mean rest [m/s, rad/s]
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
 
@@ -113,7 +113,7 @@ PENALTIES: dict[str, Penalty] = {
 
 def _asked_to_stand(x: RewardInput) -> torch.Tensor:
     """1 where the command is rest."""
-    return ((x.command[:, 0].abs() < _REST) & (x.command[:, 2].abs() < _REST)).float()
+    return (x.command.abs() < REST_COMMAND).all(1).float()
 
 
 def _unwanted_tilt(x: RewardInput, s: RewardSettings) -> torch.Tensor:

@@ -1,0 +1,77 @@
+"""Standing still: when the default pose takes over, and when the policy gets the robot back."""
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+
+from sprintlab.control import decode_contract, encode_contract
+from sprintlab.control.standing import REST_COMMAND, StandingContract, StandingHold
+from sprintlab.core.errors import InvalidValueError
+
+STILL, REST = np.zeros(3), np.zeros(3)
+
+
+@pytest.fixture
+def hold() -> StandingHold:
+    return StandingHold(StandingContract(), rate_hz=50.0)
+
+
+def test_a_standing_robot_is_blended_into_its_default_pose(hold):
+    shares = [hold.share(REST, STILL) for _ in range(50)]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[4] == pytest.approx(np.exp(-1.0))  # after one time constant
+    assert shares[-1] < 1e-4
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_any_command_gives_the_robot_back_at_once(hold, index):
+    for _ in range(50):
+        hold.share(REST, STILL)
+    command = REST.copy()
+    command[index] = -2 * REST_COMMAND
+    assert hold.share(command, STILL) == 1.0
+    assert hold.share(REST, STILL) > 0.8, "and the blend begins anew"
+
+
+def test_a_running_robot_is_not_held(hold):
+    assert all(hold.share(REST, np.array([0.5, 0.0, 0.0])) == 1.0 for _ in range(50))
+
+
+def test_a_held_robot_is_let_go_only_beyond_the_release_speed(hold):
+    hold.share(REST, STILL)
+    assert hold.share(REST, np.array([0.6, 0.0, 0.0])) < 1.0, "between both speeds it stays held"
+    assert hold.share(REST, np.array([0.6, 0.6, 0.0])) == 1.0, "sideways counts"
+    assert hold.share(REST, np.array([0.6, 0.0, 0.0])) == 1.0, "and then the policy brakes down to the hold"
+
+
+def test_a_reset_begins_with_the_policy(hold):
+    for _ in range(50):
+        hold.share(REST, STILL)
+    hold.reset()
+    assert hold.share(REST, STILL) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        ("hold_speed", {"hold_speed": 0.0}),
+        ("release_speed", {"release_speed": 0.1}),
+        ("blend_time", {"blend_time": float("nan")}),
+    ],
+)
+def test_impossible_holds_are_refused(field, values):
+    with pytest.raises(InvalidValueError, match=f"standing.{field}"):
+        StandingContract(**values)
+
+
+def test_the_contract_carries_it(contract):
+    standing = msgspec.structs.replace(contract, standing=StandingContract(hold_speed=0.3))
+    assert decode_contract(encode_contract(standing)) == standing
+
+
+def test_a_contract_without_it_is_read(contract):
+    fields = json.loads(encode_contract(contract))
+    fields.pop("standing", None)
+    assert decode_contract(json.dumps(fields)).standing is None
