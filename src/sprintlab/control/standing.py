@@ -1,8 +1,8 @@
 """A robot that is asked to stand, and nearly does, is stood still by its joint controllers.
 
 A policy that is trained to run steps on the spot when it is asked to stand: it costs several hundred watts,
-and the robot wanders. Its targets are therefore blended into the default pose while the command is rest and the
-estimated speed is low; a robot that is pushed out of it is the policy's again.
+and the robot wanders. Its targets are therefore blended into the default pose while the command is rest and
+the estimated speed is low; a robot that is pushed out of it is the policy's again.
 """
 
 from __future__ import annotations
