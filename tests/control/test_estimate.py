@@ -89,13 +89,14 @@ def test_a_reset_starts_from_a_zero_estimate(write_estimator, robot, measurement
 def test_a_robot_that_nearly_stands_is_held_in_its_default_pose(
     write_estimator, robot, measurements, estimator_contract
 ):
-    standing = StandingContract(hold_speed=100.0, release_speed=100.0)
+    standing = StandingContract(hold_speed=100.0, release_tilt=1.5)
     contract = msgspec.structs.replace(estimator_contract, standing=standing)
     plain = PolicyRuntime(load_policy(write_estimator()), robot)
     held = PolicyRuntime(load_policy(write_estimator(described=contract)), robot)
     pose = np.asarray(contract.default_pose)
+    upright = measurements[0]._replace(projected_gravity=np.array([0.0, 0.0, -1.0]))
     for command in (np.array([1.0, 0.0, 0.0]), np.zeros(3)):
-        own, blended = (runtime.step(measurements[0], command) for runtime in (plain, held))
+        own, blended = (runtime.step(upright, command) for runtime in (plain, held))
         share = 1.0 if command.any() else np.exp(-1.0 / (50.0 * standing.blend_time))
         np.testing.assert_allclose(blended, pose + share * (own - pose), rtol=1e-5, atol=1e-6)
 

@@ -10,7 +10,7 @@ from sprintlab.control import decode_contract, encode_contract
 from sprintlab.control.standing import REST_COMMAND, StandingContract, StandingHold
 from sprintlab.core.errors import InvalidValueError
 
-STILL, REST = np.zeros(3), np.zeros(3)
+STILL, REST, UPRIGHT = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -1.0])
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def hold() -> StandingHold:
 
 
 def test_a_standing_robot_is_blended_into_its_default_pose(hold):
-    shares = [hold.share(REST, STILL) for _ in range(50)]
+    shares = [hold.share(REST, STILL, UPRIGHT) for _ in range(50)]
     assert shares == sorted(shares, reverse=True)
     assert shares[4] == pytest.approx(np.exp(-1.0))  # after one time constant
     assert shares[-1] < 1e-4
@@ -28,36 +28,45 @@ def test_a_standing_robot_is_blended_into_its_default_pose(hold):
 @pytest.mark.parametrize("index", [0, 1, 2])
 def test_any_command_gives_the_robot_back_at_once(hold, index):
     for _ in range(50):
-        hold.share(REST, STILL)
+        hold.share(REST, STILL, UPRIGHT)
     command = REST.copy()
     command[index] = -2 * REST_COMMAND
-    assert hold.share(command, STILL) == 1.0
-    assert hold.share(REST, STILL) > 0.8, "and the blend begins anew"
+    assert hold.share(command, STILL, UPRIGHT) == 1.0
+    assert hold.share(REST, STILL, UPRIGHT) > 0.8, "and the blend begins anew"
 
 
 def test_a_running_robot_is_not_held(hold):
-    assert all(hold.share(REST, np.array([0.5, 0.0, 0.0])) == 1.0 for _ in range(50))
+    assert all(hold.share(REST, np.array([0.7, 0.0, 0.0]), UPRIGHT) == 1.0 for _ in range(50))
 
 
-def test_a_held_robot_is_let_go_only_beyond_the_release_speed(hold):
-    hold.share(REST, STILL)
-    assert hold.share(REST, np.array([0.6, 0.0, 0.0])) < 1.0, "between both speeds it stays held"
-    assert hold.share(REST, np.array([0.6, 0.6, 0.0])) == 1.0, "sideways counts"
-    assert hold.share(REST, np.array([0.6, 0.0, 0.0])) == 1.0, "and then the policy brakes down to the hold"
+def test_sideways_speed_counts(hold):
+    assert hold.share(REST, np.array([0.5, 0.5, 0.0]), UPRIGHT) == 1.0
+    assert hold.share(REST, np.array([0.5, 0.0, 0.0]), UPRIGHT) < 1.0
+
+
+def test_a_held_robot_is_let_go_when_it_tips_and_not_when_its_estimate_errs(hold):
+    for _ in range(50):
+        hold.share(REST, STILL, UPRIGHT)
+    assert hold.share(REST, np.array([0.9, 0.0, 0.0]), UPRIGHT) < 0.1
+    tipped = np.array([0.0, np.sin(0.25), -np.cos(0.25)])
+    assert hold.share(REST, STILL, tipped) == 1.0
+    assert hold.share(REST, np.array([0.9, 0.0, 0.0]), UPRIGHT) == 1.0, (
+        "then the policy has to slow down anew"
+    )
 
 
 def test_a_reset_begins_with_the_policy(hold):
     for _ in range(50):
-        hold.share(REST, STILL)
+        hold.share(REST, STILL, UPRIGHT)
     hold.reset()
-    assert hold.share(REST, STILL) > 0.8
+    assert hold.share(REST, STILL, UPRIGHT) > 0.8
 
 
 @pytest.mark.parametrize(
     ("field", "values"),
     [
         ("hold_speed", {"hold_speed": 0.0}),
-        ("release_speed", {"release_speed": 0.1}),
+        ("release_tilt", {"release_tilt": 2.0}),
         ("blend_time", {"blend_time": float("nan")}),
     ],
 )

@@ -247,7 +247,9 @@ class PolicyRuntime:
         decision = self._policy.decide(network_input(self._history)[None], self._estimate)
         action, self._estimate = decision.action[0], decision.estimate
         if self._standing is not None and self._estimate is not None:
-            action = action * self._standing.share(np.asarray(command), self._estimate[0])
+            action = action * self._standing.share(
+                np.asarray(command), self._estimate[0], measurement.projected_gravity
+            )
         limit = self._policy.contract.action_limit
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
