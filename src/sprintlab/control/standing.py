@@ -2,8 +2,8 @@
 
 A policy that is trained to run steps on the spot when it is asked to stand: it costs several hundred watts,
 and the robot wanders. Its targets are therefore blended into the default pose once the command is rest and
-the estimated speed is low, until another command comes or the trunk tips. (The estimate cannot say when to let
-go: the estimator was never trained on a robot that stands, and says up to 1.1 m/s of one.)
+the estimated speed is low, until another command comes or the trunk tips. (The estimate cannot say when to
+let go: the estimator was never trained on a robot that stands, and says up to 1.1 m/s of one.)
 """
 
 from __future__ import annotations
