@@ -56,16 +56,20 @@ def answer(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         (["robustness", "--trials", "0"], "trials"),
         (["robustness", "--distance", "-5"], "distance"),
         (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
+        (["report", "none.mcap", "--out", "lost"], "lost exists already"),
+        (["report", "none.mcap", "--out", "file/report"], "cannot write"),
+        (["race", "--out", "lost"], "lost exists already"),
     ],
 )
 def test_refused_before_any_work(tmp_path: Path, words: list[str], said: str) -> None:
     (tmp_path / "junk.pt").write_bytes(b"no checkpoint")
     (tmp_path / "file").write_text("")
+    (tmp_path / "lost").symlink_to("nowhere")
     done = answer(*words, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, ""), done
     assert done.stderr.startswith("sprintlab: ") and done.stderr.count("\n") == 1
     assert said in done.stderr
-    assert sorted(os.listdir(tmp_path)) == ["file", "junk.pt"]
+    assert sorted(os.listdir(tmp_path)) == ["file", "junk.pt", "lost"]
 
 
 def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:

@@ -146,6 +146,17 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         raise SprintlabError(f"cannot write {path}: {place}: {error.strerror or error}") from error
 
 
+def check_new_folder(path: str | os.PathLike[str]) -> None:
+    """Refuse, before any work, a folder for results whose name is taken, if only by a dangling link.
+
+    Raises:
+        SprintlabError: the name is taken, or no folder can be made there.
+    """
+    if os.path.lexists(path):
+        raise SprintlabError(f"{path} exists already; choose another folder for the results")
+    check_writable(path)
+
+
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write ``text`` as UTF-8 in one step; errors as in ``atomic_write_bytes``.
 
