@@ -136,6 +136,26 @@ def test_objects_are_not_unpickled(tmp_path):
         read_arrays(tmp_path / "a.npz", ("a",))
 
 
+@pytest.mark.parametrize("header", [b"{'descr': '<f8', (", b"{'descr': '''", b"(" * 90])
+def test_a_header_that_ends_too_early_is_told_in_one_sentence(tmp_path, header):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + header.ljust(118))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_what_numpy_does_not_pack_is_refused(tmp_path, packing):
+    """Each packing has errors of its own for what is damaged."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", packing) as archive:
+        archive.writestr("a.npy", bytes(1000))
+    content = bytearray((tmp_path / "a.npz").read_bytes())
+    content[60:70] = b"\xff" * 10
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))
+
+
 def test_bomb_is_refused_before_it_unpacks(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("a.npy", bytes(3 << 20))
