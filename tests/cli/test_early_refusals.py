@@ -73,6 +73,9 @@ REFUSED = (
     (["robustness", "--trials", "0"], "trials"),
     (["robustness", "--distance", "-5"], "distance"),
     (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
+    (["report", "none.mcap", "--out", "lost"], "lost exists already"),
+    (["report", "none.mcap", "--out", "file/report"], "cannot write"),
+    (["race", "--out", "lost"], "lost exists already"),
 )
 
 
@@ -83,6 +86,7 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], 
     for folder in folders:
         (folder / "junk.pt").write_bytes(b"no checkpoint")
         (folder / "file").write_text("")
+        (folder / "lost").symlink_to("nowhere")
     commands = [words for words, _ in REFUSED]
     told = answers(*zip(folders, commands, strict=True))
     return {tuple(words): found for words, *found in zip(commands, folders, told, strict=True)}
@@ -94,7 +98,7 @@ def test_refused_before_any_work(refusals, words: list[str], said: str) -> None:
     assert (status, out) == (2, ""), err
     assert err.startswith("sprintlab: ") and err.count("\n") == 1
     assert said in err
-    assert sorted(os.listdir(folder)) == ["file", "junk.pt"]
+    assert sorted(os.listdir(folder)) == ["file", "junk.pt", "lost"]
 
 
 def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:
