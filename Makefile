@@ -8,7 +8,7 @@
 
 PYTHON ?= python3
 # The shipped policy's top command [m/s]; without it the race searches for one first.
-RACE_ARGS ?= runner --top-speed 10
+RACE_ARGS ?= sprint --top-speed 10
 WORKERS ?= 2
 
 VENV := .venv
@@ -19,19 +19,27 @@ REQUIREMENTS := pyproject.toml constraints.txt
 # Tests start hundreds of Python processes: compiled modules are kept, whatever the environment says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: race test lint docs package-test venv clean
+.PHONY: race test tests lint style types docs package-test venv clean
 .DEFAULT_GOAL := test
 
 race: $(VENV)/.race-installed
 	@$(BIN)/sprintlab race $(RACE_ARGS)
 
-test: lint
+# The type checker keeps one core busy for a minute: beside the tests, not before them. All that fails is told.
+test: style
+	@$(MAKE) --no-print-directory --keep-going -j2 types tests
+
+tests: $(VENV)/.dev-installed
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-lint: $(VENV)/.dev-installed
+lint: style types
+
+style: $(VENV)/.dev-installed
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/lint-imports
+
+types: $(VENV)/.dev-installed
 	@$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(VENV)/.dev-installed

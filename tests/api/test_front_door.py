@@ -116,9 +116,9 @@ TINY = {
         f"import sys; sys.path.append({str(ROOT)!r})\n"
         "import sprintlab as sl\nfrom tests.short_trials import shorten_trials\nshorten_trials()\n"
     ),
-    "environments=4096": "environments=8",
-    "iterations=3200, minutes=20.0": 'iterations=2, device="cpu"',
-    "trials=10": "trials=1, top_speed=1.0, distance=2.0, workers=1",
+    '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
+    "iterations=3200, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
+    "trials=10": "trials=1, top_speed=1.0, distance=0.5, workers=1",
 }
 
 

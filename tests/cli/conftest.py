@@ -1,6 +1,7 @@
 """A way to call the command in this process, and a race of a policy that stands still."""
 
 import copy
+import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -34,6 +35,24 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture
+def run_once(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Make a function that runs requests run each of them once, for a test that looks at what is printed."""
+
+    def patch(name: str) -> None:
+        module, _, function = name.rpartition(".")
+        run, kept = getattr(importlib.import_module(module), function), {}
+
+        def run_or_repeat(policy: object, robot: object, request: object) -> object:
+            if repr(request) not in kept:
+                kept[repr(request)] = run(policy, robot, request)
+            return kept[repr(request)]
+
+        monkeypatch.setattr(name, run_or_repeat)
+
+    return patch
 
 
 @pytest.fixture(scope="session")

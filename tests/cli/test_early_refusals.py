@@ -2,75 +2,108 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import sprintlab
 
 SOURCE = Path(sprintlab.__file__).parents[1]
-WITHOUT_TORCH = (
-    "import sys\n"
-    "class Refuse:\n"
-    "    def find_spec(self, name, path=None, target=None):\n"
-    "        if name.partition('.')[0] in ('torch', 'warp', 'mujoco_warp'):\n"
-    "            raise SystemExit(f'imported {name}')\n"
-    "import importlib.util\n"
-    "importlib.util.find_spec = lambda name, *rest: object()\n"
-    "sys.meta_path.insert(0, Refuse())\n"
-    "from sprintlab.cli.main import main\n"
-    "sys.exit(main(sys.argv[1:]))\n"
-)
+WITHOUT_TORCH = """
+import contextlib, importlib.util, io, json, os, sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("torch", "warp", "mujoco_warp"):
+            raise SystemExit(f"imported {name}")
+
+importlib.util.find_spec = lambda name, *rest: object()
+sys.meta_path.insert(0, Refuse())
+from sprintlab.cli.main import main
+
+def answer(folder, words):
+    os.chdir(folder)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = main(words)
+        except SystemExit as stop:
+            status = stop.code
+    return status, out.getvalue(), err.getvalue()
+
+print(json.dumps([answer(folder, words) for folder, words in json.load(sys.stdin)]))
+"""
 
 
-def answer(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """The command line in a process that ends as soon as PyTorch is imported."""
-    return subprocess.run(
-        [sys.executable, "-c", WITHOUT_TORCH, *map(str, words)],
-        capture_output=True, text=True, cwd=cwd, env={**os.environ, "PYTHONPATH": str(SOURCE)},
+def answers(*commands: tuple[Path, Sequence[str]]) -> list[list[Any]]:
+    """Status, output and errors of commands, each in its folder, one after the other in one process.
+
+    The first module of PyTorch that a command imports ends that command.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH], input=json.dumps([(str(at), words) for at, words in commands]),
+        stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(SOURCE)}, check=True,
     )  # fmt: skip
+    return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["train", "gallop"], "method"),
-        (["train", "sprint", "--minutes", "-1"], "minutes"),
-        (["train", "sprint", "--robot", "nodog"], "nodog"),
-        (["train", "sprint", "--resume", "--output", "none"], "nothing to resume"),
-        (["train", "sprint", "--start-from", "none.pt"], "none.pt"),
-        (["train", "sprint", "--start-from", "junk.pt"], "junk.pt"),
-        (["train", "sprint", "--device", "gpu"], "device"),
-        (["train", "sprint", "--output", "file/run"], "cannot write"),
-        (["export", "none.pt", "policy.onnx"], "none.pt"),
-        (["export", "junk.pt", "policy.onnx"], "junk.pt"),
-        (["learning", "none"], "none"),
-        (["learning", "junk.pt"], "junk.pt"),
-        (["race", "--top-speed", "1e9"], "top_speed"),
-        (["race", "--top-speed", "nan"], "top_speed"),
-        (["race", "--out", "file/run"], "cannot write"),
-        (["race", "--workers", "0"], "workers"),
-        (["robustness", "--trials", "0"], "trials"),
-        (["robustness", "--distance", "-5"], "distance"),
-        (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
-    ],
+REFUSED = (
+    (["train", "gallop"], "method"),
+    (["train", "sprint", "--minutes", "-1"], "minutes"),
+    (["train", "sprint", "--robot", "nodog"], "nodog"),
+    (["train", "sprint", "--resume", "--output", "none"], "nothing to resume"),
+    (["train", "sprint", "--start-from", "none.pt"], "none.pt"),
+    (["train", "sprint", "--start-from", "junk.pt"], "junk.pt"),
+    (["train", "sprint", "--device", "gpu"], "device"),
+    (["train", "sprint", "--output", "file/run"], "cannot write"),
+    (["export", "none.pt", "policy.onnx"], "none.pt"),
+    (["export", "junk.pt", "policy.onnx"], "junk.pt"),
+    (["learning", "none"], "none"),
+    (["learning", "junk.pt"], "junk.pt"),
+    (["race", "--top-speed", "1e9"], "top_speed"),
+    (["race", "--top-speed", "nan"], "top_speed"),
+    (["race", "--out", "file/run"], "cannot write"),
+    (["race", "--workers", "0"], "workers"),
+    (["robustness", "--trials", "0"], "trials"),
+    (["robustness", "--distance", "-5"], "distance"),
+    (["evaluate", "sprint", "--out", "file/numbers.json"], "cannot write"),
+    (["report", "none.mcap", "--out", "lost"], "lost exists already"),
+    (["report", "none.mcap", "--out", "file/report"], "cannot write"),
+    (["race", "--out", "lost"], "lost exists already"),
 )
-def test_refused_before_any_work(tmp_path: Path, words: list[str], said: str) -> None:
-    (tmp_path / "junk.pt").write_bytes(b"no checkpoint")
-    (tmp_path / "file").write_text("")
-    done = answer(*words, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (2, ""), done
-    assert done.stderr.startswith("sprintlab: ") and done.stderr.count("\n") == 1
-    assert said in done.stderr
-    assert sorted(os.listdir(tmp_path)) == ["file", "junk.pt"]
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], tuple[Path, list[Any]]]:
+    """By command: the folder in which it was typed, and its answer."""
+    folders = [tmp_path_factory.mktemp("typed") for _ in REFUSED]
+    for folder in folders:
+        (folder / "junk.pt").write_bytes(b"no checkpoint")
+        (folder / "file").write_text("")
+        (folder / "lost").symlink_to("nowhere")
+    commands = [words for words, _ in REFUSED]
+    told = answers(*zip(folders, commands, strict=True))
+    return {tuple(words): found for words, *found in zip(commands, folders, told, strict=True)}
+
+
+@pytest.mark.parametrize(("words", "said"), REFUSED)
+def test_refused_before_any_work(refusals, words: list[str], said: str) -> None:
+    folder, (status, out, err) = refusals[tuple(words)]
+    assert (status, out) == (2, ""), err
+    assert err.startswith("sprintlab: ") and err.count("\n") == 1
+    assert said in err
+    assert sorted(os.listdir(folder)) == ["file", "junk.pt", "lost"]
 
 
 def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:
-    done = answer("doctor", "--json", cwd=tmp_path)
-    assert '"not tried"' in done.stdout and "imported" not in done.stderr + done.stdout
+    [[_, out, err]] = answers((tmp_path, ["doctor", "--json"]))
+    assert '"not tried"' in out and "imported" not in err + out
 
 
 def test_versions_are_known_without_installed_metadata(monkeypatch) -> None:

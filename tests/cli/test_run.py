@@ -83,6 +83,10 @@ def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
     log.write_bytes(b"of yesterday")
     assert_refused(call("run", "sprint", "shm://nobody-is-here", "--log", log), "exists already")
     assert log.read_bytes() == b"of yesterday"
+    link = tmp_path / "link.mcap"
+    link.symlink_to(tmp_path / "nowhere")
+    assert_refused(call("run", "sprint", "shm://nobody-is-here", "--log", link), "exists already")
+    assert link.is_symlink()
 
 
 def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):

@@ -6,20 +6,18 @@ import pytest
 
 
 @pytest.mark.usefixtures("short_trials")
-def test_a_policy_that_stands_is_mapped(call, policy, tmp_path):
+def test_a_policy_that_stands_is_mapped(call, policy, tmp_path, run_once):
+    run_once("sprintlab.evaluation.turning.turn_once")
     figure = tmp_path / "turning.svg"
-    outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--json", "--figure", figure)
+    options = ("--speeds", 0, "--workers", 1)
+    outcome = call("turning", policy, *options, "--json", "--figure", figure)
     numbers = json.loads(outcome.out)
     assert outcome.status == 0 and numbers["falls"] == 0
     assert {turn["command_speed_m_s"] for turn in numbers["turns"]} == {0.0}
     assert all(abs(turn["gain"]) < 0.05 for turn in numbers["turns"])
     assert figure.read_text().startswith("<?xml")
-
-
-@pytest.mark.usefixtures("short_trials")
-def test_the_map_is_a_table(call, policy):
-    outcome = call("turning", policy, "--speeds", 0, "--workers", 1)
-    assert "half of mu g" in outcome.out and "+50 %" in outcome.out
+    table = call("turning", policy, *options).out
+    assert "half of mu g" in table and "+50 %" in table
 
 
 def test_bad_input_is_refused_before_anything_runs(call, policy, tmp_path):

@@ -6,7 +6,6 @@ import math
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -23,6 +22,17 @@ from sprintlab.core.files import (
 
 FAILING_STEPS = ["fsync", "replace", "chmod"]
 
+DISKS = ["that knows nameless files", "that knows none", "that names none"]
+
+
+@pytest.fixture(params=DISKS)
+def disk(request, monkeypatch):
+    """Each disk on which files are written, as far as this system has it."""
+    if request.param == "that knows none":
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    elif request.param == "that names none":
+        monkeypatch.setattr(os, "link", full_disk)
+
 
 def full_disk(*_args, **_kwargs):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -34,6 +44,7 @@ def test_text_is_written_as_utf8_in_new_folders(tmp_path):
     assert target.read_bytes() == "τ ≤ τ_m\n".encode()
 
 
+@pytest.mark.usefixtures("disk")
 def test_existing_file_is_replaced(tmp_path):
     target = tmp_path / "data"
     target.write_bytes(b"old")
@@ -42,6 +53,7 @@ def test_existing_file_is_replaced(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
+@pytest.mark.usefixtures("disk")
 def test_written_file_may_be_read_by_others(tmp_path):
     atomic_write_bytes(tmp_path / "data", b"x")
     assert (tmp_path / "data").stat().st_mode & 0o777 == 0o644
@@ -59,6 +71,7 @@ def test_json_refuses_what_is_no_number(tmp_path, value):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("disk")
 @pytest.mark.parametrize("step", FAILING_STEPS)
 def test_full_disk_keeps_the_old_file_and_leaves_nothing_behind(tmp_path, monkeypatch, step):
     target = tmp_path / "data"
@@ -70,18 +83,54 @@ def test_full_disk_keeps_the_old_file_and_leaves_nothing_behind(tmp_path, monkey
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_disk_that_fills_while_writing_leaves_nothing_behind(tmp_path, monkeypatch):
-    original = tempfile.NamedTemporaryFile
-
-    def with_full_disk(*args, **kwargs):
-        handle = original(*args, **kwargs)
-        handle.write = full_disk
-        return handle
-
-    monkeypatch.setattr(tempfile, "NamedTemporaryFile", with_full_disk)
-    with pytest.raises(SprintlabError, match="No space left"):
-        atomic_write_bytes(tmp_path / "data", b"new")
+@pytest.mark.usefixtures("disk")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limit")
+def test_disk_that_fills_while_writing_leaves_nothing_behind(tmp_path):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(SprintlabError, match="File too large"):
+            atomic_write_bytes(tmp_path / "data", bytes(5000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(tmp_path.iterdir())
+
+
+KILLED_WRITER = """
+import os, sys
+from sprintlab.core.files import atomic_write_bytes
+setattr(os, sys.argv[2], lambda *_, **__: os.kill(os.getpid(), 9))
+atomic_write_bytes(sys.argv[1], b"new")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without a name are Linux's")
+@pytest.mark.parametrize("step", [*FAILING_STEPS, "link"])
+def test_a_writer_that_is_killed_leaves_nothing_for_long(tmp_path, step):
+    (tmp_path / "data").write_bytes(b"old")
+    (tmp_path / ".mine.sprintlab-unfinished").write_text("a file of somebody else")
+    (tmp_path / ".01234567.sprintlab-unfinished").symlink_to(tmp_path / "data")
+    others = set(tmp_path.iterdir())
+    killed = subprocess.run([sys.executable, "-c", KILLED_WRITER, str(tmp_path / "data"), step], check=False)
+    assert killed.returncode == -9
+    assert (tmp_path / "data").read_bytes() == b"old"
+    assert len(set(tmp_path.iterdir()) - others) == (step == "replace")
+    atomic_write_bytes(tmp_path / "next", b"new")
+    assert set(tmp_path.iterdir()) == others | {tmp_path / "next"}
+
+
+def test_what_a_living_writer_is_about_to_move_is_left_alone(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def write_another_first(source, target):
+        monkeypatch.undo()
+        atomic_write_bytes(tmp_path / "other", b"another")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", write_another_first)
+    atomic_write_bytes(tmp_path / "data", b"new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "other"]
 
 
 def test_folder_that_is_a_file_is_told_in_one_sentence(tmp_path):

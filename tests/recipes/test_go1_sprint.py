@@ -46,9 +46,14 @@ def test_sixteen_robots_stand_and_move_on_the_cpu(recipe):
 
 
 @pytest.mark.slow
-def test_one_iteration_leaves_a_checkpoint_and_a_log(recipe, tmp_path):
+def test_one_iteration_leaves_a_checkpoint_and_a_log(recipe, tmp_path, monkeypatch):
     from sprintlab.api.training import ScriptOptions
+    from sprintlab.training.runs.cloud import record_cloud
 
+    settings = recipe["go1_settings"]()
+    small = replace(settings, ppo=replace(settings.ppo, hidden=(16,), steps=2))
+    monkeypatch.setitem(recipe["main"].__globals__, "go1_settings", lambda: small)
+    monkeypatch.setattr(record_cloud, "__defaults__", (4, 0))  # steps that are looked at, and before them
     options = ScriptOptions(output=tmp_path, iterations=1, environments=16, device="cpu")
     assert recipe["main"](options) == tmp_path / "checkpoint.pt"
     assert (tmp_path / "checkpoint.pt").is_file()

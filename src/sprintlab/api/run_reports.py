@@ -73,22 +73,21 @@ def report_run(
     """
     from sprintlab.api.log_trial import logged_run
     from sprintlab.core.checks import check_positive
-    from sprintlab.core.errors import SprintlabError
+    from sprintlab.core.files import check_new_folder
     from sprintlab.deployment.log import read_log
     from sprintlab.evaluation.race_files import default_folder
     from sprintlab.evaluation.run_report import run_numbers
     from sprintlab.robots import load_robot
 
     check_positive("distance", distance, "m")
-    if folder is not None and folder.exists():
-        raise SprintlabError(f"{folder} exists already; choose another folder for the results")
+    place = folder or default_folder(prefix="report")
+    check_new_folder(place)
     progress("reading the log", None)
     record = read_log(log)
     described = load_robot(robot or record.facts["robot"])
     run = logged_run(record, described, distance)
     simulation = _simulate(record, run, described, policy, progress) if simulate else None
     numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}
-    place = folder or default_folder(prefix="report")
     _write(place, run, simulation, described, numbers, progress)
     return RunReport(numbers=numbers, folder=place)
 

@@ -5,17 +5,25 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
+import secrets
 import shutil
+import stat
+import sys
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 
 FIGURE_FORMATS = ("png", "pdf", "svg")
 """What a figure can be written as; the ending of its name says which."""
+
+_UNFINISHED = ".sprintlab-unfinished"
+"""How the names of files and folders end that are not complete."""
+_LEFT = re.compile(rf"\.[0-9a-f]{{8}}{re.escape(_UNFINISHED)}")
 
 
 def check_figure_path(path: str | os.PathLike[str] | None) -> None:
@@ -40,26 +48,83 @@ def check_figure_path(path: str | os.PathLike[str] | None) -> None:
 def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     """Write ``data`` to ``path`` in one step.
 
+    On Linux the new file has no name before it is complete: a process that is killed while it writes leaves
+    nothing, and what one killed in its very last step left is removed by the next write into the folder.
+
     Raises:
         SprintlabError: the file cannot be written (full disk, no permission); nothing is left behind.
     """
     target = Path(path)
-    temporary = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as handle:
-            temporary = Path(handle.name)
-            handle.write(data)
-            handle.flush()
-            os.fsync(handle.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
+        if not _written_nameless(target, data):
+            _write_hidden(target, data)
     except OSError as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def _written_nameless(target: Path, data: bytes) -> bool:
+    """Write a file that has no name until it is complete; False where the system or its disk knows none."""
+    try:
+        handle = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+    except (AttributeError, OSError):
+        return False
+    with os.fdopen(handle, "wb") as file:
+        _fill(file, data)
+        os.chmod(handle, 0o644)
+        _remove_left(target.parent)
+        hidden = target.with_name(f".{secrets.token_hex(4)}{_UNFINISHED}")
+        try:
+            _hold(handle, wait=False)
+            # With a folder, it follows a link such as that of /proc.
+            os.link(f"/proc/self/fd/{handle}", hidden, src_dir_fd=handle)
+        except OSError:
+            return False
+        try:
+            os.replace(hidden, target)
+        except BaseException:
+            os.unlink(hidden)
+            raise
+    return True
+
+
+def _write_hidden(target: Path, data: bytes) -> None:
+    """Write a hidden file beside ``target``, then move it there."""
+    handle, hidden = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            _fill(file, data)
+        os.chmod(hidden, 0o644)
+        os.replace(hidden, target)
+    except BaseException:
+        os.unlink(hidden)
+        raise
+
+
+def _fill(file: IO[bytes], data: bytes) -> None:
+    file.write(data)
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _remove_left(folder: Path) -> None:
+    """Remove complete files of processes that were killed before they could move them: nobody holds them."""
+    for path in folder.glob(f".*{_UNFINISHED}"):
+        with suppress(OSError):
+            _remove_if_left(path)
+
+
+def _remove_if_left(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        if (
+            _LEFT.fullmatch(path.name)
+            and stat.S_ISREG(os.fstat(handle).st_mode)
+            and _hold(handle, wait=False)
+        ):
+            path.unlink()
+    finally:
+        os.close(handle)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
@@ -79,6 +144,17 @@ def check_writable(path: str | os.PathLike[str]) -> None:
             pass
     except OSError as error:
         raise SprintlabError(f"cannot write {path}: {place}: {error.strerror or error}") from error
+
+
+def check_new_folder(path: str | os.PathLike[str]) -> None:
+    """Refuse, before any work, a folder for results whose name is taken, if only by a dangling link.
+
+    Raises:
+        SprintlabError: the name is taken, or no folder can be made there.
+    """
+    if os.path.lexists(path):
+        raise SprintlabError(f"{path} exists already; choose another folder for the results")
+    check_writable(path)
 
 
 def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -148,23 +224,30 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
 
 
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-_UNFINISHED = ".sprintlab-unfinished"
-"""How the names of folders end that are being filled."""
 
 
 def _lock(folder: Path, *, wait: bool) -> int | None:
     """Hold a folder until the returned handle is closed or the process ends; None if another one holds it."""
-    try:
-        import fcntl
-    except ModuleNotFoundError:  # no such locks here: nobody knows whether somebody holds it
+    if sys.platform == "win32":  # no such locks here: nobody knows whether somebody holds it
         return None
     handle = os.open(folder, os.O_RDONLY)
+    if _hold(handle, wait=wait):
+        return handle
+    os.close(handle)
+    return None
+
+
+def _hold(handle: int, *, wait: bool) -> bool:
+    """Whether an open file or folder is now held by this process, until it is closed."""
+    if sys.platform == "win32":
+        return False
+    import fcntl
+
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
-        os.close(handle)
-        return None
-    return handle
+        return False
+    return True
 
 
 def _unlock(handle: int | None) -> None:

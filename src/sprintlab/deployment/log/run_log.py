@@ -60,7 +60,7 @@ def check_new_log(path: Path) -> None:
     """
     if find_spec("mcap") is None:
         raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
-    if path.exists():
+    if os.path.lexists(path):
         raise LogError(f"{path} exists already; choose another file for the log")
     atomic_write_bytes(path, b"")
     path.unlink()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -48,7 +49,7 @@ def import_robot(source_file: Path, choices: RobotChoices, output: Path) -> Impo
         SprintlabError: a motor cannot be found, or the files cannot be written.
     """
     folder = output / choices.name
-    if folder.exists():
+    if os.path.lexists(folder):
         raise RobotModelError(f"{folder} exists: choose another name, or remove it")
     source = read_source(source_file, choices.foot_radius)
     fitted = fit_robot(source)
