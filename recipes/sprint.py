@@ -4,7 +4,8 @@
     sprintlab race runs/sprint/policy.onnx
 
 The defaults of ``sprintlab train sprint`` with half their iterations: quiet robots and less action noise from
-iteration 1100 on. The shipped run ended after 1641 iterations, when its time was up.
+iteration 1100 on, the estimator at its first learning rate to the end. The shipped run ended after 1635
+iterations, when its time was up.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ DEFAULTS = ScriptOptions(output=Path("runs/sprint"), iterations=1650, minutes=5.
 
 
 def sprint_settings() -> TrainingSettings:
-    """Seed 1 of the method ``sprint``, with its last phase from iteration 1100 on."""
-    base = method_settings("sprint", TrainingSettings(robot="bp2", seed=1))
+    """Seed 0 of the method ``sprint``, with its last phase from iteration 1100 on."""
+    base = method_settings("sprint", TrainingSettings(robot="bp2", seed=0))
     return replace(
         base,
         stages=replace(base.stages, steady_iteration=1100),
         ppo=replace(base.ppo, precision="bfloat16", calm_iterations=(1100, 1650)),
+        estimator=replace(base.estimator, calm_learning_rate=base.estimator.learning_rate),
     )
 
 
