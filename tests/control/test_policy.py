@@ -64,6 +64,17 @@ def test_damaged_contract(write_policy):
         load_policy(write_policy(metadata={CONTRACT_KEY: "{}"}))
 
 
+@pytest.mark.parametrize("text", [b"batch", CONTRACT_KEY.encode()])
+def test_texts_that_are_none_are_told_in_one_sentence(write_policy, text):
+    """The runtime reads such a file, and fails when it is asked for its names or metadata."""
+    path = write_policy()
+    content = path.read_bytes()
+    assert text in content
+    path.write_bytes(content.replace(text, b"\xff" + text[1:]))
+    with pytest.raises(PolicyFileError, match="a text in it is not UTF-8"):
+        load_policy(path)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

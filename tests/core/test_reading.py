@@ -84,10 +84,10 @@ def test_json_with_half_a_character_is_refused(tmp_path, text):
     assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
 
 
-@pytest.mark.parametrize("text", ['{"speed": NaN}', "[-Infinity]"])
-def test_json_files_hold_no_nan(tmp_path, text):
+@pytest.mark.parametrize("text", ['{"speed": NaN}', "[-Infinity]", "[1e999]", '{"speed": -2.5e400}'])
+def test_json_files_hold_finite_numbers(tmp_path, text):
     (tmp_path / "a.json").write_text(text)
-    with pytest.raises(SprintlabError, match="is no number of JSON"):
+    with pytest.raises(SprintlabError, match="is no finite number"):
         read_json(tmp_path / "a.json")
 
 
@@ -132,6 +132,26 @@ def test_arrays_come_back(tmp_path):
 
 def test_objects_are_not_unpickled(tmp_path):
     np.savez(tmp_path / "a.npz", a=np.array([print], dtype=object))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))
+
+
+@pytest.mark.parametrize("header", [b"{'descr': '<f8', (", b"{'descr': '''", b"(" * 90])
+def test_a_header_that_ends_too_early_is_told_in_one_sentence(tmp_path, header):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + header.ljust(118))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz", ("a",))
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_what_numpy_does_not_pack_is_refused(tmp_path, packing):
+    """Each packing has errors of its own for what is damaged."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", packing) as archive:
+        archive.writestr("a.npy", np.random.default_rng(0).bytes(1000))
+    content = bytearray((tmp_path / "a.npz").read_bytes())
+    content[60:90] = b"\xff" * 30
+    (tmp_path / "a.npz").write_bytes(content)
     with pytest.raises(SprintlabError, match="no npz archive"):
         read_arrays(tmp_path / "a.npz", ("a",))
 

@@ -9,10 +9,12 @@ from sprintlab.core.files import check_figure_path
 from sprintlab.core.theme import (
     LIGHT,
     THEMES,
+    as_written,
     figure_legend,
     png_bytes,
     png_in_both_looks,
     save_figure,
+    set_title,
     themed_figure,
 )
 
@@ -55,6 +57,13 @@ def test_a_png_is_that_of_savefig_and_leaves_the_figure_as_it_was():
 
 def test_both_looks_are_those_of_figures_drawn_by_themselves():
     assert png_in_both_looks(two_panels) == tuple(saved(two_panels(theme)) for theme in THEMES)
+
+
+def test_a_title_with_dollar_signs_is_no_formula():
+    figure = drawing()
+    set_title(figure.axes[0], r"m$\frac$", LIGHT)
+    figure.suptitle(as_written(r"$\frac$ \$x$"))
+    assert png_bytes(figure).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("ending", FIRST_BYTES)

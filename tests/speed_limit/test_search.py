@@ -104,6 +104,13 @@ def test_the_whole_answer_and_its_picture(bp2, fastest, monkeypatch):
     trained = (TrainedSpeed(policy="p", speed=9.0, source="result.json"),)
     assert panels(replace(limit, lifted=(), trained=trained), bp2) == [*above, "What policies reach"]
     assert panels(replace(limit, lifted=()), bp2) == above
+    strange = ["$\\frac$", "\x1b[2J", "x" * 10**6, *map(str, range(1000))]
+    trained = tuple(TrainedSpeed(policy=name, speed=9.0, source="result.json") for name in strange)
+    figure = limit_figure(replace(limit, robot="$\\frac$", lifted=(), trained=trained), bp2)
+    assert png_bytes(figure).startswith(b"\x89PNG")
+    names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
+    assert names[:3] == ["upper estimate", r"\$\frac\$", "\\x1b[2J"]
+    assert len(names) < 30 and max(map(len, names)) < 200
 
 
 def panels(limit, runner):
@@ -134,6 +141,7 @@ def test_trained_speeds_come_from_result_files(tmp_path):
     result("again", policy="fast", held_speed_m_s=9.5)
     result("fallen", held_speed_m_s=12.0, falls=1)
     result("other", robot="go1", held_speed_m_s=11.0)
+    result("absurd", held_speed_m_s=1e308)
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
     rows = [{"held_speed": 10.5, "passed": True}, {"held_speed": 11.0, "passed": False}]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +19,12 @@ from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
+from sprintlab.training.runs.checkpoint import write_checkpoint
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runs.run_file import read_run_file
 from sprintlab.training.runs.runner import Runner, read_checkpoint
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.settings import PpoSettings, RewardWeight, SimulationSettings, TrainingSettings
 
 SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=16),
@@ -102,6 +104,26 @@ def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
     torch.save({"weights": torch.zeros(3)}, tmp_path / "foreign.pt")
     with pytest.raises(SprintlabError, match="no sprintlab checkpoint"):
         read_checkpoint(tmp_path / "foreign.pt")
+
+
+@pytest.mark.parametrize("forged", ["weight", "observation", "generator"])
+def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: Path, forged: str) -> None:
+    """Its checksum fits: what its values bring about is told in one sentence."""
+    state = read_checkpoint(checkpoint)
+    if forged == "weight":
+        weight: Any = "x"
+        rewards = replace(SETTINGS.rewards, abduction_mirror=RewardWeight(first=-1.0, second=weight))
+        state["settings"] = replace(SETTINGS, rewards=rewards)
+    elif forged == "observation":
+        observation: Any = (1, 2, 3)
+        state["settings"] = replace(SETTINGS, observation=observation)
+    else:
+        kind, (first, *rest), more = state["generators"]["python"]
+        state["generators"]["python"] = (kind, (-first - 1, *rest), more)
+    write_checkpoint(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(SprintlabError, match=r"nothing can be trained|does not fit") as refusal:
+        train(TrainOptions(output=tmp_path, device="cpu", resume=True))
+    assert "\n" not in str(refusal.value)
 
 
 def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) -> None:

@@ -268,6 +268,13 @@ def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = N
         ContractMismatchError: observation or estimate are not what this version builds, or the robot is
             another one.
     """
+    try:
+        return _load(path, robot)
+    except UnicodeDecodeError as error:  # the runtime decodes names and metadata when it is asked for them
+        raise PolicyFileError(f"{path} is damaged: a text in it is not UTF-8") from error
+
+
+def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Policy:
     session = _open_session(Path(path))
     text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
     if text is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection
@@ -21,9 +22,11 @@ Array = npt.NDArray[Any]
 ARCHIVE_LIMIT = 512 << 20
 """Most bytes that an archive, packed or unpacked, may have."""
 _MOST_MEMBERS = 10_000
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, TypeError, OverflowError,
     NotImplementedError, RuntimeError, AttributeError, IndexError, SyntaxError, MemoryError, OSError,
+    tokenize.TokenError,
 )  # fmt: skip
 
 
@@ -52,6 +55,8 @@ def read_arrays(
                 raise ValueError("too many members")
             found = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
             taken = {name: entry for name, entry in found.items() if names is None or name in names}
+            if any(entry.compress_type not in _PACKINGS for entry in taken.values()):
+                raise ValueError("NumPy packs no member like that")
             if sum(entry.file_size for entry in taken.values()) > limit:
                 raise SprintlabError(
                     f"{printable(path)} unpacks to more than {limit >> 20} MB, the most that is read"

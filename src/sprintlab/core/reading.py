@@ -7,6 +7,7 @@ stranger may have written goes through one of these functions.
 from __future__ import annotations
 
 import json
+import math
 import os
 import stat
 import sys
@@ -147,21 +148,22 @@ def read_json(
     """
     text = read_text(path, JSON_LIMIT, what=what)
     try:
-        return parse_json(text, constant=_no_constant)
+        return parse_json(text, finite=True)
     except ValueError as reason:
         raise SprintlabError(f"{what} {printable(path)} is not a JSON file: {reason}") from reason
 
 
-def parse_json(text: str | bytes, constant: Callable[[str], Any] = float) -> Any:
+def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
     """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply.
 
     Args:
         text: in UTF-8, where it is bytes.
-        constant: what becomes of ``NaN``, ``Infinity`` and ``-Infinity``.
+        finite: whether ``NaN``, ``Infinity`` and numbers beyond all floats are refused.
     """
     plain = text.decode() if isinstance(text, bytes) else text
     try:
-        value = json.loads(plain, parse_int=_whole_number, parse_constant=constant)
+        number = _finite_number if finite else float
+        value = json.loads(plain, parse_int=_whole_number, parse_float=number, parse_constant=number)
         if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
             json.dumps(value, ensure_ascii=False).encode()
         return value
@@ -169,8 +171,10 @@ def parse_json(text: str | bytes, constant: Callable[[str], Any] = float) -> Any
         raise ValueError("it is nested too deeply") from None
 
 
-def _no_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no number of JSON")
+def _finite_number(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(f"{printable(text, 30)} is no finite number")
+    return number
 
 
 @contextmanager

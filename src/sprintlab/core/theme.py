@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from sprintlab.core.errors import printable
 from sprintlab.core.files import atomic_write_bytes, check_figure_path
 
 
@@ -172,9 +173,16 @@ def style_axis(axis: Axes, theme: Theme) -> None:
         text.set_fontsize(9)
 
 
+def as_written(name: str) -> str:
+    """A name from elsewhere as text of a figure: matplotlib reads formulas between dollar signs."""
+    return printable(name, 100).replace("$", r"\$")
+
+
 def set_title(axis: Axes, text: str, theme: Theme, pad: float | None = None) -> None:
-    """A short bold title, flush left, ``pad`` points above the axes."""
-    axis.set_title(text, loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground)
+    """A short bold title, flush left, ``pad`` points above the axes; formulas stay as they are written."""
+    axis.set_title(
+        text.replace("$", r"\$"), loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground
+    )
 
 
 def axis_legend(axis: Axes, theme: Theme, *, fontsize: float = 8.0, **kwargs: Any) -> None:

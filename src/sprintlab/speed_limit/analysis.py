@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.checks import check_choice, check_range
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.reading import read_json
 from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
@@ -348,7 +348,7 @@ def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
         except (SprintlabError, AttributeError, TypeError):
             continue
         if speed is not None:
-            policy = str(result.get("policy", result.get("method")))
+            policy = printable(result.get("policy", result.get("method")), 100)
             found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
     best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
     return tuple(sorted(best.values(), key=lambda item: -item.speed))
@@ -361,5 +361,5 @@ def _held_speed(result: dict[str, Any]) -> float | None:
     else:
         rows = result.get("raw", {}).get("speeds", [])
         speeds = [row.get("held_speed") for row in rows if row.get("passed")]
-    numbers = [speed for speed in speeds if isinstance(speed, float)]
+    numbers = [speed for speed in speeds if isinstance(speed, float) and abs(speed) < 1000.0]
     return max(numbers) if numbers else None

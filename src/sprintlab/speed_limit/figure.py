@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sprintlab.core.theme import LIGHT, axis_legend, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, as_written, axis_legend, set_title, themed_figure
 from sprintlab.speed_limit.analysis import SpeedLimit
 from sprintlab.speed_limit.leg import FloatArray, rotate
 from sprintlab.speed_limit.runner import Runner
@@ -14,6 +14,7 @@ from sprintlab.speed_limit.stride import STANCE_POINTS
 
 _STANCE, _SWING, _LIMIT, _QUIET = LIGHT.second, LIGHT.speed, LIGHT.foreground, LIGHT.muted
 _COLORS = (*LIGHT.legs, LIGHT.muted)
+_MOST_POLICIES = 20  # that are drawn, the fastest
 
 
 def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
@@ -28,7 +29,9 @@ def limit_figure(limit: SpeedLimit, runner: Runner) -> Figure:
     figure, axes = themed_figure(LIGHT, (13.0, 4.2 * rows), rows, 3)
     stopped = f", stopped by {limit.cause}" if limit.cause else ""
     figure.suptitle(
-        f"{limit.robot}: at most about {limit.speed:.1f} m/s{stopped}", fontweight="bold", color=_LIMIT
+        f"{as_written(limit.robot)}: at most about {limit.speed:.1f} m/s{stopped}",
+        fontweight="bold",
+        color=_LIMIT,
     )
     _draw_leg(axes[0], limit, runner)
     for joint, name in enumerate(("hip", "knee")):
@@ -115,9 +118,10 @@ def _draw_sensitivities(axes: Axes, limit: SpeedLimit) -> None:
 
 
 def _draw_trained(axes: Axes, limit: SpeedLimit) -> None:
-    names = ["upper estimate", *(item.policy for item in limit.trained)]
-    values = [limit.speed, *(item.speed for item in limit.trained)]
-    bars = axes.barh(names, values, color=[_QUIET] + [_SWING] * len(limit.trained), alpha=0.6, height=0.6)
+    trained = limit.trained[:_MOST_POLICIES]
+    names = ["upper estimate", *(as_written(item.policy) for item in trained)]
+    values = [limit.speed, *(item.speed for item in trained)]
+    bars = axes.barh(names, values, color=[_QUIET] + [_SWING] * len(trained), alpha=0.6, height=0.6)
     axes.bar_label(bars, fmt="%.1f", padding=2, fontsize="small")
     axes.invert_yaxis()
     axes.margins(x=0.15)

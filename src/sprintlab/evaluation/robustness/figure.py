@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sprintlab.core.theme import LIGHT, axis_legend, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, as_written, axis_legend, set_title, themed_figure
 from sprintlab.evaluation.robustness.draws import ALL
 from sprintlab.evaluation.robustness.study import Piece
 from sprintlab.evaluation.robustness.summary import held_speeds
@@ -24,7 +24,7 @@ def robustness_figure(summary: dict[str, Any], pieces: Sequence[Piece], title: s
         title: policy and command.
     """
     figure, axes = themed_figure(LIGHT, (10.0, 3.8), 1, 2)
-    figure.suptitle(title, fontweight="bold", color=LIGHT.foreground)
+    figure.suptitle(as_written(title), fontweight="bold", color=LIGHT.foreground)
     _draw_speeds(axes[0], summary, pieces)
     _draw_causes(axes[1], summary)
     return figure

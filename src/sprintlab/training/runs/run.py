@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.training.learner.distributed import Workers, join_workers
@@ -112,7 +112,15 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
-    runner = Runner(settings, device, words, options.fused, workers)
+    try:
+        runner = Runner(settings, device, words, options.fused, workers)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        if saved is None or isinstance(error, SprintlabError):
+            raise
+        reason = printable(" ".join(str(error).split()), 150)
+        raise SprintlabError(
+            f"{checkpoint} has settings with which nothing can be trained: {reason}"
+        ) from error
     if state := saved or begun:
         runner.load(state)
     return runner

@@ -219,7 +219,9 @@ class Runner:
             raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
         try:
             self._load(state)
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        except (
+            LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
+        ) as error:  # fmt: skip
             if isinstance(error, SprintlabError):
                 raise
             reason = " ".join(str(error).split())
