@@ -287,11 +287,11 @@ def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
 
 
 @pytest.fixture(scope="session")
-def gallop(sprint_robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
+def gallop(robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     """Running faster than 6 m/s, speed still rising."""
     source = StraightSource()
-    simulated = SimulatedRobot(sprint_robot, SimulatorOptions())
-    rig = Rig(sprint_robot, simulated, Controller(sprint_policy, sprint_robot, source), source)
+    simulated = SimulatedRobot(robot, SimulatorOptions())
+    rig = Rig(robot, simulated, Controller(sprint_policy, robot, source), source)
     rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
     return Snapshot.take(rig, sprint_policy)
 
