@@ -1,6 +1,6 @@
 """How often a robot's whole life over the bus succeeds: stand up, run, lie down, stand up again, run again.
 
-    python benchmarks/whole_life.py --policies sprint sprint-fast --speeds 2 4 8 --seeds 10
+    python benchmarks/whole_life.py --policies sprint go1-sprint --speeds 2 4 8 --seeds 10
 
 Controller and simulated robot step together in one process. A seed draws friction (0.7 to 1.0), payload
 (+-1 kg), initial joint noise (0.1 rad) and the sensors' noise.
@@ -168,7 +168,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--policies", nargs="+", default=["sprint", "sprint-fast"], help="shipped policies")
+    parser.add_argument("--policies", nargs="+", default=["sprint"], help="shipped policies")
     parser.add_argument("--speeds", nargs="+", type=float, default=[2.0, 4.0, 8.0], help="of the run [m/s]")
     parser.add_argument("--seeds", type=int, default=10, help="lives for each policy and speed")
     parser.add_argument("--workers", type=int, default=2)

@@ -2,7 +2,8 @@
 
     python recipes/bp2_calibration_figure.py
 
-Reads results/speed_limit/bp2.json (recipes/calibrate_bp2.py) and results/speed_limit/robots.json.
+Reads results/speed_limit/bp2.json (recipes/calibrate_bp2.py), results/speed_limit/robots.json and the races
+below results.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from sprintlab.core.theme import LIGHT, axis_legend, save_figure, set_title, themed_figure
+from sprintlab.speed_limit import trained_speeds
 
 KNEE_GEARS = {1.2: 8.0, 1.25: 7.75, 1.3: 7.25}
 """Smallest gear of the map with which the knee has 2.5 N m per kg; 7 for the other stacks."""
@@ -84,12 +86,12 @@ def _draw_gains(axes: Axes, cells: dict[str, Any]) -> None:
 
 def _draw_policies(axes: Axes) -> None:
     rows = json.loads(POLICIES.read_text(encoding="utf-8"))["robots"]
-    for place, row in enumerate(rows.values()):
+    for place, (robot, row) in enumerate(rows.items()):
         axes.barh(place, row["limit_m_s"], color=LIGHT.muted, alpha=0.4)
-        for index, (policy, speed) in enumerate(row["policies"].items()):
-            axes.plot(speed, place, "o", color=LIGHT.speed)
-            text, shift = f"{policy} {speed:.2f}", (-4, 7 - 18 * index)
-            axes.annotate(text, (speed, place), shift, textcoords="offset points", ha="right", fontsize=7)
+        for item in trained_speeds(Path("results"), robot):
+            axes.plot(item.speed, place, "o", color=LIGHT.speed)
+            text, found = f"{item.policy} {item.speed:.2f}", (item.speed, place)
+            axes.annotate(text, found, (-4, 7), textcoords="offset points", ha="right", fontsize=7)
     axes.set_yticks(range(len(rows)), [f"{name}\n{row['strides']}" for name, row in rows.items()])
     axes.set(xlabel="limit (bar) and policies (dots) [m/s]")
     set_title(axes, "Robots, limits, policies", LIGHT)

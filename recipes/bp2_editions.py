@@ -31,7 +31,7 @@ from sprintlab.robots.table import ParameterRow, ParameterTable, read_table
 
 TEMPLATE = "bp2"
 _ENDS = {"bp2": "nominal", "bp2-weak": "weak end of the uncertainties", "bp2-strong": "strong end"}
-HEADING = """# BP2 surrogate, second edition, {end}.
+HEADING = """# BP2 surrogate, {end}.
 # Nothing of BP2's geometry, springs or motors is public: this is a set of stated assumptions. Motor and gears
 # were chosen by the speed limits that follow from them, before any training (docs/speed-limit.md); the rest
 # is derived from published machines. Written by recipes/bp2_editions.py.
@@ -46,8 +46,8 @@ U12_MASS, HOUSING_SHARE = 0.78, 0.3
 _MOTOR_RADIUS, _MOTOR_WIDTH = 0.05, 0.04
 _END_TURNS = 0.4
 
-# Links without their motors: those of the first edition less its motor of stack 1.25.
-_FIRST_STACK = 1.25
+# Links with a motor of stack 1.25 in each, which is taken out again.
+_LINKS_STACK = 1.25
 _ABAD_MASS, _ABAD_INERTIA = 1.45, (0.0017, 0.0022, 0.0017)
 _THIGH_MASS, _THIGH_CENTER, _THIGH_INERTIA = 2.05, (0.0, -0.02, -0.062), (0.0190, 0.0187, 0.0030)
 _THIGH_LENGTH = 0.31
@@ -206,7 +206,7 @@ def _motor_values(section: str, choice: Surrogate, stack: float) -> dict[str, Va
 
 def _link_values(choice: Surrogate) -> dict[str, Value]:
     heavier, longer, motor = choice.leg_inertia, choice.leg, motor_mass(choice.stack)
-    first = motor_mass(_FIRST_STACK)
+    first = motor_mass(_LINKS_STACK)
     abad = _ABAD_MASS - first
     thigh, center, inertia = _thigh(choice)
     inside = np.array(_ABAD_INERTIA) - _motor_inertia(first)
@@ -227,7 +227,7 @@ def _link_values(choice: Surrogate) -> dict[str, Value]:
 
 def _thigh(choice: Surrogate) -> tuple[float, float, FloatArray]:
     """Mass, height of the centre of mass and inertia of the thigh: link plus knee motor on the hip axis."""
-    first, motor = motor_mass(_FIRST_STACK), motor_mass(choice.stack)
+    first, motor = motor_mass(_LINKS_STACK), motor_mass(choice.stack)
     bare = _THIGH_MASS - first
     bare_center = _THIGH_CENTER[2] * _THIGH_MASS / bare
     apart = first * _THIGH_CENTER[2] ** 2 + bare * (bare_center - _THIGH_CENTER[2]) ** 2

@@ -21,9 +21,7 @@ from sprintlab.control import (
     PolicyContract,
     TrainingRecord,
     encode_contract,
-    load_policy,
     make_contract,
-    shipped_policy,
 )
 from sprintlab.robots import RobotDescription, load_robot
 
@@ -91,13 +89,8 @@ def flowing() -> Callable[[str], str]:
 
 @pytest.fixture(scope="session")
 def robot() -> RobotDescription:
+    """BP2, nominal: also the robot that the policy ``sprint`` was trained on."""
     return load_robot("bp2")
-
-
-@pytest.fixture(scope="session")
-def sprint_robot() -> RobotDescription:
-    """The robot that the policy ``sprint`` was trained on."""
-    return load_robot(load_policy(shipped_policy()).contract.robot_name)
 
 
 @pytest.fixture(scope="session")

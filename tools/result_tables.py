@@ -25,54 +25,65 @@ Row = dict[str, Any]
 
 def tables() -> dict[str, str]:
     """Every table by the name under which a page asks for it: ``{{ name }}``."""
-    policies = _read("robustness/first-edition.json")
-    engines = list(_read("second_engine/speeds.json").values())
+    races, engines = policy_results("result.json"), _second_engine()
+    sprints = policy_results("robustness.json")
     return {
-        "policy_summary": policy_summary(policies, engines),
-        "policy_audit": policy_audit(policies),
-        "robustness": robustness(policies),
+        "policy_summary": policy_summary(races, engines, sprints),
+        "policy_audit": policy_audit(races),
+        "robustness": robustness(sprints),
         "second_engine": second_engine(engines),
         "second_looks": second_looks(_read("second-looks/trainings.json")),
     }
 
 
-def policy_summary(policies: dict[str, Row], engines: Sequence[Row]) -> str:
+def policy_results(file: str) -> dict[str, Row]:
+    """What a command printed of each policy, ``results/POLICY/FILE``, the default policy first.
+
+    ``result.json`` is that of ``sprintlab race``, ``robustness.json`` of ``sprintlab robustness --json``.
+    """
+    paths = sorted(RESULTS.glob(f"*/{file}"), key=lambda path: path.parent.name != DEFAULT_POLICY)
+    return {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def policy_summary(races: dict[str, Row], engines: Sequence[Row], sprints: dict[str, Row]) -> str:
     """The first screen: speed, second engine, 100 m, upright, audit."""
     drake = {row["policy"]: row["drake"]["held_speed_m_s"] for row in engines}
     head = ("", "command", "held, MuJoCo", "held, Drake", "100 m", "upright", "audit")
     rows = []
-    for name, row in policies.items():
-        failed = sum(not item["passed"] for item in row["audit"])
-        audit = f"**{failed} of {len(row['audit'])} lines fail**" if failed else "passed"
-        speeds = (held(row, False), _speed(drake.get(name)))
-        rows.append((f"`{name}`", f"{row['command_m_s']:g} m/s", *speeds, time(row), upright(row), audit))
+    for name, race in races.items():
+        command = f"{race['top_speed_command_m_s']:g} m/s"
+        speeds = (held(race), _speed(drake.get(name)))
+        rows.append(
+            (f"`{name}`", command, *speeds, time(race), upright(sprints[name]), audit(race, "lines fail"))
+        )
     return _table(head, rows)
 
 
-def policy_audit(policies: dict[str, Row]) -> str:
+def policy_audit(races: dict[str, Row]) -> str:
     """Every line of the audit, a column a policy; what fails is bold."""
-    columns = list(policies.values())
+    columns = list(races.values())
     lines: list[tuple[str, Callable[[Row], str]]] = [
-        ("held, raw", lambda row: held(row, False)),
-        ("held, self-paced", lambda row: held(row, True)),
+        ("held, raw", held),
+        ("held, self-paced", lambda row: held(row["self_paced"])),
         ("still rising by", lambda row: f"{_cell(row['hold_acceleration_m_s2'])} m/s²"),
         ("stride frequency", lambda row: f"{_cell(row['stride_frequency_Hz'], 1)} Hz"),
         ("duty factor", lambda row: _cell(row["duty"], 3)),
         ("cost of transport", lambda row: _cell(row["cost_of_transport"])),
     ]
     rows = [(label, *(text(row) for row in columns)) for label, text in lines]
-    for items in zip(*(row["audit"] for row in columns), strict=True):
-        limit = audit_limit(AuditItem(**items[0], note=""))
-        rows.append((f"{items[0]['name']}: {limit}", *map(_audit_cell, items)))
-    return _table(("", *(f"`{name}`" for name in policies)), rows)
+    for items in zip(*(row["audit"]["items"] for row in columns), strict=True):
+        rows.append((f"{items[0]['name']}: {audit_limit(AuditItem(**items[0]))}", *map(_audit_cell, items)))
+    return _table(("", *(f"`{name}`" for name in races)), rows)
 
 
-def robustness(policies: dict[str, Row]) -> str:
+def robustness(sprints: dict[str, Row]) -> str:
     """Shares upright and quantiles of the held speed."""
-    head = ("policy", "upright (95 % interval)", "held: 5 / 50 / 95 % hold less", "nominal robot")
+    head = ("policy", "command", "upright (95 % interval)", "held: 5 / 50 / 95 % hold less")
     rows = []
-    for name, row in policies.items():
-        rows.append((f"`{name}`", upright(row), f"{quantiles(row)} m/s", held(row, False)))
+    for name, row in sprints.items():
+        found = row["held_speed_quantiles_m_s"]
+        speeds = " / ".join(_cell(found[quantile], 1) for quantile in ("0.05", "0.5", "0.95"))
+        rows.append((f"`{name}`", f"{row['top_speed_command_m_s']:g} m/s", upright(row), f"{speeds} m/s"))
     return _table(head, rows)
 
 
@@ -131,14 +142,16 @@ def second_looks(trainings: Row) -> str:
 
 def readme_rows(name: str = DEFAULT_POLICY) -> str:
     """The rows of one policy for the README's table, an engine each, between its two marks."""
-    policy = _read("robustness/first-edition.json")[name]
-    engines = next(row for row in _read("second_engine/speeds.json").values() if row["policy"] == name)
-    failed = sum(not item["passed"] for item in policy["audit"])
-    audit = f"**{failed} of {len(policy['audit'])} audit lines fail**" if failed else "audit passed"
+    engines = next(row for row in _second_engine() if row["policy"] == name)
+    race = policy_results("result.json")[name]
     rows = []
     for engine, label in (("mujoco", "MuJoCo"), ("drake", "Drake")):
         found = engines[engine]
-        who = f"ours, `{name}`: {audit}" if engine == "mujoco" else "the same policy file"
+        who = (
+            f"ours, `{name}`: {audit(race, 'audit lines fail')}"
+            if engine == "mujoco"
+            else "the same policy file"
+        )
         where = f"{label}, {found['falls']} of {found['trials']} trials fell"
         rows.append((who, where, _speed(found["held_speed_m_s"]), f"{_cell(found['sprint_time_s'])} s"))
     return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
@@ -149,33 +162,35 @@ def readme_with_rows(text: str) -> str:
     return README_ROWS.sub(lambda match: match[1] + readme_rows() + "\n" + match[2], text)
 
 
-def time(row: Row) -> str:
+def audit(race: Row, lines: str) -> str:
+    """How many lines of the audit fail."""
+    items = race["audit"]["items"]
+    failed = sum(not item["passed"] for item in items)
+    return f"**{failed} of {len(items)} {lines}**" if failed else "audit passed"
+
+
+def time(race: Row) -> str:
     """Time over 100 m, with its mark."""
-    if row["time_100m_s"] is None:
+    if race["time_100m_s"] is None:
         return "not finished"
-    return f"{number(row['time_100m_s'])} s" + (", left its lane" if row["left_lane"] else "")
+    return f"{number(race['time_100m_s'])} s" + (", left its lane" if race["left_lane"] else "")
 
 
-def held(row: Row, paced: bool) -> str:
-    """How the profile with the 10 s hold ended."""
-    suffix = "_self_paced" if paced else ""
-    if row[f"fell{suffix}"]:
-        return f"fell ({row[f'fell{suffix}']})"
-    speed = _speed(row[f"held_speed{suffix}_m_s"])
-    return speed if row[f"stopped{suffix}"] else f"{speed}, did not stop"
+def held(trials: Row) -> str:
+    """What was held, and how many trials fell or did not stop."""
+    faults = {"fell": trials["falls"], "did not stop": trials["not_stopped"]}
+    marks = [f"{count} of {trials['trials']} {fault}" for fault, count in faults.items() if count]
+    return ", ".join([_speed(trials["held_speed_m_s"]), *marks])
 
 
 def upright(row: Row) -> str:
     """Sprints without a fall, with their interval."""
-    found = row["robustness"]
-    lower, upper = (100 * bound for bound in found["interval_95"])
-    return f"{found['upright']} of {found['trials']} ({lower:.0f} to {upper:.0f} %)"
+    lower, upper = (100 * bound for bound in row["interval_95"])
+    return f"{row['upright']} of {row['trials']} ({lower:.0f} to {upper:.0f} %)"
 
 
-def quantiles(row: Row) -> str:
-    """Held speeds [m/s] that 5, 50 and 95 % of the sprints stay below."""
-    found = row["robustness"]["held_speed_quantiles_m_s"]
-    return " / ".join(_cell(found[name], 1) for name in ("0.05", "0.5", "0.95"))
+def _second_engine() -> list[Row]:
+    return list(_read("second_engine/speeds.json").values())
 
 
 def _read(name: str) -> dict[str, Row]:

@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-HERO_FRAMES, HERO_SECONDS, HERO_DURATION = 72, 0.3, 67  # pictures, of the run [s], each shown [ms]
+HERO_FRAMES, HERO_SECONDS, HERO_DURATION = 24, 0.3, 200  # pictures, of the run [s], each shown [ms]
 PATIENCE = 120_000  # milliseconds
 
 
@@ -54,10 +54,10 @@ def hero(browser: Browser, page_file: Path, moment: float) -> None:
         page.evaluate("moment => replay.goTo(moment)", moment + number * HERO_SECONDS / HERO_FRAMES)
         page.wait_for_timeout(60)
         shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-        frames.append(shot.resize((720, 405), Image.Resampling.LANCZOS))
+        frames.append(shot.resize((480, 270), Image.Resampling.LANCZOS))
     out = IMAGES / "sprint.webp"
     frames[0].save(
-        out, save_all=True, append_images=frames[1:], duration=HERO_DURATION, loop=0, quality=55, method=6
+        out, save_all=True, append_images=frames[1:], duration=HERO_DURATION, loop=0, quality=45, method=4
     )
     print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
 

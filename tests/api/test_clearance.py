@@ -88,7 +88,7 @@ def test_only_the_policy_s_own_name_lets_it_drive_all_the_same():
 
 
 def test_a_real_trial_is_judged():
-    """The Go1's policy of the first edition hits the ground too hard, even at 2 m/s."""
+    """The Go1's policy hits the ground too hard, even at 2 m/s."""
     policy = load_policy(shipped_policy("go1-sprint"))
     with pytest.raises(ClearanceError, match="foot force 4"):
         require_clearance("go1-sprint", policy, load_robot("go1"), 2.0, self_paced=False, despite=None)

@@ -30,7 +30,7 @@ def test_missing_policy(call, tmp_path):
 
 def test_unknown_shipped_policy(call):
     assert_refused(call("race", "no-such-policy"), "no-such-policy")
-    assert_refused(call("race", "gallop"), "gallop", "sprint-fast")
+    assert_refused(call("race", "gallop"), "gallop", "sprint")
 
 
 def test_truncated_policy(call, tmp_path, policy):

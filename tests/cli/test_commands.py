@@ -48,7 +48,7 @@ def test_the_version_is_that_of_the_package(call):
 
 
 def test_robot_list(call):
-    names = ["bp2", "bp2-first", "bp2-strong", "bp2-waist", "bp2-weak", "go1", "go2"]
+    names = ["bp2", "bp2-strong", "bp2-waist", "bp2-weak", "go1", "go2"]
     assert call("robot", "list").out.split() == names
     assert json.loads(call("robot", "list", "--json").out) == names
 

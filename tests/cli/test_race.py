@@ -53,7 +53,7 @@ def test_race_prints_json_only(call, policy, tmp_path):
     assert set(numbers) >= PROMISED and numbers["folder"] == str(tmp_path / "run")
 
 
-@pytest.mark.parametrize(("policy_name", "robot_name"), [("sprint", "bp2-first"), ("go1-sprint", "go1")])
+@pytest.mark.parametrize(("policy_name", "robot_name"), [("sprint", "bp2"), ("go1-sprint", "go1")])
 def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot_name):
     def evaluate_only_in_name(_policy, robot, **_settings):
         raise SprintlabError(f"this would run {robot.name}")

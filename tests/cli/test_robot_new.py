@@ -28,16 +28,7 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     assert "inertia matrix" in made.out and "written: robots/mydog/" in made.out
     assert "next: sprintlab robot show robots/mydog; python robots/mydog/train.py" in made.out
     listed = call("robot", "list")
-    assert listed.out.split() == [
-        "bp2",
-        "bp2-first",
-        "bp2-strong",
-        "bp2-waist",
-        "bp2-weak",
-        "go1",
-        "go2",
-        "mydog",
-    ]
+    assert listed.out.split() == ["bp2", "bp2-strong", "bp2-waist", "bp2-weak", "go1", "go2", "mydog"]
     shown = call("robot", "show", "mydog", "--json")
     values = {row["quantity"]: row["value"] for row in json.loads(shown.out)}
     assert values["thigh.length"] == 0.213

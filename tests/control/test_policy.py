@@ -194,8 +194,8 @@ def test_a_file_for_something_else_is_refused_at_load(write_policy, contract, ro
         load_policy(path, robot)
 
 
-def test_the_shipped_policy_loads_for_its_robot(sprint_robot):
-    assert load_policy(shipped_policy(), sprint_robot).contract.robot_name == sprint_robot.name
+def test_the_shipped_policy_loads_for_its_robot(robot):
+    assert load_policy(shipped_policy(), robot).contract.robot_name == robot.name
 
 
 def test_the_shipped_policy_estimates_without_a_look_at_the_command():

@@ -12,7 +12,7 @@ from sprintlab.core.errors import PolicyFileError
 
 onnx = pytest.importorskip("onnx")
 TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper
-INPUT = 225
+INPUT = load_policy(shipped_policy()).layout.input_size
 
 
 def constant(name, values, kind=np.int64):

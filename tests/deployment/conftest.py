@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import gc
 import os
 import time as clock
 from collections import deque
@@ -248,12 +247,6 @@ def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tup
     return copy.deepcopy(controller, {id(policy): policy, id(source): new_source}), new_source
 
 
-@pytest.fixture(autouse=True)
-def frozen_heap() -> None:
-    """A loop looks for garbage before it begins, and at its end in all that the tests have ever imported."""
-    gc.freeze()
-
-
 @pytest.fixture(scope="session")
 def sprint_policy() -> Policy:
     return load_policy(shipped_policy())
@@ -294,11 +287,11 @@ def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
 
 
 @pytest.fixture(scope="session")
-def gallop(sprint_robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
+def gallop(robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     """Running faster than 6 m/s, speed still rising."""
     source = StraightSource()
-    simulated = SimulatedRobot(sprint_robot, SimulatorOptions())
-    rig = Rig(sprint_robot, simulated, Controller(sprint_policy, sprint_robot, source), source)
+    simulated = SimulatedRobot(robot, SimulatorOptions())
+    rig = Rig(robot, simulated, Controller(sprint_policy, robot, source), source)
     rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
     return Snapshot.take(rig, sprint_policy)
 

@@ -1,16 +1,17 @@
-"""The pages tell of the policies what results/robustness holds."""
+"""The pages tell of the policies what the files below results hold."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
 
 import pytest
 
+from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.evaluation.audit import AuditThresholds
 from sprintlab.evaluation.robustness import CAUSES, wilson_interval
 
 ROOT = Path(__file__).resolve().parents[2]
-POLICIES = json.loads((ROOT / "results" / "robustness" / "first-edition.json").read_text())["policies"]
 
 
 @pytest.fixture(scope="module")
@@ -19,37 +20,52 @@ def result_tables(load_script):
 
 
 def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_tables):
-    tables = result_tables.tables()
+    tables, races = result_tables.tables(), result_tables.policy_results("result.json")
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert set(re.findall(r"{{ (\w+) }}", page)) == set(tables)
-    summary, audit = tables["policy_summary"].splitlines(), tables["policy_audit"].splitlines()
-    for row, (name, policy) in zip(summary[2:], POLICIES.items(), strict=True):
-        found = policy["robustness"]
-        assert f"`{name}`" in row and f"{policy['held_speed_m_s']:.2f} m/s" in row
-        assert f"{found['upright']} of {found['trials']}" in row
-        failed = [item for item in policy["audit"] if not item["passed"]]
-        assert f"**{len(failed)} of {len(policy['audit'])} lines fail**" in row or not failed
-    for number, item in enumerate(
-        POLICIES["sprint"]["audit"], start=len(audit) - len(POLICIES["sprint"]["audit"])
-    ):
-        cells = audit[number].split("|")
-        assert cells[1].strip().startswith(item["name"]) and ("**" in cells[2]) != item["passed"]
+    assert set(races) == set(result_tables.policy_results("robustness.json")) == set(shipped_policies())
+    summary, audit = tables["policy_summary"].splitlines()[2:], tables["policy_audit"].splitlines()
+    for column, (row, (name, race)) in enumerate(zip(summary, races.items(), strict=True), start=2):
+        items = race["audit"]["items"]
+        assert f"`{name}`" in row and f"{race['held_speed_m_s']:.2f} m/s" in row
+        failed = [item for item in items if not item["passed"]]
+        assert f"**{len(failed)} of {len(items)} lines fail**" in row or not failed
+        for item, line in zip(items, audit[-len(items) :], strict=True):
+            cells = line.split("|")
+            assert cells[1].strip().startswith(item["name"]) and ("**" in cells[column]) != item["passed"]
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_the_results_are_those_of_the_policies_that_come_with_the_package(name, result_tables):
+    """By the digest of the file: whoever replaces a policy measures it anew."""
+    digest = hashlib.sha256(shipped_policy(name).read_bytes()).hexdigest()
+    race = result_tables.policy_results("result.json")[name]
+    assert race["facts"]["policy SHA-256"] == digest and race["robot"] == shipped_robot(name)
+    engines = json.loads((ROOT / "results/second_engine/speeds.json").read_text(encoding="utf-8"))["policies"]
+    assert engines[digest]["top_speed_command_m_s"] == race["top_speed_command_m_s"]
+    found = result_tables.policy_results("robustness.json")[name]
+    assert found["top_speed_command_m_s"] == race["top_speed_command_m_s"], "one top speed everywhere"
+    assert found["interval_95"] == pytest.approx(wilson_interval(found["upright"], found["trials"]))
+
+
+def shipped_robot(name):
+    return load_policy(shipped_policy(name)).contract.robot_name
 
 
 def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
     found = json.loads((ROOT / "results/second-looks/trainings.json").read_text(encoding="utf-8"))
     page, policies = flowing("docs/results.md"), found["policies"]
-    runner, audited = (
+    shipped, audited = (
         found["penalty_factors"]["policies"][name]
         for name in (
-            "runner, its weights",
-            "runner, stance 26 ms, stride 0.183 s, foot force 3.4 body weights, electrical power 0.6",
+            "sprint, its weights",
+            "sprint, stance 26 ms, stride 0.183 s, foot force 3.4 body weights, electrical power 0.6",
         )
     )
-    slow, fast = runner["8.0"]["factor"], runner["12.0"]["factor"]
+    slow, fast = shipped["8.0"]["factor"], shipped["12.0"]["factor"]
     assert f"by {slow:.2f} at a command of 8 m/s, by {fast:.2f} at 12" in page
     assert f"it is {audited['8.0']['factor']:.2f} and {audited['12.0']['factor']:.2f}" in page
-    assert list(runner["12.0"]["gain_without"])[:2] == ["electrical_power", "short_stances"]
+    assert list(shipped["12.0"]["gain_without"])[:2] == ["electrical_power", "short_stances"]
     asked = found["asked_to_stand"]
     assert f"{100 * asked['heading_held']:.1f} % of the steps" in page
     assert f"speed: {100 * asked['heading_free']:.1f} %" in page
@@ -58,16 +74,6 @@ def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
         assert name == "E0" or max(abs(trial["estimate_bias_m_s"]) for trial in met) < 0.2
         left = min(abs(trial["speed_after_1_to_6_s_m_s"][-1]) for trial in row["trials"])
         assert (left > 2.0) == (name in ("A0", "A1", "B0", "C0")), "none of these ever stops"
-
-
-@pytest.mark.parametrize("name", POLICIES)
-def test_shares_follow_from_the_sprints(name):
-    found = POLICIES[name]["robustness"]
-    together = [sprint for sprint in POLICIES[name]["sprints"] if sprint["group"] == "all"]
-    assert found["trials"] == len(together) and found["upright"] == sum(
-        sprint["upright"] for sprint in together
-    )
-    assert tuple(found["interval_95"]) == pytest.approx(wilson_interval(found["upright"], found["trials"]))
 
 
 def test_the_page_names_every_cause(flowing):

@@ -19,12 +19,10 @@ pytest.importorskip("hatchling", reason="needs hatchling: pip install hatchling"
 ROOT = Path(__file__).resolve().parents[2]
 DATA = {
     "sprintlab/policies/go1-sprint.onnx",
-    "sprintlab/policies/runner.onnx",
     "sprintlab/policies/sprint.onnx",
     "sprintlab/evaluation/templates/report.html.j2",
     "sprintlab/py.typed",
     "sprintlab/robots/bp2/parameters.toml",
-    "sprintlab/robots/bp2-first/parameters.toml",
     "sprintlab/viewer/templates/replay.html.j2",
     "sprintlab/viewer/templates/replay.js",
 }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab import robots
-from sprintlab.control import load_policy, shipped_policy
+from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots import (
     Link,
@@ -93,10 +93,11 @@ def test_no_robot_of_ones_own_hides_one_of_the_package(own_folder, bp2):
     assert load_robot("bp2").name == "bp2"
 
 
-def test_the_fingerprint_of_the_first_edition_is_that_of_the_shipped_policy():
-    """What the shipped policy's contract was made for must not change under it."""
-    contract = load_policy(shipped_policy()).contract
-    assert robot_fingerprint(load_robot("bp2-first")) == contract.robot_fingerprint
+@pytest.mark.parametrize("name", shipped_policies())
+def test_the_robots_of_the_shipped_policies_are_those_that_they_were_trained_on(name):
+    """What a shipped policy's contract was made for must not change under it."""
+    contract = load_policy(shipped_policy(name)).contract
+    assert robot_fingerprint(load_robot(contract.robot_name)) == contract.robot_fingerprint
 
 
 def test_joints_stand_in_policy_order(bp2):

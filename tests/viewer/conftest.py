@@ -20,12 +20,6 @@ def policy():
 
 
 @pytest.fixture(scope="session")
-def robot(sprint_robot):
-    """The robot of the policy above."""
-    return sprint_robot
-
-
-@pytest.fixture(scope="session")
 def recorded(policy, robot):
     """Arrays of a run to 2 m/s, held for half a second."""
     request = TrialRequest(top_speed=2.0, hold=0.5, settings=TrialSettings(), keep_trajectory=True)

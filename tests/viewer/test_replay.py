@@ -223,13 +223,13 @@ def test_a_run_round_the_track_is_seen_as_one(recorded):
 
 
 def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
-    numbers = {"robot": "bp2-first", "policy": "sprint", "time_100m_s": 11.5, "audit": {"passed": False}}
+    numbers = {"robot": "bp2", "policy": "sprint", "time_100m_s": 11.5, "audit": {"passed": False}}
     (trajectory_file.parent / "result.json").write_text(json.dumps(numbers))
     assert main(["replay", str(trajectory_file.parent), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     page = (trajectory_file.parent / "replay.html").read_text(encoding="utf-8")
     assert answer["bytes"] == len(page.encode())
-    assert "BP2-FIRST: 100 m in 11.50 s" in page
+    assert "BP2: 100 m in 11.50 s" in page
     assert "exploit audit FAILED" in page
     mine = sl.replay([trajectory_file], names=["mine"], out=trajectory_file.with_name("mine.html"))
     assert mine.path.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.path) in str(mine)
@@ -294,7 +294,7 @@ def test_a_plain_array_is_no_trajectory(tmp_path):
 
 def test_trajectory_with_other_joints_is_refused(recorded, robot):
     fewer = {**recorded, "motor_torque": recorded["motor_torque"][:, :6]}
-    with pytest.raises(SprintlabError, match="6 joints, robot bp2-first has 12"):
+    with pytest.raises(SprintlabError, match="6 joints, robot bp2 has 12"):
         render_replay(fewer, robot, ReplayText(title="x"))
 
 

@@ -1,4 +1,4 @@
-"""The air that a runner pushes aside."""
+"""The air that a robot pushes aside."""
 
 from __future__ import annotations
 

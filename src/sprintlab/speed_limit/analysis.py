@@ -335,7 +335,7 @@ def _speeds(runner: Runner) -> FloatArray:
 def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
     """Held speeds of a robot's policies below a folder, fastest first.
 
-    Read from the files that ``sprintlab race`` (``result.json``) and ``sprintlab ablate``
+    Read from the files that ``sprintlab race`` (``result.json``) and the study
     (``evaluation.json``) leave; a file that is neither is passed over. Of several results of one policy the
     fastest counts.
     """

@@ -8,7 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policy
+from sprintlab.control import (
+    Measurement,
+    PolicyRuntime,
+    load_policy,
+    projected_gravity,
+    shipped_policies,
+    shipped_policy,
+)
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import modes as modes_module
 from sprintlab.deployment.controller.modes import Mode, Run
@@ -56,9 +63,9 @@ def lying(lie_down_with):
     return lie_down_with(Operator())
 
 
-@pytest.fixture(scope="module", params=["sprint", "sprint-fast"])
+@pytest.fixture(scope="module", params=shipped_policies())
 def policy(request):
-    """Every policy of the package that stands on this robot when it is asked to."""
+    """Every policy of the package."""
     return load_policy(shipped_policy(request.param))
 
 
@@ -81,15 +88,6 @@ def test_a_whole_life_goes_through_the_modes_in_order(whole_life):
     assert grave == set()
 
 
-def test_a_policy_that_trots_instead_of_standing_is_laid_down_too(make_rig):
-    rig = make_rig(Operator(), load_policy(shipped_policy("runner")))
-    run_once(rig)
-    assert modes(rig) == ["passive", "stand-up", "stand", "run", "stand", "lie-down", "passive"]
-    assert rig.simulated.fall_reason == ""
-    assert not set(rig.controller.fault_counts) - {Fault.STATE_LOST}
-    assert max(trunk_tilt(tick.state) for tick in rig.ticks if tick.mode == "lie-down") < 15.0
-
-
 def test_it_ran_when_it_was_told_to(whole_life):
     running = [tick for tick in whole_life.ticks if tick.mode == "run"]
     assert max(tick.velocity[0] for tick in running) == pytest.approx(2.0)
@@ -104,22 +102,22 @@ def test_the_policy_runs_at_50_hz_in_the_run_and_keeps_the_balance_in_the_stand_
     assert gaps == pytest.approx(0.02)
 
 
-def test_it_lies_down_slowly_and_level_and_damps_only_on_its_belly(whole_life, sprint_robot):
+def test_it_lies_down_slowly_and_level_and_damps_only_on_its_belly(whole_life):
     down = [tick for tick in whole_life.ticks if tick.mode == "lie-down"]
     assert max(trunk_tilt(tick.state) for tick in down) < 8.0
     heights = [(tick.time, tick.fix.position[2]) for tick in down if tick.fix is not None]
     times, heights = np.array(heights).T
     assert (np.diff(heights) / np.diff(times) > -0.45).all()  # m/s
     damped_from = next(tick.time for tick in down if tick.command.mode == JointMode.DAMPING)
-    assert (
-        heights[times < damped_from][-1]
-        < sprint_robot.mechanics.trunk_half_size[2] + sprint_robot.foot_radius
-    )
+    robot = whole_life.robot
+    assert heights[times < damped_from][-1] < robot.mechanics.trunk_half_size[2] + robot.foot_radius
 
 
-def test_it_lies_down_from_the_stand_of_the_policy_when_that_has_come_to_rest(whole_life):
+def test_it_lies_down_when_the_policy_s_stand_has_come_to_rest_or_never_does(whole_life):
     standing = [tick for tick in whole_life.ticks if tick.mode == "stand" and tick.policy_step]
-    assert max(np.abs(tick.state.joint_velocity).max() for tick in standing[-25:]) < 1.0
+    rested = max(np.abs(tick.state.joint_velocity).max() for tick in standing[-25:]) < 1.0
+    waited = standing[-1].time - standing[0].time
+    assert rested or waited == pytest.approx(0.4 + 3.0, abs=0.05), "settled, then out of patience"
 
 
 def test_drives_are_off_in_passive_and_serve_otherwise(whole_life):
@@ -129,21 +127,19 @@ def test_drives_are_off_in_passive_and_serve_otherwise(whole_life):
     assert {kind for mode, kind in kinds if mode in ("stand-up", "stand", "run")} == {JointMode.SERVO}
 
 
-def test_targets_never_jump_but_where_the_policy_takes_over(whole_life, policy):
-    # Feet are lifted within a tenth of a second, by sprint-fast from legs that are nearly stretched.
-    stepping = 0.05 if policy.contract.training.method == "sprint" else 0.1
+def test_targets_never_jump_but_where_the_policy_takes_over(whole_life):
     before = None
     for tick in whole_life.ticks:
         same = before is not None and tick.mode == before.mode and not tick.policy_step
         if same and tick.mode in ("stand-up", "stand", "lie-down"):
-            most = stepping if tick.mode == "lie-down" else 0.02
+            most = 0.05 if tick.mode == "lie-down" else 0.02
             assert np.abs(tick.targets - before.targets).max() < most
         before = tick
 
 
-def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy, sprint_robot):
+def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy):
     """Fed with the states of the run, ``PolicyRuntime`` gives the targets that the controller had."""
-    runtime = PolicyRuntime(policy, sprint_robot)
+    runtime = PolicyRuntime(policy, whole_life.robot)
     steps = [tick for tick in whole_life.ticks if tick.policy_step][:80]
     for tick in steps:
         state = tick.state
@@ -206,9 +202,9 @@ def test_a_restarted_robot_is_taken_again_in_passive(lying):
     assert lying.run(0.1).state.sequence <= 100
 
 
-def test_a_new_controller_is_taken_when_the_old_one_has_been_silent(lying, sprint_policy, sprint_robot):
+def test_a_new_controller_is_taken_when_the_old_one_has_been_silent(lying, sprint_policy, robot):
     lying.run(0.5)
-    lying.controller = Controller(sprint_policy, sprint_robot, lying.source)
+    lying.controller = Controller(sprint_policy, robot, lying.source)
     lying.source.request = Request.STAND
     accepted = lying.simulated.accepted
     lying.run(0.049)

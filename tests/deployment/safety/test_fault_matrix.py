@@ -445,7 +445,7 @@ STOPPED = {
         ramp("joint_position", 0, 1.2, lambda state: state.joint_position[0] > 1.0),
     ),
     "joint too fast": (Fault.OVERSPEED, on_every_state(set_field("joint_velocity", 8, -60.0))),
-    "drive gives too much": (Fault.OVERTORQUE, on_every_state(set_field("joint_torque", 7, 150.0))),
+    "drive gives too much": (Fault.OVERTORQUE, on_every_state(set_field("joint_torque", 7, 250.0))),
     "bus voltage too high": (Fault.BUS_HIGH, on_every_state(set_field("bus_voltage", None, 80.0))),
     "trunk tilted": (Fault.FALL, on_every_state(tilted(75.0))),
     "trunk upside down": (Fault.FALL, on_every_state(tilted(180.0))),
@@ -595,10 +595,10 @@ def test_a_grave_fault_damps_the_joints_in_time(running_on_bus, name):
     assert {tick.command.mode for tick in running.ticks[-100:]} == {JointMode.DAMPING}
 
 
-def test_a_robot_no_longer_heard_of_is_damped_in_full(running, sprint_robot):
+def test_a_robot_no_longer_heard_of_is_damped_in_full(running, robot):
     silence(None)(running)
     running.run(0.2)
-    np.testing.assert_array_equal(running.ticks[-1].command.damping, sprint_robot.damping)
+    np.testing.assert_array_equal(running.ticks[-1].command.damping, robot.damping)
 
 
 @pytest.mark.parametrize("name", BRAKED)

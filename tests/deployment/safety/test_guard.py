@@ -159,11 +159,11 @@ def test_the_age_of_a_state_is_counted_from_the_command_that_it_names():
 
 
 @pytest.mark.parametrize("each_way_ms", [0, 3])
-def test_the_controller_measures_the_link(sprint_robot, sprint_policy, each_way_ms):
+def test_the_controller_measures_the_link(robot, sprint_policy, each_way_ms):
     """The ages that reach the guard while a robot stands up are those of the simulated link."""
     link = LinkOptions(delay=1e-3 * each_way_ms)
-    world = SimulatedWorld(sprint_robot, SimulatorOptions(to_controller=link, to_robot=link, fix_rate=0.0))
-    controller = Controller(sprint_policy, sprint_robot, StandUp())
+    world = SimulatedWorld(robot, SimulatorOptions(to_controller=link, to_robot=link, fix_rate=0.0))
+    controller = Controller(sprint_policy, robot, StandUp())
     ages = []
     servo = controller._commands.guard.servo
     controller._commands.guard.servo = lambda *given: ages.append(given[-1]) or servo(*given)

@@ -44,10 +44,10 @@ class World:
 
 
 @pytest.fixture
-def state(sprint_robot):
+def state(robot):
     from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 
-    return SimulatedRobot(sprint_robot, SimulatorOptions(start="standing")).state(0)
+    return SimulatedRobot(robot, SimulatorOptions(start="standing")).state(0)
 
 
 def test_a_state_that_was_dropped_is_sent_again_and_a_fix_is_not(state: RobotState, monkeypatch):
