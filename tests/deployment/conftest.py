@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import gc
 import os
 import time as clock
 from collections import deque
@@ -246,12 +245,6 @@ class Snapshot:
 def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tuple[Controller, Any]:
     new_source = copy.deepcopy(source)
     return copy.deepcopy(controller, {id(policy): policy, id(source): new_source}), new_source
-
-
-@pytest.fixture(autouse=True)
-def frozen_heap() -> None:
-    """A loop looks for garbage before it begins, and at its end in all that the tests have ever imported."""
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")
