@@ -239,20 +239,29 @@ class PolicyRuntime:
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
+        share = self._share(measurement, np.asarray(command))
         frame = self._frame(measurement, np.asarray(command))
         if self._history is None:
             self._history = fill_history(frame, self._layout.history_length)
         else:
             self._history = push_history(self._history, frame)
         decision = self._policy.decide(network_input(self._history)[None], self._estimate)
-        action, self._estimate = decision.action[0], decision.estimate
-        if self._standing is not None and self._estimate is not None:
-            action = action * self._standing.share(
-                np.asarray(command), self._estimate[0], measurement.projected_gravity
-            )
+        action, self._estimate = share * decision.action[0], decision.estimate
         limit = self._policy.contract.action_limit
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
+
+    def _share(self, measurement: Measurement, command: FloatArray) -> float:
+        """How much of the action is used; a robot that is let go begins as after a reset."""
+        if self._standing is None:
+            return 1.0
+        velocity = np.zeros(3) if self._estimate is None else self._estimate[0, :3]
+        held = self._standing.held
+        share = self._standing.share(command, velocity, measurement.projected_gravity)
+        if held and not self._standing.held:  # the estimate of a robot that stands is wrong by up to 1.1 m/s
+            self._history, self._estimate = None, None
+            self._previous_action = np.zeros(self._layout.joints)
+        return share
 
     def _frame(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         relative = measurement._replace(joint_position=measurement.joint_position - self._default_pose)

@@ -59,6 +59,11 @@ class StandingHold:
         self._step = 1.0 - float(np.exp(-1.0 / (rate_hz * contract.blend_time)))
         self._held = 0.0
 
+    @property
+    def held(self) -> bool:
+        """Whether the pose has begun to take over."""
+        return self._held > 0.0
+
     def reset(self) -> None:
         """Begin with the policy."""
         self._held = 0.0
@@ -73,7 +78,7 @@ class StandingHold:
         """
         resting = bool((np.abs(command) < REST_COMMAND).all())
         upright = math.hypot(gravity[0], gravity[1]) < math.sin(self._contract.release_tilt)
-        slow = self._held > 0.0 or math.hypot(velocity[0], velocity[1]) < self._contract.hold_speed
+        slow = self.held or math.hypot(velocity[0], velocity[1]) < self._contract.hold_speed
         if not (resting and upright and slow):
             self._held = 0.0
             return 1.0
