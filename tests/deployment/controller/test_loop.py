@@ -93,7 +93,10 @@ def frozen_heap():
 
 
 @pytest.fixture
-def start(lie_down_with):
+def start(lie_down_with, monkeypatch):
+    """Makes a controller and its bus; memory is not locked, since tests have imported gigabytes of it."""
+    monkeypatch.setattr(realtime, "_lock_memory", lambda remarks: True)
+
     def make(source):
         rig = lie_down_with(source)
         return rig.controller, DirectBus(rig.simulated)
