@@ -133,6 +133,21 @@ def test_what_a_living_writer_is_about_to_move_is_left_alone(tmp_path, monkeypat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "other"]
 
 
+@pytest.mark.parametrize("write", [atomic_write_bytes, atomic_write_text])
+def test_a_name_with_a_zero_byte_is_told_in_one_sentence(tmp_path, write):
+    """A run's file may say ``output = "a\\u0000b"``."""
+    for refuse in (
+        lambda path: write(path, b"" if write is atomic_write_bytes else ""),
+        files.check_writable,
+        files.check_new_folder,
+        lambda path: reserved_directory(path).__enter__(),
+        lambda path: atomic_directory(path).__enter__(),
+    ):
+        with pytest.raises(SprintlabError, match=r"a\\x00b: no name holds a zero byte"):
+            refuse(tmp_path / "a\0b")
+    assert not list(tmp_path.iterdir())
+
+
 def test_folder_that_is_a_file_is_told_in_one_sentence(tmp_path):
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(SprintlabError, match="cannot write"):

@@ -23,6 +23,20 @@ def test_pipe_is_refused_at_once(tmp_path):
         read_bytes(tmp_path / "pipe", 100)
 
 
+def test_a_file_that_would_be_waited_for_is_refused(tmp_path, monkeypatch):
+    """As /proc/kmsg: a regular file by its kind that has nothing now."""
+    (tmp_path / "file").write_text("x")
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    status = os.stat(tmp_path / "file")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", lambda *_: reading)
+        patch.setattr(os, "fstat", lambda _: status)
+        with pytest.raises(SprintlabError, match="it gives nothing now"):
+            read_bytes(tmp_path / "file", 100)
+    os.close(writing)
+
+
 def test_pipe_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch):
     """Between the question what it is and its opening."""
     (tmp_path / "file").write_text("x = 1\n")

@@ -54,13 +54,20 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     Raises:
         SprintlabError: the file cannot be written (full disk, no permission); nothing is left behind.
     """
-    target = Path(path)
+    target = _place(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         if not _written_nameless(target, data):
             _write_hidden(target, data)
     except OSError as error:
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def _place(path: str | os.PathLike[str]) -> Path:
+    """A name as a path. Raises ``SprintlabError`` for one with a zero byte, which no disk knows."""
+    if "\0" in os.fspath(path):
+        raise SprintlabError(f"cannot write {path}: no name holds a zero byte")
+    return Path(path)
 
 
 def _written_nameless(target: Path, data: bytes) -> bool:
@@ -136,7 +143,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises:
         SprintlabError: a folder above it is a file, or nothing can be made there.
     """
-    place = Path(path).absolute().parent
+    place = _place(path).absolute().parent
     try:
         while not place.exists():
             place = place.parent
@@ -181,7 +188,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     An existing folder ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses. What
     processes that were killed have left unfinished beside ``path`` is removed.
     """
-    target = Path(path)
+    target = _place(path)
     temporary = held = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -207,7 +214,7 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
     Raises:
         SprintlabError: the folder exists already, or the disk refuses.
     """
-    target = Path(path)
+    target = _place(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.mkdir()

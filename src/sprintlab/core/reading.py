@@ -87,7 +87,9 @@ def read_bytes(
             device), or larger than ``limit``.
     """
     with open_regular(path, limit, what=what, error=error) as file:
-        content = file.read(limit + 1)  # it may grow meanwhile
+        content = cast("bytes | None", file.read(limit + 1))  # it may grow meanwhile
+    if content is None:  # the kernel's log is called a regular file, and would be waited for
+        raise error(f"cannot read {what} {printable(path)}: it gives nothing now")
     if len(content) > limit:
         raise error(f"{what} {printable(path)} is larger than {_size(limit)}, the most that is read")
     return content
