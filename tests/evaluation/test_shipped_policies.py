@@ -4,10 +4,12 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
-from sprintlab.evaluation.trial import TrialRequest, run_trial
+from sprintlab.evaluation.trial import TrialRequest, run_course, run_trial
+from sprintlab.plant import BaseState
 from sprintlab.robots import load_robot
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -24,6 +26,27 @@ def test_it_holds_the_speed_of_its_committed_race(name):
     assert trial.metrics.held_speed == pytest.approx(race["held_speed_m_s"], abs=0.3)
     known = {item["name"] for item in race["audit"]["items"] if not item["passed"]}
     assert {item.name for item in trial.audit.failed} <= known
+
+
+class Stand:
+    """Asks for rest for three seconds."""
+
+    longest = 3.0
+
+    def speed(self, time: float, base: BaseState) -> float | None:
+        return 0.0 if time < self.longest else None
+
+
+def test_sprint_stands_when_it_is_asked_to():
+    policy = load_policy(shipped_policy("sprint"))
+    stand = run_course(
+        policy, load_robot("bp2"), TrialRequest(top_speed=1.0, keep_trajectory=True), Stand()
+    ).trajectory
+    assert stand is not None
+    second = stand.time > 2.0
+    assert stand.foot_contact[second].all()
+    assert np.abs(stand.velocity[second, 0]).max() < 0.1
+    assert np.hypot(*(stand.qpos[-1, :2] - stand.qpos[0, :2])) < 0.05
 
 
 @pytest.mark.parametrize(("name", "curve"), [("go1-sprint", "go1-sprint/learning_curve.csv")])
