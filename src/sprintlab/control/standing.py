@@ -37,7 +37,7 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     hold_speed: float = 0.6
     release_tilt: float = 0.2
-    blend_time: float = 0.1
+    blend_time: float = 0.3
 
     def __post_init__(self) -> None:
         check_positive("standing.hold_speed", self.hold_speed, "m/s")
