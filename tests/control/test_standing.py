@@ -13,9 +13,15 @@ from sprintlab.core.errors import InvalidValueError
 STILL, REST, UPRIGHT = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -1.0])
 
 
+MOVING = np.array([2.0, 0.0, 0.0])
+
+
 @pytest.fixture
 def hold() -> StandingHold:
-    return StandingHold(StandingContract(), rate_hz=50.0)
+    """Of a robot that has run."""
+    hold = StandingHold(StandingContract(), rate_hz=50.0)
+    assert hold.share(MOVING, MOVING, UPRIGHT) == 1.0
+    return hold
 
 
 def test_a_standing_robot_is_blended_into_its_default_pose(hold):
@@ -55,10 +61,11 @@ def test_a_held_robot_is_let_go_when_it_tips_and_not_when_its_estimate_errs(hold
     )
 
 
-def test_a_reset_begins_with_the_policy(hold):
-    for _ in range(50):
-        hold.share(REST, STILL, UPRIGHT)
+def test_after_a_reset_a_robot_that_is_asked_to_stand_is_held_at_once(hold):
     hold.reset()
+    assert hold.share(REST, STILL, UPRIGHT) == 0.0
+    hold.reset()
+    assert hold.share(MOVING, STILL, UPRIGHT) == 1.0
     assert hold.share(REST, STILL, UPRIGHT) > 0.8
 
 

@@ -57,7 +57,7 @@ class StandingHold:
     def __init__(self, contract: StandingContract, rate_hz: float) -> None:
         self._contract = contract
         self._step = 1.0 - float(np.exp(-1.0 / (rate_hz * contract.blend_time)))
-        self._held = 0.0
+        self.reset()
 
     @property
     def held(self) -> bool:
@@ -65,8 +65,8 @@ class StandingHold:
         return self._held > 0.0
 
     def reset(self) -> None:
-        """Begin with the policy."""
-        self._held = 0.0
+        """Begin anew: a robot that is asked to stand from the start is held at once."""
+        self._held, self._begun = 0.0, False
 
     def share(self, command: FloatArray, velocity: FloatArray, gravity: FloatArray) -> float:
         """Share of the action to use, 0 to 1; at once 1 when the command is not rest.
@@ -79,8 +79,9 @@ class StandingHold:
         resting = bool((np.abs(command) < REST_COMMAND).all())
         upright = math.hypot(gravity[0], gravity[1]) < math.sin(self._contract.release_tilt)
         slow = self.held or math.hypot(velocity[0], velocity[1]) < self._contract.hold_speed
+        begun, self._begun = self._begun, True
         if not (resting and upright and slow):
             self._held = 0.0
             return 1.0
-        self._held += self._step * (1.0 - self._held)
+        self._held += (self._step if begun else 1.0) * (1.0 - self._held)
         return 1.0 - self._held
