@@ -58,8 +58,8 @@ def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
     shipped, audited = (
         found["penalty_factors"]["policies"][name]
         for name in (
-            "seed 1 of the recipe, its weights",
-            "seed 1 of the recipe, stance 26 ms, stride 0.183 s, foot force 3.4 body weights, electrical power 0.6",
+            "seed 1, its weights",
+            "seed 1, stance 26 ms, stride 0.183 s, foot force 3.4 body weights, electrical power 0.6",
         )
     )
     slow, fast = shipped["8.0"]["factor"], shipped["12.0"]["factor"]
