@@ -69,7 +69,7 @@ def test_the_documented_sprint_runs_a_hundred_metres_and_its_report_is_drawn(bus
     assert (status, robot_status) == (0, 0), run
     assert run["end"] == "passive"
     assert run["faults"] == {}
-    assert 9.9 < run["sprint_time"] < 11.2
+    assert 10.5 < run["sprint_time"] < 12.0
     assert simulated["fall_reason"] == "" and simulated["watchdog_trips"] == 0
     assert simulated["commands_dropped"] == 0 and simulated["greatest_distance"] > 100.0
     assert abs(simulated["commands_accepted"] - run["steps"]) <= 1

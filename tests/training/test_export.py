@@ -62,10 +62,14 @@ def test_a_run_shows_what_the_network_sees_and_says(checkpoint, tmp_path):
     seen = observe_run(policy, load_robot("bp2"))
     assert seen.observation.shape == (len(seen.action), policy.layout.input_size)
     newest = seen.observation[:, -policy.layout.input_size // policy.layout.history_length :]
+    begin = int(newest[:, -12:].any(axis=1).argmax())  # it is stood still until the first command
+    assert begin == 28 and not seen.previous_estimate[begin - 1].any()
     np.testing.assert_allclose(
-        newest[1:, -12:], policy.layout.layout.previous_action_scale * seen.action[:-1], atol=1e-6
+        newest[begin:, -12:],
+        policy.layout.layout.previous_action_scale * seen.action[begin - 1 : -1],
+        atol=1e-6,
     )
-    np.testing.assert_array_equal(seen.previous_estimate[1:], seen.estimate[:-1])
+    np.testing.assert_array_equal(seen.previous_estimate[begin:], seen.estimate[begin - 1 : -1])
 
 
 def test_a_network_that_differs_is_refused_and_nothing_is_written(checkpoint, tmp_path, monkeypatch):
