@@ -133,7 +133,7 @@ def self_paced(
     command: Array | float,
     speed: Array | float,
     window: float = PACE_WINDOW,
-    braking_window: float = BRAKING_WINDOW,
+    braking_window: Array | float = BRAKING_WINDOW,
 ) -> Array:
     """ACS at run time: ``command`` [m/s] kept near the measured ``speed`` [m/s], as in training.
 

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
-from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW
+from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW, self_paced
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
@@ -349,7 +349,7 @@ class AdaptiveSchedule(TargetSchedule):
         xp, speed, random = namespace(target), step.speed, step.random
         braking_window = self.window + step.steady * (self.braking_window - self.window)
         braking_window = self.window + (braking_window - self.window) * random[:, 5]
-        biased = clip(target, speed - braking_window, speed + self.window)
+        biased = self_paced(target, speed, self.window, braking_window)
         anywhere = speed + self.window * (2.0 * random[:, 5] - 1.0)
         toward = random[:, 6] < self.biased_share
         if self.keeps_rest:

@@ -203,12 +203,16 @@ class PolicyRuntime:
 
         The next step starts from its own measurement and from a zero estimate.
         """
-        self._estimate: FloatArray | None = None
         self._filtered: FloatArray | None = None
-        self._history: FloatArray | None = None
-        self._previous_action: FloatArray = np.zeros(self._layout.joints)
         if self._standing is not None:
             self._standing.reset()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what the network has seen and done."""
+        self._estimate: FloatArray | None = None
+        self._history: FloatArray | None = None
+        self._previous_action: FloatArray = np.zeros(self._layout.joints)
 
     @property
     def previous_action(self) -> FloatArray:
@@ -259,8 +263,7 @@ class PolicyRuntime:
         held = self._standing.held
         share = self._standing.share(command, velocity, measurement.projected_gravity)
         if held and not self._standing.held:  # the estimate of a robot that stands is wrong by up to 1.1 m/s
-            self._history, self._estimate = None, None
-            self._previous_action = np.zeros(self._layout.joints)
+            self._forget()
         return share
 
     def _frame(self, measurement: Measurement, command: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from sprintlab.control.filters import low_pass, low_pass_coefficient
 from sprintlab.core.checks import check_positive, check_range
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -56,7 +57,7 @@ class StandingHold:
 
     def __init__(self, contract: StandingContract, rate_hz: float) -> None:
         self._contract = contract
-        self._step = 1.0 - float(np.exp(-1.0 / (rate_hz * contract.blend_time)))
+        self._step = low_pass_coefficient(1.0 / (2.0 * math.pi * contract.blend_time), rate_hz)
         self.reset()
 
     @property
@@ -66,7 +67,7 @@ class StandingHold:
 
     def reset(self) -> None:
         """Begin anew: a robot that is asked to stand from the start is held at once."""
-        self._held, self._begun = 0.0, False
+        self._held = 1.0
 
     def share(self, command: FloatArray, velocity: FloatArray, gravity: FloatArray) -> float:
         """Share of the action to use, 0 to 1; at once 1 when the command is not rest.
@@ -79,9 +80,8 @@ class StandingHold:
         resting = bool((np.abs(command) < REST_COMMAND).all())
         upright = math.hypot(gravity[0], gravity[1]) < math.sin(self._contract.release_tilt)
         slow = self.held or math.hypot(velocity[0], velocity[1]) < self._contract.hold_speed
-        begun, self._begun = self._begun, True
         if not (resting and upright and slow):
             self._held = 0.0
             return 1.0
-        self._held += (self._step if begun else 1.0) * (1.0 - self._held)
+        self._held = float(low_pass(self._held, 1.0, self._step))
         return 1.0 - self._held
