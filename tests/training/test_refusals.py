@@ -12,6 +12,7 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs.options import check_places
 from sprintlab.training.runs.run import TrainOptions, open_run
 from sprintlab.training.settings import TrainingSettings
 
@@ -36,6 +37,23 @@ def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].startswith("sprintlab: ") and words in said[-1]
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
+
+
+@pytest.mark.parametrize("name", ["milestones", "tensorboard", "wandb"])
+@pytest.mark.parametrize("kind", ["link", "dangling", "file"])
+def test_what_leads_a_run_out_of_its_folder_is_refused(name, kind, tmp_path):
+    """The folder of a run may come from a stranger, with a link to a folder of one's own in it."""
+    place, elsewhere = tmp_path / "run" / name, tmp_path / "elsewhere"
+    place.parent.mkdir()
+    if kind == "file":
+        place.write_text("mine")
+    else:
+        place.symlink_to(elsewhere)
+    if kind == "link":
+        elsewhere.mkdir()
+    with pytest.raises(SprintlabError, match=f"{name} is no folder of the run"):
+        check_places(TrainOptions(output=tmp_path / "run", device="cpu"))
+    assert not elsewhere.exists() or not list(elsewhere.iterdir())
 
 
 @pytest.mark.parametrize("change", [{"robot": 5}, {"robot": None}, {"method": [1]}, {"method": None}])

@@ -386,6 +386,30 @@ def test_a_slurm_job_has_one_gpu_and_a_task_for_each_training(slurm: Path, tmp_p
         assert f"#SBATCH {line}" in script
 
 
+def test_what_a_stranger_left_for_a_job_is_not_touched(slurm: Path, tmp_path: Path) -> None:
+    """submitit runs the pickle of a job's number, and writes through a link of its log's name."""
+    precious, jobs = tmp_path / "precious", tmp_path / "jobs"
+    precious.write_text("mine")
+    jobs.mkdir()
+    for name in ("17_submitted.pkl", "17_0_log.err", "17_0_log.out"):
+        (jobs / name).symlink_to(precious)
+    job = SlurmCluster(jobs, 2, 50.0, "fast").submit(plans(tmp_path), 0)
+    assert job.stderr() is None and precious.read_text() == "mine"
+    assert all((jobs / name).is_symlink() for name in ("17_submitted.pkl", "17_0_log.err"))
+
+
+@pytest.mark.parametrize("kind", ["link", "file"])
+def test_jobs_elsewhere_are_refused(slurm: Path, tmp_path: Path, kind: str) -> None:
+    jobs = tmp_path / "jobs"
+    if kind == "link":
+        (tmp_path / "elsewhere").mkdir()
+        jobs.symlink_to(tmp_path / "elsewhere")
+    else:
+        jobs.write_text("mine")
+    with pytest.raises(SprintlabError, match="jobs"):
+        SlurmCluster(jobs, 2, 50.0, "fast").submit(plans(tmp_path), 0)
+
+
 def test_each_task_of_a_job_trains_its_own_run(tmp_path: Path, monkeypatch) -> None:
     submitit = pytest.importorskip("submitit")
     trained: list[int] = []

@@ -391,6 +391,31 @@ def test_columns_and_messages_are_the_same(path):
     assert record.ticks[-1].time == 0.04 and record.states[-2:][0].sequence == 39
 
 
+def test_of_two_logs_of_one_name_the_first_is_kept(path):
+    first = McapRunLog(path, FACTS)
+    with pytest.raises(LogError, match="is being written by another run"):
+        McapRunLog(path, FACTS)
+    first.write(tick(1))
+    first.close()
+    assert len(read_log(path).ticks) == 1
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_log_that_was_finished_while_another_began_is_kept(path, monkeypatch):
+    """The name was still free when the other one looked."""
+    monkeypatch.setattr("sprintlab.deployment.log.run_log.check_new_log", lambda path: None)
+    path.write_text("finished")
+    with pytest.raises(LogError, match="exists already"):
+        McapRunLog(path, FACTS)
+    assert path.read_text() == "finished" and not list(path.parent.glob(".*"))
+
+
+def test_what_a_killed_writer_left_makes_room(path):
+    path.with_name(".run.mcap.partial").write_bytes(b"half")
+    write(path, 4)
+    assert len(read_log(path).ticks) == 4
+
+
 def test_a_link_in_place_of_the_unfinished_log_is_not_followed(tmp_path):
     """In a folder that others may write to it would lead the log over another file."""
     precious = tmp_path / "precious"

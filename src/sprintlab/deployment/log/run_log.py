@@ -18,7 +18,7 @@ from typing import IO
 
 import msgspec
 
-from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.files import check_writable
 from sprintlab.deployment.interface import ControlTick, encode
 from sprintlab.deployment.log.topics import (
     COMMAND,
@@ -62,8 +62,11 @@ def check_new_log(path: Path) -> None:
         raise LogError("a log needs the package mcap: pip install 'sprintlab[log]'")
     if os.path.lexists(path):
         raise LogError(f"{path} exists already; choose another file for the log")
-    atomic_write_bytes(path, b"")
-    path.unlink()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"cannot write {path}: {error.strerror or error}") from error
+    check_writable(path)
 
 
 class McapRunLog:
@@ -78,7 +81,8 @@ class McapRunLog:
         dropped: ticks that the writing process was too slow to take.
 
     Raises:
-        LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
+        LogError: the file exists or is being written, its folder cannot be written, or the package ``mcap``
+            is missing.
     """
 
     def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:
@@ -117,11 +121,15 @@ class McapRunLog:
             os.write(self._pipe.fileno(), pack(Frame(END, 0, 0, str(self.dropped).encode())))
             self._pipe.close()
         self._pipe = None
-        assert self._writer.stderr is not None
-        complaint = self._writer.stderr.read().decode(errors="replace").strip()
+        complaint = self._complaint()
         if self._writer.wait() != 0:
-            reason = (complaint.splitlines() or ["its writer was killed"])[-1]
-            raise LogError(f"the log {self._path} ends before the run does: {reason}")
+            raise LogError(f"the log {self._path} ends before the run does: {complaint}")
+
+    def _complaint(self) -> str:
+        """What the writing process says last; waits until it has ended."""
+        assert self._writer.stderr is not None
+        lines = self._writer.stderr.read().decode(errors="replace").strip().splitlines()
+        return (lines or ["its writer was killed"])[-1]
 
     def _send_facts(self, facts: LogFacts) -> None:
         """The first thing down the pipe, while it may still wait; then wait until the writer is up."""
@@ -129,7 +137,12 @@ class McapRunLog:
         with contextlib.suppress(BrokenPipeError):
             self._pipe.write(pack(Frame(START, 0, 0, msgspec.json.encode(facts))))
             self._pipe.flush()
-        self._writer.stdout.readline()
+        if not self._writer.stdout.readline():
+            with contextlib.suppress(BrokenPipeError):
+                self._pipe.close()
+            complaint = self._complaint()
+            self._writer.wait()
+            raise LogError(complaint)
         os.set_blocking(self._pipe.fileno(), self._wait)
 
     def _put(self, content: bytes) -> None:

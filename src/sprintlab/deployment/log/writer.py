@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import sys
 from io import RawIOBase
@@ -13,7 +15,16 @@ from mcap.writer import CompressionType, Writer
 
 from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
-from sprintlab.deployment.log.topics import CONTRACT_NAME, END, END_NAME, FACTS_NAME, TICK, TOPICS, read_frame
+from sprintlab.deployment.log.topics import (
+    CONTRACT_NAME,
+    END,
+    END_NAME,
+    FACTS_NAME,
+    TICK,
+    TOPICS,
+    LogError,
+    read_frame,
+)
 
 _CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
 
@@ -44,18 +55,70 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
 
     Returns:
         Why the log ends before the stream does; the file then holds what fitted.
+
+    Raises:
+        LogError: another process writes this log, or has written it.
+        OSError: no file can be made in its folder.
     """
     temporary = path.with_name(f".{path.name}.partial")
     failure = None
-    temporary.unlink(missing_ok=True)  # of a writer that was killed; a link would lead elsewhere
-    with temporary.open("xb", buffering=0) as file:
+    with _claimed(temporary, path) as file:
+        print("ready", flush=True)
         try:
             writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
             _write_frames(stream, writer)
         except OSError as error:
             failure = error
-    os.replace(temporary, path)
+        os.replace(temporary, path)
     return failure
+
+
+def _claimed(temporary: Path, path: Path) -> RawIOBase:
+    """A new file that this process holds as long as it is open: of several writers of one log one gets it."""
+    while True:
+        _remove_left(temporary, path)
+        with contextlib.suppress(FileExistsError):
+            file = temporary.open("xb", buffering=0)
+            if _held(file.fileno()) and _is_still(temporary, file.fileno()):
+                break
+            file.close()  # another writer took it for one left behind
+    if os.path.lexists(path):
+        temporary.unlink()
+        file.close()
+        raise LogError(f"{path} exists already; choose another file for the log")
+    return file
+
+
+def _remove_left(temporary: Path, path: Path) -> None:
+    """Remove the file of a writer that was killed, or a link, which would lead elsewhere."""
+    with contextlib.suppress(FileNotFoundError):
+        if not temporary.is_file() or temporary.is_symlink():
+            temporary.unlink()
+            return
+        handle = os.open(temporary, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            if not _held(handle):
+                raise LogError(f"{path} is being written by another run; choose another file for the log")
+            if _is_still(temporary, handle):
+                temporary.unlink()
+        finally:
+            os.close(handle)
+
+
+def _held(handle: int) -> bool:
+    """Whether no other process holds an open file; this one does now, where the disk knows locks."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return not isinstance(error, BlockingIOError)
+    return True
+
+
+def _is_still(path: Path, handle: int) -> bool:
+    """Whether an open file still bears its name."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.path.samestat(path.lstat(), os.fstat(handle))
+    return False
 
 
 def _as_stream(file: RawIOBase) -> Any:
@@ -66,7 +129,6 @@ def _write_frames(stream: IO[bytes], writer: Any) -> None:
     writer.start(profile="", library="sprintlab")
     _write_facts(writer, stream)
     channels = _register(writer)
-    print("ready", flush=True)
     while (frame := read_frame(stream)) is not None:
         if frame.topic == END:
             writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
@@ -98,6 +160,11 @@ def _register(writer: Any) -> list[int]:
 
 
 if __name__ == "__main__":
-    problem = write_log(sys.stdin.buffer, Path(sys.argv[1]))
+    try:
+        problem = write_log(sys.stdin.buffer, Path(sys.argv[1]))
+    except LogError as error:
+        sys.exit(str(error))
+    except OSError as error:
+        sys.exit(f"cannot write {sys.argv[1]}: {error.strerror or error}")
     if problem is not None:
         sys.exit(problem.strerror or str(problem))

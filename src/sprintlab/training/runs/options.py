@@ -17,6 +17,7 @@ from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_setting
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
+_OWN_FOLDERS = ("milestones", "tensorboard", "wandb")
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 
@@ -148,6 +149,14 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
     if not unknown_settings(options.settings.schedule):
         check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
+    _check_own_folders(options.output)
+
+
+def _check_own_folders(output: Path) -> None:
+    """In a run folder that came from elsewhere, a link would lead what the run writes to another place."""
+    for folder in (output / name for name in _OWN_FOLDERS):
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise SprintlabError(f"{folder} is no folder of the run, and its name is needed: move it away")
 
 
 def _check_device(device: str) -> None:

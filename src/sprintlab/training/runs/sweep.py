@@ -13,6 +13,7 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from collections import deque
@@ -142,7 +143,7 @@ class LocalCluster:
     """Processes of this machine, spread over its GPUs.
 
     Args:
-        folder: of submitit's files.
+        folder: in which each job's files get a folder.
         per_gpu: trainings side by side on a GPU, or on the CPU where there is no GPU.
         gpus: numbers of the GPUs.
         minutes: that a job may take.
@@ -159,7 +160,7 @@ class LocalCluster:
         """Start a process on the GPU of this slot."""
         import submitit
 
-        executor = submitit.LocalExecutor(self._folder)
+        executor = submitit.LocalExecutor(new_job_folder(self._folder))
         gpu = [self._gpus[slot % len(self._gpus)]] if self._gpus else []
         executor.update_parameters(
             timeout_min=self._minutes, gpus_per_node=len(gpu), visible_gpus=gpu, tasks_per_node=1
@@ -195,7 +196,7 @@ class SlurmCluster:
     """Jobs of one GPU each on Slurm, with several tasks where trainings share a GPU.
 
     Args:
-        folder: of submitit's files, on a file system that all machines see.
+        folder: in which each job's files get a folder, on a file system that all machines see.
         per_gpu: trainings side by side on a GPU.
         minutes: that a job may take.
         partition: of the cluster; its default when ``None``.
@@ -214,7 +215,7 @@ class SlurmCluster:
         """Queue one job with a task for each of the runs."""
         import submitit
 
-        executor = submitit.AutoExecutor(self._folder, cluster="slurm")
+        executor = submitit.AutoExecutor(new_job_folder(self._folder), cluster="slurm")
         executor.update_parameters(
             name="sprintlab-sweep", timeout_min=int(self._minutes), gpus_per_node=1, tasks_per_node=len(plans)
         )
@@ -224,6 +225,24 @@ class SlurmCluster:
 
     def leave(self, jobs: Sequence[Job]) -> None:
         """Let them run: Slurm keeps them, and the next sweep finds what they have done."""
+
+
+def new_job_folder(jobs: Path) -> Path:
+    """A new folder for submitit's files of one job.
+
+    submitit runs the pickle that bears the job's number, and follows links that bear the names of its logs:
+    in a sweep's folder that came from elsewhere, both may be a stranger's.
+
+    Raises:
+        SprintlabError: ``jobs`` is a link, or no folder can be made in it.
+    """
+    if jobs.is_symlink():
+        raise SprintlabError(f"{jobs} is no folder of the sweep, and its name is needed: move it away")
+    try:
+        jobs.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(dir=jobs))
+    except OSError as error:
+        raise SprintlabError(f"cannot write {jobs}: {error.strerror or error}") from error
 
 
 def job_minutes(minutes: float) -> float:
