@@ -305,6 +305,7 @@ def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironm
     environment.commands.target_speed.fill_(2.0)
     environment.commands.time_to_update.fill_(1.0)
     environment.commands.command[3, 0] = 0.0
+    environment.commands.acceleration.zero_()
     environment.course.copy_(heading_angle(environment.simulation.qpos[:, 3:7]) + 0.1)
     course = environment.course.clone()
     environment._advance_commands(torch.arange(N) == 2)

@@ -12,6 +12,7 @@ from sprintlab.commands import (
     CurriculumSchedule,
     FixedAccelerationSchedule,
     RampedSchedule,
+    TargetSampling,
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
@@ -23,6 +24,10 @@ from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
 )
+TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, turn_share=0.6)
+"""What robots are asked for: all that a runner does, and turns that leave friction to run with."""
+ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25)
+"""ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 
@@ -595,7 +600,7 @@ class TrainingSettings:
     method: str = "sprint"
     robot: str = "bp2"
     actuator_model: MotorModel = "refined"
-    schedule: Schedule = AdaptiveSchedule()
+    schedule: Schedule = ACS
     heading_hold: bool = True
     standing_hold: bool = True
     simulation: SimulationSettings = SimulationSettings()
