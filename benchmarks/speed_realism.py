@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from harness import EVALUATION_PACKAGES, answer, circumstances
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from second_engine import digest
 
@@ -39,9 +38,9 @@ MEASURES = {
     "stance_ms": ("median stance [ms]", 20.0, -1.0),
     "foot_force_body_weights": ("foot force [body weights]", 4.0, 1.0),
 }
-"""What the figure shows over the speed: label, the bound of the audit or of the goal, and which way is good."""
+"""What the figure shows over the speed: label, bound of audit or goal, which way is good."""
 FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.53))
-"""Speed and these measures of policies that are no longer in the package, on their robot and today's plant."""
+"""Speed and these measures of policies that have left the package, on their robot and today's plant."""
 _ROUNDS = ("EFG", "ABC", "W", "PQ")
 _LABELS = ("first weights", "range ahead", "E0 goes on", "standing held, speed rewarded")
 _COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545")
@@ -104,7 +103,9 @@ def _command(trial: dict[str, Any]) -> float:
 def draw(policies: dict[str, Any], path: Path) -> None:
     """A panel a measure: every policy a line over its speeds, coloured by round; the front in black."""
     figure, axes = themed_figure(LIGHT, (12.0, 6.4), 2, 2)
-    for place, (panel, (measured, (label, bound, sign))) in enumerate(zip(axes, MEASURES.items(), strict=True)):
+    for place, (panel, (measured, (label, bound, sign))) in enumerate(
+        zip(axes, MEASURES.items(), strict=True)
+    ):
         for name, row in policies.items():
             _draw_policy(panel, name, row["trials"], measured)
         points = [(trial["speed_m_s"], trial[measured]) for trial in passing(policies)]
