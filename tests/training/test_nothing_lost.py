@@ -23,6 +23,7 @@ if not hasattr(os, "fork"):
 import torch
 
 from sprintlab.cli.main import main
+from sprintlab.cli.train import parse_training
 from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.runs.guard import exclusive
@@ -32,19 +33,26 @@ from sprintlab.training.settings import PpoSettings, SimulationSettings, Trainin
 
 ITERATIONS = 24
 TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,))
-SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY)
+SETTINGS = TrainingSettings(
+    simulation=SimulationSettings(environments=16, timestep=0.005, substeps=4), ppo=TINY
+)
 FLAGS = (
     "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
     "--ppo.steps", "2", "--ppo.epochs", "1", "--ppo.mini-batches", "2",
     "--ppo.hidden", "16", "--no-tensorboard", "--no-cloud",
+    "--simulation.timestep", "0.005", "--simulation.substeps", "4",
 )  # fmt: skip
 TIMING = {"seconds", "steps_per_second"}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def warm() -> None:
-    """Load every kernel before the first fork, and keep to one thread: pools do not survive a fork."""
+    """Load every kernel before the first fork, and keep to one thread: pools do not survive a fork.
+
+    The first reading of the options takes five times as long as every later one.
+    """
     torch.set_num_threads(1)
+    parse_training(FLAGS[1:])
     Runner(SETTINGS, "cpu", "warm").environment.advance()
 
 
