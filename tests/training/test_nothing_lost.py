@@ -33,14 +33,11 @@ from sprintlab.training.settings import PpoSettings, SimulationSettings, Trainin
 
 ITERATIONS = 24
 TINY = PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,))
-SETTINGS = TrainingSettings(
-    simulation=SimulationSettings(environments=16, timestep=0.005, substeps=4), ppo=TINY
-)
+SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=16), ppo=TINY)
 FLAGS = (
     "train", "sprint", "--environments", "16", "--device", "cpu", "--save-seconds", "0",
     "--ppo.steps", "2", "--ppo.epochs", "1", "--ppo.mini-batches", "2",
     "--ppo.hidden", "16", "--no-tensorboard", "--no-cloud",
-    "--simulation.timestep", "0.005", "--simulation.substeps", "4",
 )  # fmt: skip
 TIMING = {"seconds", "steps_per_second"}
 
