@@ -119,6 +119,26 @@ def solved_both_ways(battery, charge, power_at, torch):
     return alone
 
 
+@given(charge=st.floats(-0.1, 1.1), stiffness=st.floats(0.0, 400.0), power=st.floats(-8000.0, 8000.0))
+def test_numbers_and_arrays_give_the_same_voltage_to_the_last_bit(charge, stiffness, power):
+    """Numbers are computed without NumPy: the plant asks for one voltage a millisecond."""
+    battery = Battery()
+
+    def power_at(bus):
+        return power + stiffness * (bus - 50.0)
+
+    for guess in (None, 44.0):
+        alone = shared_bus_voltage(battery, charge, power_at, guess)
+        [among_others] = shared_bus_voltage(battery, np.array([charge]), power_at, guess)
+        assert alone == among_others
+    [left] = discharged(battery, np.array([charge]), power, 0.001)
+    assert discharged(battery, charge, power, 0.001) == left
+
+
+def test_a_power_that_is_no_number_gives_no_voltage():
+    assert np.isnan(shared_bus_voltage(Battery(), 0.5, lambda bus: float("nan")))
+
+
 def test_the_slowest_of_all_searches_ends(surrogate, torch):
     """The worst of a hunt among random robots: after twelve plain secants 2.2 V were missing."""
     battery = Battery(series_cells=19, internal_resistance=0.944, regeneration_limit=100.0)

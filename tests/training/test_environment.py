@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mujoco_warp")
@@ -13,6 +14,7 @@ pytest.importorskip("rsl_rl")
 import torch
 
 from sprintlab.commands import heading_angle
+from sprintlab.control.standing import StandingContract, StandingHold
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.episodes import Ends, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState
@@ -303,6 +305,7 @@ def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironm
     environment.commands.target_speed.fill_(2.0)
     environment.commands.time_to_update.fill_(1.0)
     environment.commands.command[3, 0] = 0.0
+    environment.commands.acceleration.zero_()
     environment.course.copy_(heading_angle(environment.simulation.qpos[:, 3:7]) + 0.1)
     course = environment.course.clone()
     environment._advance_commands(torch.arange(N) == 2)
@@ -312,3 +315,50 @@ def test_the_heading_is_held_while_no_turn_is_wanted(environment: SprintEnvironm
     assert environment.commands.command[3].abs().max() == 0.0, "it is asked to stand, and nothing else"
     assert environment.course[2] == pytest.approx(float(course[2]) - 0.1, abs=1e-5)
     assert torch.equal(environment.course[3:], course[3:])
+
+
+def asked_to_stand(environment: SprintEnvironment, estimated: float) -> torch.Tensor:
+    """Nobody fresh, everybody at rest and told so; returns that nobody is fresh."""
+    environment.commands.command.zero_()
+    environment.commands.target_speed.zero_()
+    environment.estimate.zero_()
+    environment.estimate[:, 0] = estimated
+    environment.held.zero_()
+    return torch.zeros(N, dtype=torch.bool)
+
+
+def test_a_robot_that_stands_as_asked_is_held_as_the_runtime_holds_it(environment: SprintEnvironment) -> None:
+    nobody = asked_to_stand(environment, 0.5)
+    hold = StandingHold(StandingContract(), rate_hz=50.0)
+    rest, moving, upright = (np.array(values) for values in ([0.0] * 3, [2.0, 0.0, 0.0], [0.0, 0.0, -1.0]))
+    hold.share(moving, rest, upright)
+    for _ in range(40):
+        assert not environment._hold(nobody).any()
+        share = hold.share(rest, np.array([0.5, 0.0, 0.0]), upright)
+        assert (1.0 - environment.held).tolist() == pytest.approx([share] * N, abs=1e-6)
+    environment.write_action(torch.ones(N, 12))
+    assert environment.action.amax().item() == pytest.approx(share, abs=1e-6)
+
+
+def test_a_robot_that_is_let_go_has_forgotten_what_it_did(environment: SprintEnvironment) -> None:
+    nobody = asked_to_stand(environment, 0.5)
+    environment._hold(nobody)
+    environment.previous_action.fill_(1.0)
+    environment.commands.command[: N // 2, 0] = 1.0
+    released = environment._hold(nobody)
+    assert released.tolist() == [True] * (N // 2) + [False] * (N // 2)
+    for buffer in (environment.previous_action, environment.estimate):
+        assert not buffer[released].any() and buffer[~released].any()
+
+
+def test_who_runs_or_has_no_estimate_is_not_held(environment: SprintEnvironment) -> None:
+    for estimated in (2.0, 0.0):
+        nobody = asked_to_stand(environment, estimated)
+        environment._hold(nobody)
+        assert not environment.held.any()
+    asked_to_stand(environment, 0.0)
+    environment.running_speed.copy_(torch.where(torch.arange(N) < 4, 5.0, 0.1))
+    environment._hold(~nobody)
+    assert environment.held.tolist() == [0.0] * 4 + [1.0] * (N - 4), (
+        "a fresh start stands, or is thrown ahead"
+    )

@@ -42,6 +42,7 @@ def still(**body: torch.Tensor) -> RewardInput:
     return RewardInput(
         body=BodyState(**{**zeros, **body}),
         command=torch.zeros(1, 3),
+        target_speed=torch.full((1,), 20.0),
         action=joints,
         previous_action=joints,
         earlier_action=joints,
@@ -143,8 +144,16 @@ def test_fine_tracking_has_a_slope_everywhere() -> None:
 
 def test_running_backward_on_command_is_progress() -> None:
     inputs = still(velocity=row(-1.5, 0, 0))
-    assert tracking(inputs._replace(command=row(-2, 0, 0)))[2].item() == pytest.approx(0.15)
-    assert tracking(inputs._replace(command=row(2, 0, 0)))[2].item() == 0.0
+    backward = inputs._replace(target_speed=torch.tensor([-3.0]))
+    assert tracking(backward._replace(command=row(-2, 0, 0)))[2].item() == pytest.approx(0.15)
+    assert tracking(backward._replace(command=row(2, 0, 0)))[2].item() == 0.0
+
+
+def test_a_robot_asked_to_brake_earns_no_progress_by_running_on() -> None:
+    running = still(velocity=row(8, 0, 0))._replace(command=row(7, 0, 0))
+    for target, earned in ((9.0, 0.7), (7.0, 0.7), (3.0, 0.3), (0.0, 0.0), (-1.0, 0.0)):
+        asked = running._replace(target_speed=torch.tensor([target]))
+        assert tracking(asked)[2].item() == pytest.approx(earned)
 
 
 def test_penalties_of_a_broken_robot_are_finite() -> None:

@@ -14,7 +14,7 @@ from sprintlab.cli.train import parse_training
 from sprintlab.commands import AdaptiveSchedule, UniformSchedule
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import Battery, HousedHeat, WindingHeat
-from sprintlab.training.methods import ALL_METHODS
+from sprintlab.training.methods import ALL_METHODS, METHODS
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.runs.run_file import read_run_file, run_text
 from sprintlab.training.settings import PpoSettings, SimulationSettings, StageSettings, TrainingSettings
@@ -160,6 +160,15 @@ def test_what_the_method_would_replace_is_refused_where_it_is_typed(words: list[
         parse_training(words)
     kept = parse_training([words[0], "--keep-schedule", "--keep-motor-model", *words[1:]])
     assert kept.full_settings().schedule == kept.settings.schedule
+
+
+def test_a_schedule_that_is_kept_begins_with_that_of_the_methods(tmp_path: Path) -> None:
+    """What a file does not name was zero for two rounds of trainings: no ramps, nobody asked backward."""
+    for head in ("", 'kind = "adaptive-schedule"\n'):
+        path = written_text(tmp_path, f"keep_schedule = true\n[schedule]\n{head}keeps_rest = true\n")
+        kept = parse_training(["--config", str(path)]).full_settings().schedule
+        assert kept == replace(METHODS["sprint"].schedule, keeps_rest=True)
+        path.unlink()
 
 
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -220,10 +221,15 @@ def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None
 
 
 def test_the_noise_calms_down_where_it_is_told_to() -> None:
-    """The floor follows the iteration, also after a resume, and the policy's noise follows the floor."""
+    """Floor and ceiling follow the iteration, also after a resume, and the policy's noise follows them."""
     ppo = replace(SETTINGS.ppo, least_std=0.4, calm_iterations=(1, 3), calm_std=0.2, initial_std=0.41)
+    assert ppo.noise_ceiling(9) == math.inf
+    ppo = replace(ppo, most_std=0.8)
     assert [ppo.noise_floor(iteration) for iteration in (0, 1, 2, 3, 9)] == pytest.approx(
         [0.4, 0.4, 0.3, 0.2, 0.2]
+    )
+    assert [ppo.noise_ceiling(iteration) for iteration in (0, 2, 3, 9)] == pytest.approx(
+        [math.inf, 0.5, 0.2, 0.2]
     )
     runner = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
     runner.iterate()
@@ -234,6 +240,10 @@ def test_the_noise_calms_down_where_it_is_told_to() -> None:
     runner.iterate()
     resumed = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
     resumed.load(runner.state())
+    with torch.no_grad():
+        runner.learner.actor.std.fill_(0.3)
+    runner.iterate()
+    assert runner.learner.actor.std.tolist() == pytest.approx([0.2] * 12)
     assert float(resumed.learner.least_std) == float(runner.learner.least_std) == pytest.approx(0.2)
     rates = [float(learner.estimator_rate) for learner in (runner.learner, resumed.learner)]
     assert rates == pytest.approx(2 * [SETTINGS.estimator.calm_learning_rate])

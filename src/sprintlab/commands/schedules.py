@@ -320,6 +320,11 @@ class AdaptiveSchedule(TargetSchedule):
         for field in ("biased_share", "ramp_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
 
+    @property
+    def follows_targets(self) -> bool:
+        """Whether any command moves toward its target; the paper's, as printed, wander."""
+        return self.biased_share > 0.0 or self.ramp_share > 0.0
+
     def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
         xp = namespace(step.random)
         remaining = state.time_to_update - step.dt

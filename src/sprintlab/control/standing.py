@@ -2,8 +2,8 @@
 
 A policy that is trained to run steps on the spot when it is asked to stand: it costs several hundred watts,
 and the robot wanders. Its targets are therefore blended into the default pose once the command is rest and
-the estimated speed is low, until another command comes or the trunk tips. (The estimate cannot say when to
-let go: the estimator was never trained on a robot that stands, and says up to 1.1 m/s of one.)
+the estimated speed is low, until another command comes or the trunk tips. Training and the robot's runtime
+do it by the same function.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from sprintlab.control.arrays import Array, namespace
 from sprintlab.control.filters import low_pass, low_pass_coefficient
 from sprintlab.core.checks import check_positive, check_range
 
@@ -47,6 +48,42 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         check_positive("standing.blend_time", self.blend_time, "s")
 
 
+def standing_share(
+    contract: StandingContract,
+    held: Array,
+    *,
+    command: Array,
+    velocity: Array,
+    gravity: Array,
+    rate_hz: float,
+) -> Array:
+    """Share of the default pose in a robot's targets one policy step later ``(...)``, 0 to 1.
+
+    Zero wherever the robot is not asked to stand, or tips; else, from a low estimated speed on, it rises to
+    one, and a speed that is estimated later does not end it.
+
+    Args:
+        contract: speed, tilt and time constant.
+        held: the share now ``(...)``.
+        command: forward, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
+        velocity: estimated, body frame [m/s] ``(..., 2)`` or more.
+        gravity: unit vector, body frame ``(..., 3)``.
+        rate_hz: of the policy [Hz].
+    """
+    xp = namespace(command)
+    asked = xp.all(xp.abs(command) < REST_COMMAND, axis=-1)
+    upright = _squared(gravity) < math.sin(contract.release_tilt) ** 2
+    slow = (held > 0.0) | (_squared(velocity) < contract.hold_speed**2)
+    coefficient = low_pass_coefficient(1.0 / (2.0 * math.pi * contract.blend_time), rate_hz)
+    risen = low_pass(held, 1.0, coefficient)
+    return xp.where(asked & upright & slow, risen, xp.zeros_like(risen))
+
+
+def _squared(vector: Array) -> Array:
+    """Squared length of the first two of its numbers ``(...)``."""
+    return vector[..., 0] ** 2 + vector[..., 1] ** 2
+
+
 class StandingHold:
     """Says from step to step which share of the policy's action is used.
 
@@ -56,18 +93,17 @@ class StandingHold:
     """
 
     def __init__(self, contract: StandingContract, rate_hz: float) -> None:
-        self._contract = contract
-        self._step = low_pass_coefficient(1.0 / (2.0 * math.pi * contract.blend_time), rate_hz)
+        self._contract, self._rate_hz = contract, rate_hz
         self.reset()
 
     @property
     def held(self) -> bool:
         """Whether the pose has begun to take over."""
-        return self._held > 0.0
+        return bool(self._held > 0.0)
 
     def reset(self) -> None:
         """Begin anew: a robot that is asked to stand from the start is held at once."""
-        self._held = 1.0
+        self._held: Array = np.asarray(1.0)
 
     def share(self, command: FloatArray, velocity: FloatArray, gravity: FloatArray) -> float:
         """Share of the action to use, 0 to 1; at once 1 when the command is not rest.
@@ -77,11 +113,12 @@ class StandingHold:
             velocity: estimated, body frame [m/s] ``(3,)``.
             gravity: unit vector, body frame ``(3,)``.
         """
-        resting = bool((np.abs(command) < REST_COMMAND).all())
-        upright = math.hypot(gravity[0], gravity[1]) < math.sin(self._contract.release_tilt)
-        slow = self.held or math.hypot(velocity[0], velocity[1]) < self._contract.hold_speed
-        if not (resting and upright and slow):
-            self._held = 0.0
-            return 1.0
-        self._held = float(low_pass(self._held, 1.0, self._step))
-        return 1.0 - self._held
+        self._held = standing_share(
+            self._contract,
+            self._held,
+            command=command,
+            velocity=velocity,
+            gravity=gravity,
+            rate_hz=self._rate_hz,
+        )
+        return 1.0 - float(self._held)

@@ -55,6 +55,7 @@ class Recorder:
         self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
         self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         self._feet = np.array([model.geom(f"{leg}_foot").id for leg in legs])
+        self._foot_z = 3 * self._feet + 2  # of all places of geoms in one row
         self._capsules = np.array([[model.geom(f"{leg}_{name}").id for name in _CAPSULES] for leg in legs])
         self._capsule_size = model.geom_size[self._capsules, :2].copy()
         self._shanks = np.array([model.body(f"{leg}_shank").id for leg in legs])
@@ -101,8 +102,13 @@ class Recorder:
 
     def watch_step(self, data: mujoco.MjData) -> None:
         """Remember how low the feet are and what they bear: an impact is over before the next sample."""
-        np.minimum(self._lowest_foot, self._height(data.geom_xpos[self._feet]), out=self._lowest_foot)
+        self._watch_feet(data)
         self._loads.watch_step(data)
+
+    def _watch_feet(self, data: mujoco.MjData) -> None:
+        places = data.geom_xpos
+        height = places.take(self._foot_z) if self._rough is None else self._height(places[self._feet])
+        np.minimum(self._lowest_foot, height, out=self._lowest_foot)
 
     def _height(self, feet: FloatArray) -> FloatArray:
         """Of places ``(..., 3)`` above the ground below them [m]."""
@@ -125,7 +131,7 @@ class Recorder:
         raw["joint_torque"][index] = drive.torque
         self._sample_supply(index)
         positions = data.geom_xpos
-        np.minimum(self._lowest_foot, self._height(positions[self._feet]), out=self._lowest_foot)
+        self._watch_feet(data)
         raw["foot_force"][index], raw["gear_torque"][index] = self._loads.take()
         raw["foot_position"][index] = positions[self._feet]
         raw["lowest_foot"][index] = self._lowest_foot
@@ -198,15 +204,13 @@ class _Loads:
     """What feet and gears bear between two samples, from every physics step."""
 
     def __init__(self, model: mujoco.MjModel, robot: RobotDescription, motor_rate: float) -> None:
-        self._model = model
         self._step = model.opt.timestep
         self._substeps = round(1.0 / (motor_rate * self._step))
         self._joints = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         self._armature = model.dof_armature[self._joints].copy()
         self._leg = foot_table(model, robot)
-        self._wrench = np.zeros(6)
         self._velocity = np.zeros(len(self._joints))
-        self._force = np.zeros(len(robot.leg_names))
+        self._force = [0.0] * len(robot.leg_names)
         self._torque = np.zeros(len(self._joints))
         self._steps = self._since_sample = 0
 
@@ -220,12 +224,13 @@ class _Loads:
             self._compare_torques(data)
 
     def _add_forces(self, data: mujoco.MjData) -> None:
-        geoms = data.contact.geom
-        for contact, leg in enumerate(self._leg[geoms[:, 0], geoms[:, 1]].tolist()):
-            if leg >= 0:
-                # Normal force first: the vertical one on level ground.
-                mujoco.mj_contactForce(self._model, data, contact, self._wrench)
-                self._force[leg] += self._wrench[0]
+        contacts, forces = data.contact, data.efc_force
+        rows = contacts.efc_address.tolist()
+        for (first, second), row in zip(contacts.geom.tolist(), rows, strict=True):
+            leg = self._leg.item(first, second)
+            if leg >= 0 and row >= 0:
+                # An elliptic cone's first force is the normal one: the vertical one on level ground.
+                self._force[leg] += forces.item(row)
 
     def _compare_torques(self, data: mujoco.MjData) -> None:
         velocity = data.qvel[self._joints]
@@ -236,8 +241,8 @@ class _Loads:
 
     def take(self) -> tuple[FloatArray, FloatArray]:
         """Mean vertical force ``(legs,)`` [N], top gear torque ``(joints,)`` [N m] since the last call."""
-        taken = self._force / max(1, self._since_sample), self._torque
-        self._force, self._torque = np.zeros_like(self._force), np.zeros_like(self._torque)
+        taken = np.array(self._force) / max(1, self._since_sample), self._torque
+        self._force, self._torque = [0.0] * len(self._force), np.zeros_like(self._torque)
         self._since_sample = 0
         return taken
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, TypeAlias
 
 import array_api_compat
@@ -31,9 +32,48 @@ def as_arrays(*values: Array) -> tuple[Any, list[Array]]:
     return np, _as_numpy(values)
 
 
+class Floats:
+    """What a law asks of an array library, for Python numbers: 0-d arrays take ten times as long."""
+
+    sqrt = staticmethod(math.sqrt)
+    abs = staticmethod(abs)
+
+    @staticmethod
+    def minimum(first: float, second: float) -> float:
+        """As ``numpy.minimum``: NaN where one of them is."""
+        return first if first <= second or first != first else second
+
+    @staticmethod
+    def maximum(first: float, second: float) -> float:
+        """As ``numpy.maximum``: NaN where one of them is."""
+        return first if first >= second or first != first else second
+
+    @staticmethod
+    def zeros_like(value: float) -> float:
+        """Zero."""
+        return 0.0
+
+    @staticmethod
+    def ones_like(value: float) -> float:
+        """One."""
+        return 1.0
+
+    @staticmethod
+    def where(condition: bool, chosen: float, other: float) -> float:
+        """One of two numbers."""
+        return chosen if condition else other
+
+
+def as_values(*values: Array) -> tuple[Any, list[Array]]:
+    """As ``as_arrays``, but numbers stay numbers, with ``Floats`` in the place of a library."""
+    if all(isinstance(value, (int, float)) for value in values):
+        return Floats, [float(value) for value in values]
+    return as_arrays(*values)
+
+
 def _as_numpy(values: tuple[Array, ...]) -> list[Array]:
     """Numbers take the type of the arrays; this is on the path of every simulated millisecond."""
-    arrays = [value for value in values if not isinstance(value, int | float)]
+    arrays = [value for value in values if not isinstance(value, (int, float))]
     dtype = np.result_type(np.float32, *arrays) if arrays else np.float64
     return [np.asarray(value, dtype) for value in values]
 

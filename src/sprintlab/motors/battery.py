@@ -17,7 +17,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors.arrays import Array, as_arrays
+from sprintlab.motors.arrays import Array, Floats, as_arrays, as_values
 
 SECONDS_PER_HOUR = 3600.0
 _SOLVER_STEPS = 34  # so many bisections narrow 1.7 MV, more than any pack's bracket, to the tolerance
@@ -80,7 +80,7 @@ def open_circuit_voltage(battery: Battery, state_of_charge: Array) -> Array:
         battery: the pack.
         state_of_charge: any shape [-]; below 0 and above 1 the ends of the table hold.
     """
-    xp, (charge,) = as_arrays(state_of_charge)
+    xp, (charge,) = as_values(state_of_charge)
     voltage = xp.zeros_like(charge) + battery.voltage_table[0]
     steps = zip(pairwise(battery.charge_table), pairwise(battery.voltage_table), strict=True)
     for (start, end), (low, high) in steps:
@@ -106,8 +106,8 @@ def loaded_voltage(battery: Battery, state_of_charge: Array, power: Array) -> Ar
 
 def _under_load(battery: Battery, source: Array, power: Array) -> Array:
     """``loaded_voltage`` of a pack whose open-circuit voltage is known."""
-    xp, (power, source) = as_arrays(power, source)
-    squared = source**2 - 4.0 * battery.internal_resistance * power
+    xp, (power, source) = as_values(power, source)
+    squared = source * source - 4.0 * battery.internal_resistance * power
     voltage = 0.5 * (source + xp.sqrt(xp.maximum(squared, xp.zeros_like(squared))))
     return xp.minimum(voltage, source + battery.internal_resistance * battery.regeneration_limit)
 
@@ -137,19 +137,21 @@ def shared_bus_voltage(
     Returns:
         Shaped like ``state_of_charge``.
     """
-    xp, (source,) = as_arrays(open_circuit_voltage(battery, state_of_charge))
+    source = open_circuit_voltage(battery, state_of_charge)
+    xp, (source, first) = as_values(source, source if guess is None else guess)
 
     def residual(voltage: Array) -> Array:
-        return voltage - _under_load(battery, source, power_at(voltage))
+        power = power_at(voltage)
+        return voltage - _under_load(battery, source, float(power) if xp is Floats else power)
 
     low, high = 0.5 * source, source + battery.internal_resistance * battery.regeneration_limit
-    older = high if guess is None else xp.minimum(xp.maximum(as_arrays(guess, source)[1][0], low), high)
+    older = high if guess is None else xp.minimum(xp.maximum(first, low), high)
     older_error = residual(older)
     voltage, room = older - older_error, _SOLVER_TOLERANCE * 2.0**_SOLVER_STEPS
     for _ in range(_SOLVER_STEPS):
         error = residual(voltage)
         found = xp.abs(error) < _SOLVER_TOLERANCE
-        if xp is np and bool(found.all()):
+        if found is True or (xp is np and bool(found.all())):
             break
         low, high = xp.where(error > 0, low, voltage), xp.where(error > 0, voltage, high)
         room *= 0.5
@@ -174,7 +176,7 @@ def battery_current(battery: Battery, voltage: Array, power: Array) -> Array:
 
 def discharged(battery: Battery, state_of_charge: Array, current: Array, duration: float) -> Array:
     """State of charge after a current [A] has flown for a duration [s]; stays within 0 and 1."""
-    xp, (charge, current) = as_arrays(state_of_charge, current)
+    xp, (charge, current) = as_values(state_of_charge, current)
     left = charge - current * (duration / (SECONDS_PER_HOUR * battery.capacity))
     nothing = xp.zeros_like(left)
     return xp.minimum(xp.maximum(left, nothing), nothing + 1.0)

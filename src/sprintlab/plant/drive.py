@@ -77,18 +77,24 @@ class PreparedDrive:
         self._bus_voltage = bus_voltage
         self._voltage = float(phase_voltage_limit(bus_voltage))
 
-    def set_temperature(self, heat: WindingHeat, temperature: FloatArray) -> None:
-        """Go on with the motors that windings at ``temperature`` ``(12,)`` [degC] make: ``heated_motor``."""
+    def set_temperature(self, heat: WindingHeat, temperature: FloatArray) -> FloatArray:
+        """Go on with the motors that windings at ``temperature`` ``(12,)`` [degC] make: ``heated_motor``.
+
+        Returns:
+            What is left of the flux ``(12,)`` [-].
+        """
         cold = self._cold_motors
         if self._model == "flux-weakening":
             self._warm_motors = self._motors = heated_motor(cold, heat, temperature)
         flux = flux_factor(heat, temperature)
         resistance = cold.stator_resistance * resistance_factor(heat, temperature)
         self._set_windings(resistance, cold.flux_linkage * flux, cold.peak_torque * flux)
+        return flux
 
     def limit_current(self, current: FloatArray) -> None:
         """Go on with a current limit ``(joints,)`` [A] in place of the peak current where it is lower."""
         self._limit = np.minimum(self._peak, self._torque_constant * current)
+        self._least = -self._limit
         if self._model == "flux-weakening":
             limited = MotorValues.of(self._warm_motors)._replace(peak_torque=self._limit)
             self._motors = cast("PmsmParameters", limited)
@@ -102,20 +108,26 @@ class PreparedDrive:
         self._torque_constant = np.asarray(1.5 * self._cold_motors.pole_pairs * flux_linkage, dtype=float)
         self._brake = np.asarray(resistance * flux_linkage, dtype=float)
         self._peak = self._limit = np.asarray(peak_torque, dtype=float)
+        self._least = -self._limit
         self._saturation = np.asarray(self._cold_motors.saturation / peak_torque, dtype=float)
 
     def __call__(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
         """What ``drive_torque`` gives for joint torques [N m] and velocities [rad/s], both ``(joints,)``."""
-        lower, upper = self.limits(joint_velocity)
-        motor_torque = np.minimum(np.maximum(desired_joint_torque / self._ratio, lower), upper)
+        output = self.currents(desired_joint_torque, joint_velocity)
+        motor_torque = output.motor_torque
         shaft = motor_torque * (1.0 - self._saturation * np.abs(motor_torque))
         direction = np.sign(shaft) * np.tanh(joint_velocity * (1.0 / TURNING_SPEED))
-        torque = shaft * self._ratio * np.exp(self._gear_loss * direction)
-        if self._model != "flux-weakening":
-            return DriveOutput(torque, motor_torque, lower, upper)
-        speed = joint_velocity * self._ratio
-        direct = weakening_current(self._motors, motor_torque, speed, self._bus_voltage)
-        return DriveOutput(torque, motor_torque, lower, upper, direct)
+        return output._replace(torque=shaft * self._ratio * np.exp(self._gear_loss * direction))
+
+    def currents(self, desired_joint_torque: FloatArray, joint_velocity: FloatArray) -> DriveOutput:
+        """The same without what becomes of it behind the motors: ``torque`` is NaN."""
+        lower, upper = self.limits(joint_velocity)
+        motor_torque = np.minimum(np.maximum(desired_joint_torque / self._ratio, lower), upper)
+        direct = 0.0
+        if self._model == "flux-weakening":
+            speed = joint_velocity * self._ratio
+            direct = weakening_current(self._motors, motor_torque, speed, self._bus_voltage)
+        return DriveOutput(np.nan, motor_torque, lower, upper, direct)
 
     def copper_loss(self, output: DriveOutput) -> FloatArray:
         """What ``sprintlab.motors.copper_loss`` gives for what the drives gave ``(12,)`` [W]."""
@@ -133,7 +145,7 @@ class PreparedDrive:
     def limits(self, joint_velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What ``torque_limits`` gives, motor side [N m], for joint velocities [rad/s] ``(joints,)``."""
         if self._model == "square":
-            return -self._limit, self._limit
+            return self._least, self._limit
         if self._model == "flux-weakening":
             return torque_limits(self._motors, joint_velocity * self._ratio, self._bus_voltage, self._model)
         speed = joint_velocity * self._electrical_ratio
@@ -148,7 +160,7 @@ class PreparedDrive:
         return self._clip(lower), self._clip(upper)
 
     def _clip(self, torque: FloatArray) -> FloatArray:
-        return np.maximum(np.minimum(torque, self._limit), -self._limit)
+        return np.maximum(np.minimum(torque, self._limit), self._least)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,8 +257,7 @@ class SuppliedDrive:
         """
         desired = desired_joint_torque
         if self._heat is not None:
-            self._drive.set_temperature(self._heat, self._temperature)
-            desired = desired * flux_factor(self._heat, self._temperature)
+            desired = desired * self._drive.set_temperature(self._heat, self._temperature)
         if self._i2t is not None:
             continuous = self._i2t.continuous_current
             self._drive.limit_current(i2t_current(continuous, self._level, self._decay))
@@ -277,9 +288,9 @@ class SuppliedDrive:
     def _load_bus(self, battery: Battery, desired: FloatArray, velocity: FloatArray) -> None:
         """Find the bus voltage at which the torques draw just the power that lowers the bus to it."""
 
-        def power_at(voltage: FloatArray) -> FloatArray:
-            self._drive.set_bus_voltage(float(voltage))
-            return np.asarray(self._drive.power(self._drive(desired, velocity), velocity))
+        def power_at(voltage: float) -> float:
+            self._drive.set_bus_voltage(voltage)
+            return self._drive.power(self._drive.currents(desired, velocity), velocity)
 
         self._bus_voltage = float(shared_bus_voltage(battery, self._charge, power_at, self._bus_voltage))
         self._lowest = min(self._lowest, self._bus_voltage)

@@ -352,9 +352,10 @@ class Plant:
 
     def _apply_stops(self) -> None:
         """Elastic end stops, outside the motor; skipped where no joint is in its zone."""
-        position = self._position[self._joint_position]
-        free = ((position > self._free_lower) & (position < self._free_upper)).all()
+        within = (self._position > self._free_lower) & (self._position < self._free_upper)
+        free = np.count_nonzero(within) == len(within)  # a third of the time that ``all`` takes
         if not free:
+            position = self._position[self._joint_position]
             velocity = self._velocity[self._joint_velocity]
             self.data.qfrc_applied[self._joint_velocity] = soft_stop_torque(
                 position, velocity, self.robot.position_limits, self.robot.soft_stop
@@ -371,8 +372,8 @@ class Plant:
             return "left the rough ground"
         if self.data.ncon == 0:
             return ""
-        geoms = self.data.contact.geom
-        return _FALLS[int(self._fall_table[geoms[:, 0], geoms[:, 1]].max())]
+        pairs = self.data.contact.geom.tolist()
+        return _FALLS[max(self._fall_table.item(first, second) for first, second in pairs)]
 
     def _apply_settings(self, settings: TrialSettings) -> None:
         model = self.model
@@ -392,7 +393,9 @@ class Plant:
         self._joint_position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
         self._joint_velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
         lower, upper = robot.position_limits.T
-        self._free_lower, self._free_upper = lower + robot.soft_stop.zone, upper - robot.soft_stop.zone
+        self._free_lower, self._free_upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+        self._free_lower[self._joint_position] = lower + robot.soft_stop.zone
+        self._free_upper[self._joint_position] = upper - robot.soft_stop.zone
         self._fall_table, self._foot_table = _fall_table(model, robot), foot_table(model, robot)
         self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0

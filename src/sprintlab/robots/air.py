@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,4 +23,4 @@ def air_drag(velocity: NDArray[np.float64], drag_area: float) -> NDArray[np.floa
         velocity: of the trunk in the world ``(3,)`` [m/s].
         drag_area: CdA [m^2].
     """
-    return -0.5 * AIR_DENSITY * drag_area * float(np.linalg.norm(velocity)) * velocity
+    return -0.5 * AIR_DENSITY * drag_area * math.sqrt(velocity.dot(velocity)) * velocity

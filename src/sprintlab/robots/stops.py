@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
 from sprintlab.motors import Array
@@ -25,7 +26,8 @@ def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop:
     Returns:
         ``(..., n)``, computed without waiting for the device.
     """
-    xp = array_namespace(position, velocity, limits)
+    # Asking what an array is takes longer than the law, and a lying robot comes here 4000 times a second.
+    xp = np if type(position) is np.ndarray else array_namespace(position, velocity, limits)
     below = limits[..., 0] + soft_stop.zone - position
     above = position - (limits[..., 1] - soft_stop.zone)
     return _push(xp, below, -velocity, soft_stop) - _push(xp, above, velocity, soft_stop)
@@ -34,5 +36,4 @@ def soft_stop_torque(position: Array, velocity: Array, limits: Array, soft_stop:
 def _push(xp: Any, depth: Array, depth_rate: Array, soft_stop: SoftStop) -> Array:
     """Size of one stop's push: spring and damper while in the zone, else zero."""
     push = soft_stop.stiffness * depth + soft_stop.damping * depth_rate
-    nothing = xp.zeros_like(push)
-    return xp.where((depth > 0) & (push > 0), push, nothing)
+    return xp.where((depth > 0) & (push > 0), push, 0.0)

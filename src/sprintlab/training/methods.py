@@ -20,7 +20,7 @@ from sprintlab.commands import (
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import Battery, MotorModel
-from sprintlab.training.settings import RewardSettings, RewardWeight, Schedule, TrainingSettings
+from sprintlab.training.settings import ACS, TARGETS, RewardSettings, RewardWeight, Schedule, TrainingSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,10 +50,6 @@ class Method:
     source: str = ""
 
 
-TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, turn_share=0.6)
-"""What robots are asked for: all that a runner does, and turns that leave friction to run with."""
-ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25)
-"""ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 UNIFORM = UniformSchedule(targets=replace(TARGETS, top_share=0.0, grid=None))
 
 METHODS = {

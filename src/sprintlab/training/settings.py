@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import asdict, dataclass, field, replace
 
 from sprintlab.commands import (
@@ -11,6 +12,7 @@ from sprintlab.commands import (
     CurriculumSchedule,
     FixedAccelerationSchedule,
     RampedSchedule,
+    TargetSampling,
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
@@ -22,6 +24,10 @@ from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
 )
+TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, turn_share=0.6)
+"""What robots are asked for: all that a runner does, and turns that leave friction to run with."""
+ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25)
+"""ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 
@@ -110,9 +116,9 @@ class RewardSettings:
         linear_tracking: of ``exp(-|v_xy - command|^2)``.
         angular_tracking: of ``exp(-angular_sharpness (yaw rate - command)^2)``.
         angular_sharpness: one in the paper.
-        progress: of the speed in the commanded direction over 10 m/s, up to the commanded speed; not in the
-            paper. Under ACS the command follows the robot, so that tracking alone pays no more at 12 m/s
-            than at 8.
+        progress: of the speed in the commanded direction over 10 m/s, up to the commanded speed and to the
+            target; not in the paper. Under ACS the command follows the robot, so that tracking alone pays no
+            more at 12 m/s than at 8.
         fine_speed_tracking, fine_yaw_tracking: of ``exp(-|error| / width)`` with narrow widths and the mean
             speed and yaw rate of about a stride; not in the paper, whose kernels are flat below 0.3.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
@@ -442,6 +448,8 @@ class PpoSettings:
             policy runs without noise, and what it is to run like should be practised and estimated. None: it
             stays.
         calm_std: floor at the end [-].
+        most_std: ceiling in the first of those iterations, which sinks to ``calm_std`` with the floor; the
+            entropy bonus may keep the noise twice as high as its floor. None: there is no ceiling.
         quiet_share: of the robots, spread evenly: from ``stages.steady_iteration`` on they act with
             ``quiet_noise`` of the others' action noise.
             A policy runs without noise, and what it does then must have been practised: with noise
@@ -472,6 +480,7 @@ class PpoSettings:
     least_std: float = 0.3
     calm_iterations: tuple[int, int] | None = None
     calm_std: float = 0.15
+    most_std: float | None = None
     quiet_share: float = 0.35
     quiet_noise: float = 0.25
     mirror_epochs: bool = False
@@ -492,6 +501,8 @@ class PpoSettings:
         check_range("quiet_noise", self.quiet_noise, 1e-3, 1.0)
         if self.calm_iterations is not None:
             check_range("calm_std", self.calm_std, 1e-6, self.least_std)
+            if self.most_std is not None:
+                check_range("most_std", self.most_std, self.least_std, math.inf)
             check_range("calm_iterations[0]", self.calm_iterations[0], 0, self.calm_iterations[1] - 1)
 
     def calm_share(self, iteration: int) -> float:
@@ -504,6 +515,13 @@ class PpoSettings:
     def noise_floor(self, iteration: int) -> float:
         """The least deviation of the action noise in an iteration of the run."""
         return self.least_std + self.calm_share(iteration) * (self.calm_std - self.least_std)
+
+    def noise_ceiling(self, iteration: int) -> float:
+        """The greatest deviation of the action noise in an iteration of the run."""
+        calm = self.calm_share(iteration)
+        if self.most_std is None or calm == 0.0:
+            return math.inf
+        return self.most_std + calm * (self.calm_std - self.most_std)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -569,6 +587,8 @@ class TrainingSettings:
         schedule: how commands evolve.
         heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
             evaluation closes; without it nothing teaches the robot to run straight.
+        standing_hold: robots that are asked to stand, and nearly do, are held in their default pose, as
+            ``PolicyRuntime`` does it: the estimator sees robots that stand, and runs begin from there.
         prior: strides that are rewarded at the start; none in the paper.
         seed: of every random generator.
 
@@ -580,8 +600,9 @@ class TrainingSettings:
     method: str = "sprint"
     robot: str = "bp2"
     actuator_model: MotorModel = "refined"
-    schedule: Schedule = AdaptiveSchedule()
+    schedule: Schedule = ACS
     heading_hold: bool = True
+    standing_hold: bool = True
     simulation: SimulationSettings = SimulationSettings()
     rewards: RewardSettings = RewardSettings()
     randomization: RandomizationSettings = RandomizationSettings()

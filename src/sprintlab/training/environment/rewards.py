@@ -34,6 +34,7 @@ class RewardInput(NamedTuple):
     Attributes:
         body: state after the step.
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(n, 3)``, in force during the step.
+        target_speed: where the commanded forward speed is on its way to [m/s] ``(n,)``.
         action: of this step ``(n, joints)``.
         previous_action: of the step before ``(n, joints)``.
         earlier_action: of two steps before ``(n, joints)``.
@@ -51,6 +52,7 @@ class RewardInput(NamedTuple):
 
     body: BodyState
     command: torch.Tensor
+    target_speed: torch.Tensor
     action: torch.Tensor
     previous_action: torch.Tensor
     earlier_action: torch.Tensor
@@ -150,12 +152,14 @@ def tracking(
     """What is rewarded, unweighted, each ``(n,)``.
 
     ``exp(-|v_xy - command|^2)``, ``exp(-angular_sharpness (yaw rate - command)^2)``, and the speed in the
-    commanded direction, up to the commanded one, over 10 m/s.
+    commanded direction, up to the commanded one and to the target, over 10 m/s. A command that follows a
+    robot which brakes would pay for not braking.
     """
     error = (x.command[:, :2] - x.body.velocity[:, :2]).square().sum(1)
     turn = (x.command[:, 2] - x.body.angular_velocity[:, 2]).square()
-    wanted = x.command[:, 0].abs()
-    along = x.body.velocity[:, 0] * torch.sign(x.command[:, 0])
+    direction = torch.sign(x.command[:, 0])
+    wanted = torch.minimum(x.command[:, 0].abs(), (x.target_speed * direction).clamp(min=0.0))
+    along = x.body.velocity[:, 0] * direction
     onward = torch.minimum(along.clamp(min=0.0), wanted) / PROGRESS_SPEED
     return torch.exp(-error), torch.exp(-angular_sharpness * turn), onward
 

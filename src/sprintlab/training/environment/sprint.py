@@ -35,6 +35,7 @@ from sprintlab.control import (
 )
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
+from sprintlab.control.standing import StandingContract, standing_share
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.actuator_network import drive_scales
 from sprintlab.training.environment.draws import Draws
@@ -103,6 +104,7 @@ class SprintEnvironment:
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
         self._filter = LowPass()
+        self._standing = StandingContract() if settings.standing_hold else None
         self._allocate_constants()
         self._allocate_state()
         self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
@@ -162,6 +164,7 @@ class SprintEnvironment:
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
         self.running_yaw_rate, self.course = zeros(n), zeros(n)
         self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
+        self.held = zeros(n)  # share of the default pose in the next targets
         self.history = zeros(n, layout.history_length, layout.frame_size)
         self.commands: CommandState = initial_state(n, zeros(1))
         self.tracked = zeros(n, 3)  # sums over a target's time: both kernels, steps
@@ -188,7 +191,7 @@ class SprintEnvironment:
         """Everything that a step reads and changes, by name: the tensors themselves."""
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
-            "running_yaw_rate", "course", "filtered", "estimate", "history", "grid_weights",
+            "running_yaw_rate", "course", "filtered", "estimate", "held", "history", "grid_weights",
             "tracked",
             "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
             "time_out", "done",
@@ -235,8 +238,11 @@ class SprintEnvironment:
         return self.get_observations(), self.reward, self.done, {"time_outs": self.time_out}
 
     def write_action(self, actions: torch.Tensor) -> None:
-        """Turn actions ``(n, joints)`` into the joint targets of the next ``advance``."""
-        self.action.copy_(actions.clamp(-ACTION_LIMIT, ACTION_LIMIT))
+        """Turn actions ``(n, joints)`` into the joint targets of the next ``advance``.
+
+        Robots that stand as they are asked to are held in the default pose, whatever their action.
+        """
+        self.action.copy_(((1.0 - self.held)[:, None] * actions).clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
         target = target - self._joint_offset
         self.simulation.previous_target.copy_(self.simulation.target)
@@ -279,7 +285,7 @@ class SprintEnvironment:
         self._jitter_delay()
         fresh = self._restart(ends.any)
         self._advance_commands(fresh)
-        self._observe(fresh)
+        self._observe(fresh, self._hold(fresh))
 
     def _reward(self, body: BodyState, ends: Ends) -> None:
         above = (body.joint_position - self._stop_upper).clamp(min=0.0)
@@ -287,6 +293,7 @@ class SprintEnvironment:
         inputs = RewardInput(
             body=body,
             command=self.commands.command,
+            target_speed=self._followed_speed(),
             action=self.action,
             previous_action=self.previous_action,
             earlier_action=self.earlier_action,
@@ -315,6 +322,11 @@ class SprintEnvironment:
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
         self._log(inputs, (follow, turn, rate), ends, weighted)
+
+    def _followed_speed(self) -> torch.Tensor:
+        """Where the commanded speed is on its way to [m/s]: itself under a schedule that knows no targets."""
+        follows = getattr(self.settings.schedule, "follows_targets", True)
+        return self.commands.target_speed if follows else self.commands.command[:, 0]
 
     def _log(
         self,
@@ -390,7 +402,7 @@ class SprintEnvironment:
         everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         fresh = self._restart(everyone)
         self._advance_commands(fresh)
-        self._observe(fresh)
+        self._observe(fresh, self._hold(fresh))
         self._log_sums.zero_()
         if self.grid is not None:
             self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
@@ -407,7 +419,7 @@ class SprintEnvironment:
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
-        for buffer in (self.filtered, self.history, self.course, self.tracked, *self.commands):
+        for buffer in (self.filtered, self.history, self.held, self.course, self.tracked, *self.commands):
             self._put(buffer, starts.copied, buffer[starts.donors])
         for buffer in self.simulation.monitor.state().values():
             self._put(buffer, starts.copied, buffer[starts.donors])
@@ -478,7 +490,32 @@ class SprintEnvironment:
         yaw_rate = torch.where(straight, torch.nan_to_num(back), turn)
         return commands._replace(command=torch.stack((speed, commands.command[:, 1], yaw_rate), 1))
 
-    def _observe(self, fresh: torch.Tensor) -> None:
+    def _hold(self, fresh: torch.Tensor) -> torch.Tensor:
+        """Hold robots that stand as they are asked to, as the runtime does; returns those let go just now.
+
+        Those have forgotten what the network saw and did. A robot begins held, unless it begins fast; one
+        without an estimate has an actor without an estimator, which no runtime holds.
+        """
+        if self._standing is None:
+            return torch.zeros_like(fresh)
+        estimated = (self.estimate != 0.0).any(1)
+        speed = self.running_speed[:, None] * torch.ones_like(self.estimate[:, :2])
+        held = standing_share(
+            self._standing,
+            torch.where(fresh, (self.running_speed.abs() < self._standing.hold_speed).float(), self.held),
+            command=self.commands.command,
+            velocity=torch.where(fresh[:, None], speed, self.estimate[:, :2]),
+            gravity=self.kinematics.read().gravity,
+            rate_hz=1.0 / POLICY_STEP,
+        )
+        held = torch.where(fresh | estimated, held, torch.zeros_like(held))
+        released = (self.held > 0.0) & (held == 0.0) & ~fresh
+        self.held.copy_(held)
+        self._put(self.previous_action, released, torch.zeros_like(self.previous_action))
+        self._put(self.estimate, released, torch.zeros_like(self.estimate))
+        return released
+
+    def _observe(self, fresh: torch.Tensor, released: torch.Tensor) -> None:
         """Noise, filter, frame, history for the actor; the clean truth for the critic."""
         body = self.kinematics.read()
         parts = Proprioception(
@@ -488,7 +525,7 @@ class SprintEnvironment:
         noisy = clean + self._noise * (2 * self.draws["noise"] - 1) + self._measured_offset
         self.filtered.copy_(self._filter.step(self.filtered, noisy, fresh))
         frame = self._frame(self.filtered)
-        self.history.copy_(update_history(self.history, frame, fresh))
+        self.history.copy_(update_history(self.history, frame, fresh | released))
         self.actor_observation.copy_(network_input(self.history))
         truth = (body.velocity, body.height[:, None], body.contact)
         critic = torch.nan_to_num(torch.cat((self._frame(clean), *truth), 1))

@@ -101,7 +101,7 @@ class EstimatorPpo:
         estimator = [list(self.actor.estimator.parameters())]
         self.estimator_block = ParameterBlock(estimator, self.estimator_rate, fused)
         self.old_std = self.actor.std.detach().clone()
-        self.least_std = torch.tensor(ppo.least_std, device=self.device)
+        self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=self.device) for _ in range(2))
         self.set_phase(0)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
@@ -111,6 +111,7 @@ class EstimatorPpo:
         """The action noise and the estimator's learning rate of an iteration of the run."""
         settings = self.settings
         self.least_std.fill_(settings.ppo.noise_floor(iteration))
+        self.most_std.fill_(min(settings.ppo.noise_ceiling(iteration), LARGEST_STD))
         self.estimator_rate.fill_(settings.estimator.rate(settings.ppo.calm_share(iteration)))
         quiet = settings.stages.is_steady(iteration)
         self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
@@ -266,7 +267,8 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def _limit_std(self) -> None:
-        self.actor.std.copy_(torch.maximum(self.actor.std, self.least_std).clamp(max=LARGEST_STD))
+        std = torch.maximum(self.actor.std, self.least_std)
+        self.actor.std.copy_(torch.minimum(std, self.most_std))
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps
