@@ -75,10 +75,10 @@ def check_safe(
     Nobody knows the torque of a damper on a robot that is no longer heard of: not ``fresh``. ``age`` is that
     of the state when the command acts [s]: the envelope is that of the speeds that a motor can reach in it.
     """
-    for part in (command.target_position, command.stiffness, command.damping, command.feedforward_torque):
-        assert part.shape == (12,) and np.isfinite(part).all()
-    assert (command.stiffness >= 0.0).all() and (command.stiffness <= robot.stiffness + 1e-9).all()
-    assert (command.damping >= 0.0).all() and (command.damping <= robot.damping + 1e-9).all()
+    stiffness, damping = command.stiffness, command.damping
+    parts = np.array((command.target_position, command.feedforward_torque, stiffness, damping))
+    assert parts.shape == (4, 12) and np.isfinite(parts).all()
+    assert ((parts[2:] >= 0.0) & (parts[2:] <= np.array((robot.stiffness, robot.damping)) + 1e-9)).all()
     if command.mode == JointMode.OFF or state is None:
         assert command.mode != JointMode.SERVO
         return
@@ -86,21 +86,22 @@ def check_safe(
     torque = -command.damping * velocity
     if command.mode == JointMode.SERVO:
         lower, upper = robot.position_limits.T
-        assert (command.target_position >= lower).all() and (command.target_position <= upper).all()
+        assert ((command.target_position >= lower) & (command.target_position <= upper)).all()
         torque += command.stiffness * (command.target_position - position) + command.feedforward_torque
         assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
     ratio, voltage = np.asarray(robot.gear.ratio), min(state.bus_voltage, 1.25 * robot.bus_voltage)
-    reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
-    speeds = np.linspace(-reach, reach, 41) if age else np.zeros((1, 12))
-    least, greatest = (
-        ratio * limit for limit in torque_limits(robot.motors, velocity * ratio + speeds, voltage)
-    )
-    least, greatest = least.min(axis=0), greatest.max(axis=0)
+    speeds = velocity * ratio
+    if age:
+        reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+        speeds = speeds + np.linspace(-reach, reach, 41)
+    least, greatest = (ratio * limit for limit in torque_limits(robot.motors, speeds, voltage))
+    if age:
+        least, greatest = least.min(axis=0), greatest.max(axis=0)
     if command.mode == JointMode.DAMPING and not fresh:
         return
     if command.mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
         least, greatest = np.minimum(least, 0.0), np.maximum(greatest, 0.0)
-    assert (torque >= least - 1e-6).all() and (torque <= greatest + 1e-6).all()
+    assert ((torque >= least - 1e-6) & (torque <= greatest + 1e-6)).all()
 
 
 @dataclass

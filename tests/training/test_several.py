@@ -8,14 +8,19 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("mujoco_warp")
 
 import torch
+from torch.distributed import run as torchrun
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.distributed import Workers
@@ -56,28 +61,57 @@ for name, runner in zip(trainings, runners):
 """
 
 
-def train_two(folder: Path, device: str, seconds: float) -> Path:
-    """Run the program in two processes; returns the folder with what they ended with."""
-    (folder / "program.py").write_text(PROGRAM)
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    if device == "cpu":
-        environment["CUDA_VISIBLE_DEVICES"] = ""
-    command = ("torch.distributed.run", "--standalone", "--local-addr", "127.0.0.1", "--nproc-per-node", "2")
-    done = subprocess.run(
-        [sys.executable, "-m", *command, folder / "program.py", folder, device],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=seconds,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-    return folder
+TORCHRUN = ("--standalone", "--local-addr", "127.0.0.1", "--nproc-per-node", "2")
+
+
+def program(*arguments: str) -> None:
+    """The program as torchrun starts it."""
+    sys.argv[1:] = arguments
+    exec(PROGRAM, {"__name__": "__main__"})
+
+
+def forking_torchrun(arguments: Sequence[str], said: Path) -> None:
+    """torchrun in this process; its workers are forked, since importing takes longer than the training."""
+    descriptor = os.open(said, os.O_WRONLY | os.O_CREAT)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    os.environ |= {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+    configured = torchrun.config_from_args
+
+    def forked(given: Any) -> tuple[Any, Any, list[str]]:
+        config, _, after = configured(given)
+        return replace(config, start_method="fork"), program, after[after.index(str(said)) + 1 :]
+
+    torchrun.config_from_args = forked
+    torchrun.main([*TORCHRUN, str(said), *arguments])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return train_two(tmp_path_factory.mktemp("several"), "cpu", 600.0)
+    """What two processes on the CPU ended with."""
+    folder = tmp_path_factory.mktemp("several")
+    torch.set_num_threads(1)  # no pool that a fork would lose
+    agent = get_context("fork").Process(target=forking_torchrun, args=((str(folder), "cpu"), folder / "said"))
+    agent.start()
+    agent.join(600.0)
+    agent.kill()
+    assert agent.exitcode == 0, (folder / "said").read_text()[-3000:]
+    return folder
+
+
+def train_on_two_gpus(folder: Path) -> Path:
+    """Run the program in two fresh processes: none that has asked for a GPU can be forked."""
+    (folder / "program.py").write_text(PROGRAM)
+    done = subprocess.run(
+        [sys.executable, "-m", "torch.distributed.run", *TORCHRUN, folder / "program.py", folder, "auto"],
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    return folder
 
 
 def read(folder: Path, name: str) -> dict:
@@ -90,7 +124,7 @@ def test_both_processes_end_with_the_same_networks_and_curriculum(folder: Path) 
 
 @pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
 def test_two_gpus_end_with_the_same_networks_and_curriculum(tmp_path: Path) -> None:
-    assert_equal_ends(train_two(tmp_path, "auto", 300.0))
+    assert_equal_ends(train_on_two_gpus(tmp_path))
 
 
 def assert_equal_ends(folder: Path) -> None:

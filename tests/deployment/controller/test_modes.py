@@ -63,6 +63,29 @@ def lying(lie_down_with):
     return lie_down_with(Operator())
 
 
+@pytest.fixture(scope="module")
+def stood(gallop, sprint_policy):
+    """The gallop, braked to the stand after it."""
+    rig = gallop.restore()
+    rig.source.request = Request.STAND
+    until(rig, "stand")
+    return gallop.take(rig, sprint_policy)
+
+
+@pytest.fixture
+def standing(stood):
+    return stood.restore()
+
+
+@pytest.fixture(scope="module")
+def coming_down(gallop, sprint_policy):
+    """The gallop that has come down as far as to step its feet, and the modes on the way."""
+    rig = gallop.restore()
+    rig.controller.come_down()
+    rig.run_until(lambda tick: tick.mode == "lie-down", 8.0)
+    return gallop.take(rig, sprint_policy), modes(rig)
+
+
 @pytest.fixture(scope="module", params=shipped_policies())
 def policy(request):
     """Every policy of the package."""
@@ -264,63 +287,55 @@ def test_braked_means_calm_joints_or_a_robot_that_steps_on_the_spot(lying, joint
     assert all(outcome is None for outcome in outcomes[:25]), "half a second of rest is not enough"
 
 
-def test_coming_down_overrules_the_source(running):
-    running.controller.come_down()
-    running.run_until(lambda tick: tick.mode == "passive", 13.0)
-    assert modes(running) == ["run", "stand", "lie-down", "passive"]
-    assert running.simulated.fall_reason == ""
+def test_coming_down_overrules_the_source(coming_down):
+    snapshot, before = coming_down
+    rig = snapshot.restore()
+    rig.run_until(lambda tick: tick.mode == "passive", 5.0)
+    assert before + modes(rig)[1:] == ["run", "stand", "lie-down", "passive"]
+    assert rig.simulated.fall_reason == ""
 
 
-def test_a_fault_while_the_feet_are_stepped_damps_at_once(running):
-    running.controller.come_down()
-    running.run_until(lambda tick: tick.mode == "lie-down", 8.0)
-    running.run(0.1)
-    running.on_states = changed_states(status=int(RobotStatus.DRIVE_FAULT))
-    tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.003)
-    assert tick.mode == "stop" and running.controller.stop_reason == Fault.DRIVE_FAULT.value
+def test_a_fault_while_the_feet_are_stepped_damps_at_once(coming_down):
+    snapshot, _ = coming_down
+    rig = snapshot.restore()
+    assert rig.run(0.1).mode == "lie-down"
+    rig.on_states = changed_states(status=int(RobotStatus.DRIVE_FAULT))
+    tick = rig.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.003)
+    assert tick.mode == "stop" and rig.controller.stop_reason == Fault.DRIVE_FAULT.value
 
 
-def test_a_policy_that_never_rests_is_not_waited_for(running):
-    running.source.request = Request.STAND
-    until(running, "stand")
-
-    running.on_states = restless(1.5)
-    running.source.request = Request.LIE_DOWN
-    assert running.run(3.0).mode == "stand"
-    until(running, "lie-down", 1.0)
+def test_a_policy_that_never_rests_is_not_waited_for(standing):
+    standing.on_states = restless(1.5)
+    standing.source.request = Request.LIE_DOWN
+    assert standing.run(3.0).mode == "stand"
+    until(standing, "lie-down", 1.0)
 
 
-def test_a_robot_that_was_damped_in_its_stand_stands_up_from_where_its_legs_have_come_to_lie(running):
-    running.source.request = Request.STAND
-    until(running, "stand")
-    running.source.request = Request.STOP
-    until(running, "stop", 0.1)
-    running.run(1.5)
-    running.source.request = Request.PASSIVE
-    until(running, "passive", 3.0)
-    running.source.request = Request.STAND
-    until(running, "stand")
-    running.run(0.5)
-    assert trunk_tilt(running.ticks[-1].state) < 5.0
+def test_a_robot_that_was_damped_in_its_stand_stands_up_from_where_its_legs_have_come_to_lie(standing):
+    standing.source.request = Request.STOP
+    until(standing, "stop", 0.1)
+    standing.run(1.5)
+    standing.source.request = Request.PASSIVE
+    until(standing, "passive", 3.0)
+    standing.source.request = Request.STAND
+    until(standing, "stand")
+    standing.run(0.5)
+    assert trunk_tilt(standing.ticks[-1].state) < 5.0
 
 
-def test_from_the_stand_after_a_run_it_runs_again(running):
-    running.source.request = Request.STAND
-    until(running, "stand")
-    running.source.request, running.source.speed = Request.RUN, 2.0
-    until(running, "run")
-    start = running.simulated.plant.data.qpos[0]
-    running.run(1.2)
-    assert running.controller.mode.value == "run" and running.simulated.fall_reason == ""
-    assert running.simulated.plant.data.qpos[0] - start > 0.5
+def test_from_the_stand_after_a_run_it_runs_again(standing):
+    standing.source.request, standing.source.speed = Request.RUN, 2.0
+    until(standing, "run")
+    start = standing.simulated.plant.data.qpos[0]
+    standing.run(1.2)
+    assert standing.controller.mode.value == "run" and standing.simulated.fall_reason == ""
+    assert standing.simulated.plant.data.qpos[0] - start > 0.5
 
 
-def test_a_policy_that_fails_in_the_stand_after_a_run_ends_in_a_stop(running):
-    running.source.request = Request.STAND
-    until(running, "stand")
-    running.controller._runtime.step = lambda *given: np.full(12, np.nan)
-    tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
-    assert tick.mode == "stop" and running.controller.stop_reason == Fault.POLICY_INVALID.value
+def test_a_policy_that_fails_in_the_stand_after_a_run_ends_in_a_stop(standing):
+    standing.controller._runtime.step = lambda *given: np.full(12, np.nan)
+    tick = standing.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
+    assert tick.mode == "stop" and standing.controller.stop_reason == Fault.POLICY_INVALID.value
 
 
 def test_coming_down_at_once_damps(running):
