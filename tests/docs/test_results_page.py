@@ -102,3 +102,18 @@ def test_the_evaluation_page_has_the_limits_of_the_audit(flowing):
     assert f"at most {1e3 * limits.pad_deflection:g} mm" in page
     assert f"at most {limits.lane_half_width:g} m" in page
     assert f"at most {limits.rest_speed:g} m/s" in page
+
+
+def test_the_page_tells_where_the_front_ends(flowing):
+    found = json.loads((ROOT / "results/speed_realism/trials.json").read_text(encoding="utf-8"))["policies"]
+    trials = [trial for row in found.values() for trial in row["trials"] if not trial["fall"]]
+    passed = max(trial["speed_m_s"] for trial in trials if not trial["failed"])
+    fastest = max(trial["speed_m_s"] for trial in trials)
+    page = flowing("docs/results.md")
+    assert f"What passes ends at {passed:.1f} m/s, what runs at {fastest:.1f}." in page
+    for trial in trials:
+        bound = {"foot force", "stride period from policy clock"} & set(trial["failed"])
+        assert trial["speed_m_s"] < passed + 1e-9 or bound, "the two reasons that the page names"
+    later = json.loads((ROOT / "results/third-looks/trainings.json").read_text(encoding="utf-8"))["policies"]
+    assert all(row["stand"]["feet_airborne"] == 0.0 for row in later.values())
+    assert set(later) < set(found) and len(found) == 17 and "Seventeen trainings" in page

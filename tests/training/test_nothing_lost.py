@@ -23,6 +23,7 @@ if not hasattr(os, "fork"):
 import torch
 
 from sprintlab.cli.main import main
+from sprintlab.cli.train import parse_training
 from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.runs.guard import exclusive
@@ -43,8 +44,12 @@ TIMING = {"seconds", "steps_per_second"}
 
 @pytest.fixture(scope="module", autouse=True)
 def warm() -> None:
-    """Load every kernel before the first fork, and keep to one thread: pools do not survive a fork."""
+    """Load every kernel before the first fork, and keep to one thread: pools do not survive a fork.
+
+    The first reading of the options takes five times as long as every later one.
+    """
     torch.set_num_threads(1)
+    parse_training(FLAGS[1:])
     Runner(SETTINGS, "cpu", "warm").environment.advance()
 
 
