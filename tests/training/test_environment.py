@@ -21,6 +21,7 @@ from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.environment.randomization import randomize
 from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.methods import ALL_METHODS, LITERAL_ACS
 from sprintlab.training.settings import (
     EpisodeSettings,
     RandomizationSettings,
@@ -362,3 +363,13 @@ def test_who_runs_or_has_no_estimate_is_not_held(environment: SprintEnvironment)
     assert environment.held.tolist() == [0.0] * 4 + [1.0] * (N - 4), (
         "a fresh start stands, or is thrown ahead"
     )
+
+
+def test_progress_counts_up_to_the_target_where_commands_follow_one(environment: SprintEnvironment) -> None:
+    environment.commands.target_speed.fill_(3.0)
+    environment.commands.command[:, 0] = 2.0
+    assert environment._followed_speed().tolist() == [3.0] * N
+    wandering = replace(environment.settings, schedule=ALL_METHODS[LITERAL_ACS].schedule)
+    kept, environment.settings = environment.settings, wandering
+    assert environment._followed_speed().tolist() == [2.0] * N
+    environment.settings = kept
