@@ -1,15 +1,19 @@
 """Over a network zenoh takes only those who prove themselves; a stranger is refused at both ends."""
 
+import contextlib
 import json
 import os
 import shutil
 import socket
 import subprocess
+import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
+from sprintlab.deployment.interface import encode
 
 zenoh = pytest.importorskip("zenoh")
 
@@ -162,7 +166,7 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
     ("section", "match"),
     [
         ({}, "neither"),
-        ({"users": {"user": "robot"}}, "Invalid configuration"),
+        ({"users": {"user": "robot"}}, "it is invalid"),
         ({"users": {"user": "robot", "password": "r"}}, "user file"),
         ({"tls": {"root_ca_certificate": "ca.pem"}}, "listen_certificate"),
         (
@@ -252,16 +256,16 @@ def listening():
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "match"),
     [
-        '{"transport":{"auth":{"usrpwd":{"user":"a","password":"a secret"},,}}}',
-        '{"transport":{"auth":{"usrpwd":"a secret"}}}',
+        ('{"transport":{"auth":{"usrpwd":{"user":"a","password":"a secret"},,}}}', r"line 1, column \d+$"),
+        ('{"transport":{"auth":{"usrpwd":"a secret"}}}', "expected struct UsrPwdConf$"),
     ],
 )
-def test_a_broken_configuration_is_refused_without_its_text(tmp_path, text):
+def test_a_broken_configuration_is_refused_without_its_text(tmp_path, text, match):
     file = tmp_path / "broken.json"
     file.write_text(text)
-    with pytest.raises(BusError, match=r"line 1, column \d+$") as refusal:
+    with pytest.raises(BusError, match=match) as refusal:
         load_security(file, robot=False)
     assert "a secret" not in str(refusal.value) and refusal.value.__suppress_context__
 
@@ -273,15 +277,91 @@ def test_a_configuration_that_would_end_the_process_is_refused(tmp_path):
         load_security(file, robot=False)
 
 
-@pytest.mark.parametrize("ending", ["json", "json5", "yaml"])
-def test_zenoh_reads_a_copy_of_a_configuration(tmp_path, ending, monkeypatch):
-    """Some files wait for ever when they are read again, /proc/kmsg among them."""
-    file = write_config(tmp_path / f"robot.{ending}", users={"user": "robot", "password": "r"})
-    read = []
-    from_file = zenoh.Config.from_file
-    monkeypatch.setattr(zenoh.Config, "from_file", lambda name: (read.append(name), from_file(name))[1])
-    assert load_security(file, robot=False).user == "robot"
-    assert read and str(file) not in read and not os.path.exists(read[0])
+def test_no_other_file_is_opened_for_a_configuration(tmp_path, monkeypatch):
+    """zenoh's own reading of files takes plug-ins' configurations from elsewhere, a pipe if need be."""
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "robot.json5"
+    users = {"user": "alice", "password": "a secret"}
+    content = {"transport": {"auth": {"usrpwd": users}}}
+    file.write_text(json.dumps({**content, "plugins": {"x": {"__config__": str(tmp_path / "pipe")}}}))
+    monkeypatch.delattr(zenoh.Config, "from_file")  # which waits for ever
+    assert load_security(file, robot=False).user == "alice"
+
+
+def bare_session(place, mode):
+    """A stranger's own session of zenoh."""
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+def eventually(look):
+    """What ``look`` finds, once it finds something."""
+    deadline = time.monotonic() + 30.0
+    while not (found := look()) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert found
+    return found
+
+
+def test_before_a_controller_came_nobody_is_obeyed(address, place, bus_name, make_joint_command):
+    """Session 0 is nobody's: it is not that of a controller which is not there."""
+    nobodys = encode(msgspec.structs.replace(make_joint_command(1), session=0))
+    with contextlib.closing(open_endpoint(address)) as endpoint, bare_session(place, "peer") as stranger:
+        stranger_says = lambda: stranger.put(f"sprintlab/{bus_name}/command", nobodys)  # noqa: E731
+        taken = []
+        eventually(lambda: stranger_says() or taken.append(endpoint.receive_command()) or endpoint.foreign)
+        assert taken == [None] * len(taken)
+
+
+def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
+    address, place, bus_name, make_state, make_joint_command
+):
+    """zenoh hands on what its clients say to all others, and to them what others say."""
+    prefix = f"sprintlab/{bus_name}"
+    told, states = [], []
+    with (
+        contextlib.closing(open_endpoint(address)) as endpoint,
+        contextlib.closing(open_bus(address)) as interface,
+        bare_session(place, "client") as stranger,
+    ):
+        ear = stranger.declare_subscriber(
+            f"{prefix}/command", lambda sample: told.append(str(sample.key_expr))
+        )
+        mouth = stranger.declare_queryable(
+            f"{prefix}/claim", lambda query: query.reply(query.key_expr, b"free")
+        )
+        for _ in range(5):
+            for name in ("state", "*", "**", "s$*"):
+                stranger.put(f"{prefix}/{name}", encode(make_state(999)))
+            interface.send(msgspec.structs.replace(make_joint_command(1), session=interface.session))
+            with pytest.raises(BusError, match="another controller"):
+                open_bus(address)  # whom the stranger has told that the robot is free
+        eventually(
+            lambda: endpoint.publish(make_state(1)) and (states.append(interface.receive()) or states[-1])
+        )
+        eventually(endpoint.receive_command)
+        ear.undeclare()
+        mouth.undeclare()
+    assert [state.sequence for state in states if state] == [1]
+    assert f"{prefix}/command" not in told  # but his own wild cards
+
+
+def test_a_message_that_no_end_sends_is_not_kept(address, place, bus_name, make_joint_command):
+    """zenoh alone takes messages of a gigabyte, and keeps as many as may wait to be read."""
+    with contextlib.closing(open_endpoint(address)) as endpoint, bare_session(place, "peer") as stranger:
+        interface = open_bus(address)
+        own = msgspec.structs.replace(make_joint_command(1), session=interface.session)
+        publisher = stranger.declare_publisher(f"sprintlab/{bus_name}/command")
+        eventually(lambda: publisher.matching_status.matching)
+        publisher.put(bytes(1 << 20))
+        list(stranger.get(f"sprintlab/{bus_name}/claim", payload=b"", timeout=1.0))  # behind it
+        eventually(lambda: interface.send(own) or endpoint.receive_command())
+        assert endpoint.malformed == 0
+        interface.close()
 
 
 @pytest.mark.parametrize("place", ["/dev/zero", "pipe"])

@@ -7,6 +7,7 @@ import itertools
 import os
 import subprocess
 import sys
+import threading
 
 import msgspec
 import numpy as np
@@ -283,10 +284,12 @@ def test_a_bus_of_another_session_is_refused(start):
     assert bus.sent == []
 
 
-def test_a_robot_that_obeys_another_is_left_alone(start):
+@pytest.mark.parametrize("forged", [{"session": 7}, {"command_sequence": 10**9}, {"command_digest": 7}])
+def test_a_robot_that_obeys_another_is_left_alone(start, forged):
+    """Whose commands may come under the session of this one."""
     controller, bus = start(Riser())
     measure = bus._measure
-    bus._measure = lambda: msgspec.structs.replace(measure(), session=7)
+    bus._measure = lambda: msgspec.structs.replace(measure(), **forged)
     bus._waiting = [bus._measure()]
     report = run_loop(controller, bus, LoopOptions(lock_step=True, patience=0.5))
     assert report.end == "another controller drives the robot"
@@ -349,6 +352,29 @@ def test_priority_keeps_the_steps_of_a_busy_machine(start):
     assert late[50].skipped / late[50].steps < late[None].skipped / late[None].steps
 
 
+def test_a_priority_that_was_given_from_outside_is_not_lost(monkeypatch):
+    """``chrt`` and systemd give what nobody may ask for: once put down, it cannot be taken up again."""
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: True)
+    given = []
+
+    def look():  # a thread of its own has a scheduler of its own
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        except OSError:
+            return
+        lacking(10)
+        given.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+
+    if not hasattr(os, "sched_setscheduler"):
+        pytest.skip("needs Linux")
+    thread = threading.Thread(target=look)
+    thread.start()
+    thread.join()
+    if not given:
+        pytest.skip("real-time priority is not permitted here")
+    assert given == [(os.SCHED_FIFO, 10)]
+
+
 def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
     isolated = tmp_path / "isolated"
     monkeypatch.setattr("sprintlab.deployment.controller.realtime._ISOLATED", isolated)
@@ -359,7 +385,7 @@ def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
     isolated.write_text(f"{core}-{core},900-902\n")
     assert isolated_cores() == (core, 900, 901, 902)
     before = os.sched_getaffinity(0)
-    assert lacking(None, core) == ()
+    assert lacking(None, core) == ("no real-time priority was asked for: every busy process delays the loop",)
     assert os.sched_getaffinity(0) == before
     assert any("core 900" in remark for remark in lacking(None, 900))
 

@@ -52,7 +52,7 @@ def test_the_page_counts_the_faults_of_the_matrix(page):
 
 
 def test_every_test_that_the_page_names_exists(page):
-    named = re.findall(r"`(test_\w+\.py)`(?:, `(test_\w+)`)?", page)
+    named = re.findall(r"`(test_\w+\.py)`(?:,\s`(test_\w+)`)?", page)
     assert len(named) >= 10
     files = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
     for file, function in named:

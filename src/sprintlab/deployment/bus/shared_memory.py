@@ -216,7 +216,7 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
         return self._closed or bool(self._words[_CONTROLLER_LEFT])
 
     def _admitted(self, session: int) -> bool:
-        return session == self._words[_SESSION]
+        return session == self._words[_SESSION] != 0
 
     def close(self) -> None:
         """Let go of the bus and remove the file; a second call does nothing."""

@@ -192,7 +192,7 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         self._queryable = self._session.declare_queryable(f"{self._prefix}/claim", self._answer)
 
     def _admitted(self, session: int) -> bool:
-        return session == self._holder
+        return session == self._holder != 0
 
     def _held(self) -> bool:
         """Whether the controller that was let in is still there, or so new that its token may not show."""

@@ -13,7 +13,6 @@ import hmac
 import ipaddress
 import json
 import re
-import tempfile
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +24,7 @@ from sprintlab.core.reading import read_text
 from sprintlab.deployment.bus.address import BusAddress, BusError
 
 _FIRST_PORT, _PORTS = 17447, 10000  # below the ports that systems hand out
+_LARGEST_MESSAGE = 1 << 16  # bytes: zenoh alone would keep a stranger's gigabytes
 _MOST_BRACKETS = 200  # of a configuration; zenoh's parser ends the process at some ten thousand
 _TLS, _USERS = "transport/link/tls", "transport/auth/usrpwd"
 _ROBOT_TLS = ("listen_certificate", "listen_private_key", "root_ca_certificate")
@@ -54,7 +54,7 @@ def load_security(path: Path, *, robot: bool) -> Security:
     """Read how ends recognize each other from a file in zenoh's format.
 
     Args:
-        path: JSON5, JSON or YAML.
+        path: JSON5 or JSON.
         robot: for the robot's end, which listens.
 
     Raises:
@@ -64,7 +64,7 @@ def load_security(path: Path, *, robot: bool) -> Security:
     if text.count("[") + text.count("{") > _MOST_BRACKETS:
         raise BusError(f"{path} is no configuration of zenoh: it is nested too deeply")
     try:
-        config = _parsed(text, path.suffix)
+        config = zenoh.Config.from_json5(text)  # unlike its own reading of files, it opens no others
         tls = _section(config, _TLS)
         users = _section(config, _USERS)
     except (zenoh.ZError, OSError, ValueError) as error:
@@ -96,7 +96,7 @@ def open_session(address: BusAddress, security: Security, *, listen: bool) -> An
             f"{place} is not this machine: everybody on the network could drive the robot; "
             "give --bus-config with zenoh's TLS, or user and password"
         )
-    config = _configuration(f"{'tls' if security.tls else 'tcp'}/{place}", security, listen)
+    config = _configuration(f"{'tls' if security.tls else 'tcp'}/{place}", address.name, security, listen)
     try:
         return zenoh.open(config)
     except (zenoh.ZError, OSError) as error:
@@ -105,13 +105,63 @@ def open_session(address: BusAddress, security: Security, *, listen: bool) -> An
         raise BusError(f"cannot {what} {place}{'' if listen else hint}: {_short(error)}") from error
 
 
-def _configuration(endpoint: str, security: Security, listen: bool) -> Any:
+def _access(name: str) -> dict[str, Any]:
+    """What may pass a robot's end, and nothing else.
+
+    zenoh hands on what a client says to all others: without these rules a stranger's states would reach the
+    controller as the robot's, and the controller's commands the stranger.
+    """
+    state, fix, claim = (f"sprintlab/{name}/{key}" for key in ("state", "fix", "claim"))
+    command, robot, controllers = (
+        f"sprintlab/{name}/{key}" for key in ("command", "alive/robot", "alive/controller/*")
+    )
+    allowed = {
+        "ingress": {
+            "put": [command],
+            "declare_subscriber": [state, fix],
+            "query": [claim],
+            "liveliness_token": [controllers],
+            "declare_liveliness_subscriber": [robot],
+            "liveliness_query": [robot],
+        },
+        "egress": {
+            "put": [state, fix],
+            "declare_subscriber": [command],
+            "declare_queryable": [claim],
+            "reply": [claim],
+            "liveliness_token": [robot],
+            "declare_liveliness_subscriber": [controllers],
+            "liveliness_query": [controllers],
+        },
+    }
+    rules = [
+        {
+            "id": f"{flow} {message}",
+            "permission": "allow",
+            "flows": [flow],
+            "messages": [message],
+            "key_exprs": keys,
+        }
+        for flow, messages in allowed.items()
+        for message, keys in messages.items()
+    ]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": "all"}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["all"]}],
+    }
+
+
+def _configuration(endpoint: str, name: str, security: Security, listen: bool) -> Any:
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
+        "transport/link/rx/max_message_size": _LARGEST_MESSAGE,
         "listen/endpoints": [endpoint] if listen else [],
         "connect/endpoints": [] if listen else [endpoint],
         "listen/exit_on_failure": True,
@@ -122,19 +172,13 @@ def _configuration(endpoint: str, security: Security, listen: bool) -> Any:
         settings[_TLS] = security.tls
     if security.user:
         settings |= {f"{_USERS}/user": security.user, f"{_USERS}/password": security.password}
+    if listen:
+        settings["access_control"] = _access(name)
     if security.users_file:
         settings[f"{_USERS}/dictionary_file"] = security.users_file
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     return config
-
-
-def _parsed(text: str, ending: str) -> Any:
-    """A configuration in the format of its ending. zenoh gets a copy: some files wait when read again."""
-    with tempfile.NamedTemporaryFile("w", suffix=ending, encoding="utf-8") as copy:
-        copy.write(text)
-        copy.flush()
-        return zenoh.Config.from_file(copy.name)
 
 
 def _section(config: Any, key: str) -> dict[str, Any]:
@@ -177,7 +221,7 @@ def _check_tls(path: Path, tls: dict[str, Any], robot: bool, *, users_checked: b
 def _where(error: Exception) -> str:
     """Where a configuration has an error, and nothing else of its text: passwords may stand in it."""
     place = re.search(r"(?:line: |--> )(\d+)(?:, column: |:)(\d+)", str(error))
-    field = re.search(r"unknown field `\w+`|Invalid configuration", str(error))
+    field = re.search(r"unknown field `\w+`|it is invalid|expected struct \w+", str(error))
     said = [field[0]] if field else []
     said += [f"line {place[1]}, column {place[2]}"] if place else []
     return ": " + ", ".join(said) if said else ""

@@ -136,7 +136,8 @@ class Controller:
     @property
     def robot_obeys_another(self) -> bool:
         """Whether the robot's last state says that it obeys another controller."""
-        return self._states.last is not None and self._states.last.session not in (0, self.session)
+        state = self._states.last
+        return state is not None and state.session != 0 and not self._obeyed_by(state)
 
     @property
     def commanded_speed(self) -> float:

@@ -8,9 +8,10 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 _STATUS = Path("/proc/self/status")
@@ -48,7 +49,7 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
         core: to stay on; None for any.
     """
     remarks: list[str] = []
-    before = _cores()
+    before, scheduler = _cores(), _scheduler()
     cores = _pin(core, remarks)
     if not set(cores) <= set(isolated_cores()):
         remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
@@ -67,7 +68,8 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
         if core is not None and before:
             os.sched_setaffinity(0, before)
         if granted is not None:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            with suppress(OSError):  # a lower priority may be taken without permission, not given back
+                os.sched_setscheduler(0, *scheduler)
         if locked:
             ctypes.CDLL(None).munlockall()
         _set_timer_slack(_DEFAULT_SLACK)
@@ -138,8 +140,14 @@ def _unlimited_locks() -> bool:
     return found is not None and bool(int(found[1], 16) >> _MAY_LOCK & 1)
 
 
+def _scheduler() -> tuple[Any, ...]:
+    """Scheduler and priority of this thread; ``chrt`` and systemd give more than one may ask for."""
+    return (os.sched_getscheduler(0), os.sched_getparam(0)) if hasattr(os, "sched_getscheduler") else ()
+
+
 def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
     if priority is None:
+        remarks.append("no real-time priority was asked for: every busy process delays the loop")
         return None
     if not hasattr(os, "sched_setscheduler"):
         remarks.append("real-time priority is available on Linux only")
