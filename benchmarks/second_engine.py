@@ -93,18 +93,19 @@ def measure(path: Path, settings: ProtocolSettings, chosen: argparse.Namespace) 
         "top_speed_command_m_s": speed,
         "hold_s": settings.hold,
         **{
-            engine: _rounded(result.to_dict() | {"cpu_s_per_s": cost if chosen.workers == 1 else None})
+            engine: rounded(result.to_dict() | {"cpu_s_per_s": cost if chosen.workers == 1 else None})
             for engine, (result, cost) in runs.items()
         },
-        "speed_change": _rounded(speed_change(first.raw, second.raw)),
+        "speed_change": rounded(speed_change(first.raw, second.raw)),
         "mark": mark(first.raw, second.raw),
         "ladder": rows,
     }
 
 
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
+    """Numbers to four places; ``None`` where one is NaN."""
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, float):
         return round(value, 4) if value == value else None
     return value

@@ -19,7 +19,7 @@ from typing import Any
 
 from harness import EVALUATION_PACKAGES, answer, circumstances
 from matplotlib.axes import Axes
-from second_engine import digest
+from second_engine import digest, rounded
 
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError
@@ -55,21 +55,19 @@ ROUNDS = {
 def row_of(trial: TrialResult) -> dict[str, Any]:
     """What one trial tells; ``None`` where it fell before it could be told."""
     found, audit = trial.metrics, {item.name: item.value for item in trial.audit.items}
-    return {
+    facts = {
         "command_m_s": trial.top_speed,
         "fall": trial.fall_reason,
-        "speed_m_s": _number(found.held_speed),
-        "cost_of_transport": _number(found.cost_of_transport),
-        "stride_frequency_Hz": _number(found.stride_frequency),
-        "stance_ms": _number(1e3 * found.stance_time),
-        "foot_force_body_weights": _number(audit["foot force"]),
-        "gear_torque_peak": _number(audit["gear torque"]),
+        "speed_m_s": found.held_speed,
+        "cost_of_transport": found.cost_of_transport,
+        "stride_frequency_Hz": found.stride_frequency,
+        "stance_ms": 1e3 * found.stance_time,
+        "foot_force_body_weights": audit["foot force"],
+        "gear_torque_peak": audit["gear torque"],
         "failed": [item.name for item in trial.audit.items if not item.passed],
     }
-
-
-def _number(value: float | None) -> float | None:
-    return round(value, 4) if value is not None and value == value else None
+    told: dict[str, Any] = rounded(facts)
+    return told
 
 
 def measure(path: Path, commands: list[float], workers: int) -> list[dict[str, Any]]:
@@ -173,7 +171,7 @@ def parse() -> argparse.Namespace:
 def show(result: dict[str, Any]) -> None:
     """The fastest trial of each policy that passes every line."""
     for name, row in result["policies"].items():
-        passed = [trial["speed_m_s"] for trial in row["trials"] if not trial["fall"] and not trial["failed"]]
+        passed = [trial["speed_m_s"] for trial in passing({name: row})]
         print(name, f"{max(passed):.2f} m/s passes" if passed else "no trial passes")
 
 

@@ -328,13 +328,18 @@ def asked_to_stand(environment: SprintEnvironment, estimated: float) -> torch.Te
     return torch.zeros(N, dtype=torch.bool)
 
 
+def held_once(environment: SprintEnvironment, fresh: torch.Tensor) -> torch.Tensor:
+    """One step of the hold; returns who was let go."""
+    return environment._hold(fresh, environment.kinematics.read().gravity)
+
+
 def test_a_robot_that_stands_as_asked_is_held_as_the_runtime_holds_it(environment: SprintEnvironment) -> None:
     nobody = asked_to_stand(environment, 0.5)
     hold = StandingHold(StandingContract(), rate_hz=50.0)
     rest, moving, upright = (np.array(values) for values in ([0.0] * 3, [2.0, 0.0, 0.0], [0.0, 0.0, -1.0]))
     hold.share(moving, rest, upright)
     for _ in range(40):
-        assert not environment._hold(nobody).any()
+        assert not held_once(environment, nobody).any()
         share = hold.share(rest, np.array([0.5, 0.0, 0.0]), upright)
         assert (1.0 - environment.held).tolist() == pytest.approx([share] * N, abs=1e-6)
     environment.write_action(torch.ones(N, 12))
@@ -343,10 +348,10 @@ def test_a_robot_that_stands_as_asked_is_held_as_the_runtime_holds_it(environmen
 
 def test_a_robot_that_is_let_go_has_forgotten_what_it_did(environment: SprintEnvironment) -> None:
     nobody = asked_to_stand(environment, 0.5)
-    environment._hold(nobody)
+    held_once(environment, nobody)
     environment.previous_action.fill_(1.0)
     environment.commands.command[: N // 2, 0] = 1.0
-    released = environment._hold(nobody)
+    released = held_once(environment, nobody)
     assert released.tolist() == [True] * (N // 2) + [False] * (N // 2)
     for buffer in (environment.previous_action, environment.estimate):
         assert not buffer[released].any() and buffer[~released].any()
@@ -355,11 +360,11 @@ def test_a_robot_that_is_let_go_has_forgotten_what_it_did(environment: SprintEnv
 def test_who_runs_or_has_no_estimate_is_not_held(environment: SprintEnvironment) -> None:
     for estimated in (2.0, 0.0):
         nobody = asked_to_stand(environment, estimated)
-        environment._hold(nobody)
+        held_once(environment, nobody)
         assert not environment.held.any()
     asked_to_stand(environment, 0.0)
     environment.running_speed.copy_(torch.where(torch.arange(N) < 4, 5.0, 0.1))
-    environment._hold(~nobody)
+    held_once(environment, ~nobody)
     assert environment.held.tolist() == [0.0] * 4 + [1.0] * (N - 4), (
         "a fresh start stands, or is thrown ahead"
     )

@@ -285,7 +285,7 @@ class SprintEnvironment:
         self._jitter_delay()
         fresh = self._restart(ends.any)
         self._advance_commands(fresh)
-        self._observe(fresh, self._hold(fresh))
+        self._observe(fresh)
 
     def _reward(self, body: BodyState, ends: Ends) -> None:
         above = (body.joint_position - self._stop_upper).clamp(min=0.0)
@@ -402,7 +402,7 @@ class SprintEnvironment:
         everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         fresh = self._restart(everyone)
         self._advance_commands(fresh)
-        self._observe(fresh, self._hold(fresh))
+        self._observe(fresh)
         self._log_sums.zero_()
         if self.grid is not None:
             self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
@@ -490,7 +490,7 @@ class SprintEnvironment:
         yaw_rate = torch.where(straight, torch.nan_to_num(back), turn)
         return commands._replace(command=torch.stack((speed, commands.command[:, 1], yaw_rate), 1))
 
-    def _hold(self, fresh: torch.Tensor) -> torch.Tensor:
+    def _hold(self, fresh: torch.Tensor, gravity: torch.Tensor) -> torch.Tensor:
         """Hold robots that stand as they are asked to, as the runtime does; returns those let go just now.
 
         Those have forgotten what the network saw and did. A robot begins held, unless it begins fast; one
@@ -499,13 +499,12 @@ class SprintEnvironment:
         if self._standing is None:
             return torch.zeros_like(fresh)
         estimated = (self.estimate != 0.0).any(1)
-        speed = self.running_speed[:, None] * torch.ones_like(self.estimate[:, :2])
         held = standing_share(
             self._standing,
             torch.where(fresh, (self.running_speed.abs() < self._standing.hold_speed).float(), self.held),
             command=self.commands.command,
-            velocity=torch.where(fresh[:, None], speed, self.estimate[:, :2]),
-            gravity=self.kinematics.read().gravity,
+            velocity=torch.where(fresh[:, None], self.running_speed[:, None], self.estimate[:, :2]),
+            gravity=gravity,
             rate_hz=1.0 / POLICY_STEP,
         )
         held = torch.where(fresh | estimated, held, torch.zeros_like(held))
@@ -515,9 +514,10 @@ class SprintEnvironment:
         self._put(self.estimate, released, torch.zeros_like(self.estimate))
         return released
 
-    def _observe(self, fresh: torch.Tensor, released: torch.Tensor) -> None:
-        """Noise, filter, frame, history for the actor; the clean truth for the critic."""
+    def _observe(self, fresh: torch.Tensor) -> None:
+        """Hold; noise, filter, frame, history for the actor; the clean truth for the critic."""
         body = self.kinematics.read()
+        released = self._hold(fresh, body.gravity)
         parts = Proprioception(
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
         )

@@ -267,8 +267,7 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def _limit_std(self) -> None:
-        std = torch.maximum(self.actor.std, self.least_std)
-        self.actor.std.copy_(torch.minimum(std, self.most_std))
+        self.actor.std.copy_(self.actor.std.clamp(self.least_std, self.most_std))
 
     def _improve_estimator(self, first: int, last: int) -> None:
         samples = (last - first) * self.rollout.steps
