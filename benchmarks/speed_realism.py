@@ -5,8 +5,9 @@
 
 One trial of the profile with its 10 s hold a policy and command: nominal robot, outdoors, raw command. Trials
 are kept in results/speed_realism/trials.json by the name given and the SHA-256 of the file; those that are
-there are not run again. The figure has every trial that did not fall as a point, a line a policy; filled
-points pass every line of the audit, and the front is drawn through the best of them.
+there are not run again. The figure has every trial that ran to the end at half its command or more as a
+point, a line a policy; filled points pass every line of the audit, and the front is drawn through the best
+of them.
 """
 
 from __future__ import annotations
@@ -41,9 +42,16 @@ MEASURES = {
 """What the figure shows over the speed: label, bound of audit or goal, which way is good."""
 FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.53))
 """Speed and these measures of policies that have left the package, on their robot and today's plant."""
-_ROUNDS = ("EFG", "ABC", "W", "PQ")
-_LABELS = ("first weights", "range ahead", "E0 goes on", "standing held, speed rewarded")
-_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545")
+_ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S")
+_LABELS = (
+    "first weights",
+    "range ahead",
+    "E0 goes on",
+    "standing held, speed rewarded",
+    "first weights again, ramps and slopes",
+    "R1 goes on, longer at the top",
+)
+_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00")
 ROUNDS = {
     letter: (label, color)
     for letters, label, color in zip(_ROUNDS, _LABELS, _COLORS, strict=True)
@@ -125,6 +133,11 @@ def passing(policies: dict[str, Any]) -> list[dict[str, Any]]:
     return [trial for trial in trials if not trial["fall"] and not trial["failed"]]
 
 
+def runs(trial: dict[str, Any]) -> bool:
+    """Upright to the end, and not so slow that it has stumbled: at least half the commanded speed is held."""
+    return not trial["fall"] and bool(trial["speed_m_s"] >= 0.5 * trial["command_m_s"])
+
+
 def front(points: list[tuple[float, float]], sign: float) -> list[tuple[float, float]]:
     """Points that no other beats in speed and measure; ``sign`` is 1 where a small measure is good."""
     found: list[tuple[float, float]] = []
@@ -136,7 +149,7 @@ def front(points: list[tuple[float, float]], sign: float) -> list[tuple[float, f
 
 def _draw_policy(panel: Axes, name: str, trials: list[dict[str, Any]], measured: str) -> None:
     label, color = ROUNDS[name[0]]
-    upright = [trial for trial in trials if not trial["fall"] and trial[measured] is not None]
+    upright = [trial for trial in trials if runs(trial)]
     speeds = [trial["speed_m_s"] for trial in upright]
     panel.plot(speeds, [trial[measured] for trial in upright], color=color, lw=0.6, alpha=0.6, label=label)
     for trial in upright:

@@ -116,4 +116,32 @@ def test_the_page_tells_where_the_front_ends(flowing):
         assert trial["speed_m_s"] < passed + 1e-9 or bound, "the two reasons that the page names"
     later = json.loads((ROOT / "results/third-looks/trainings.json").read_text(encoding="utf-8"))["policies"]
     assert all(row["stand"]["feet_airborne"] == 0.0 for row in later.values())
-    assert set(later) < set(found) and len(found) == 17 and "Seventeen trainings" in page
+    assert set(later) < set(found) and len(found) == 24 and "Twenty-four trainings" in page
+
+
+def test_the_page_tells_what_the_mean_of_two_networks_does(flowing):
+    found = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
+    (race,), randomized = found["races"]["average"], found["randomized_sprints"]
+    page = flowing("docs/results.md")
+    assert not race["failed"] and race["falls"] == race["not_stopped"] == 0
+    assert f"in equal parts they hold {race['speed_m_s']:.2f} m/s" in page
+    assert (
+        f"{race['stride_frequency_Hz']:.2f} strides a second, stances of {race['stance_ms']:.0f} ms" in page
+    )
+    assert f"foot force {race['foot_force_body_weights']:.2f} and a cost of transport" in page
+    assert f"100 m in {race['time_100m_s']:.2f} s" in page
+    for name in ("R1", "S0", "average"):
+        assert f"{randomized[name]['upright']} " in page and f" of {randomized[name]['trials']} " in page
+    assert all("foot force" in race["failed"] for race in found["races"]["S0"])
+    assert f"Drake says {found['drake']['average']['held_speed_m_s']:.2f} m/s" in page
+    hard = [turn["gain"] for turn in found["turning"]["average"] if turn["command_yaw_rate_rad_s"] < 0.0]
+    assert f"gives {100 * min(hard):.0f} to" in page
+    assert f"take {found['lap_with_battery_and_heat']['average']['time_s']:.1f} s" in page
+
+
+def test_the_mean_of_two_networks_is_a_policy_of_this_robot():
+    contract = load_policy(ROOT / "results/fourth-looks/average.onnx").contract
+    found = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
+    assert contract.robot_name == "bp2" and contract.training is not None
+    assert contract.training.iterations == found["policies"]["S1"]["iterations"]
+    assert sum(found["averages"]["average"].values()) == 1.0
