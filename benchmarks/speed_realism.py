@@ -135,7 +135,7 @@ def passing(policies: dict[str, Any]) -> list[dict[str, Any]]:
 
 def runs(trial: dict[str, Any]) -> bool:
     """Upright to the end, and not so slow that it has stumbled: at least half the commanded speed is held."""
-    return not trial["fall"] and bool(trial["speed_m_s"] >= 0.5 * trial["command_m_s"])
+    return not trial["fall"] and (trial["speed_m_s"] or 0.0) >= 0.5 * trial["command_m_s"]
 
 
 def front(points: list[tuple[float, float]], sign: float) -> list[tuple[float, float]]:
