@@ -43,7 +43,7 @@ def fill(learner: EstimatorPpo) -> None:
 
 def test_the_mirror_of_a_mirror_is_the_original() -> None:
     mirror = Mirror(OBSERVATION, load_robot("bp2"), "cpu")
-    for name, size in (("history", 450), ("truth", 53), ("action", 12), ("spread", 12)):
+    for name, size in (("history", 450), ("truth", 53), ("action", 12)):
         values = torch.randn(7, size)
         reflection = getattr(mirror, name)
         assert torch.equal(reflection(reflection(values)), values)
@@ -76,21 +76,36 @@ def test_a_mirrored_robot_sees_the_mirror_image() -> None:
     assert truth[0, :6].abs().max() > 0.05
 
 
-def test_the_rollout_s_image_is_complete_and_asks_the_estimator_anew() -> None:
+def test_the_rollout_s_image_asks_the_networks_anew_and_mirrors_the_noise() -> None:
     learner, mirror = filled(), Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     learner._prepare()
-    rollout = learner.rollout
+    rollout, actor = learner.rollout, learner.actor
     image, plain = rollout.policy_batch(2, 5, mirrored=True), rollout.policy_batch(2, 5)
     assert torch.equal(image.truth, mirror.truth(plain.truth))
-    assert torch.equal(image.action, mirror.action(plain.action))
-    assert torch.equal(image.mean, mirror.action(plain.mean))
     assert torch.equal(image.perceived[:, :53], mirror.truth(plain.perceived[:, :53]))
     histories = mirror.history(rollout.history[2:5].flatten(0, 1))
     with torch.no_grad():
-        latent = learner.actor.estimator(learner.actor.normalized_frames(histories)).mean
-    torch.testing.assert_close(image.perceived[:, 53:], latent)
-    for name in ("log_probability", "value", "advantage", "returns"):
+        torch.testing.assert_close(
+            image.perceived[:, 53:], actor.estimator(actor.normalized_frames(histories)).mean
+        )
+        torch.testing.assert_close(image.mean, actor.decide(image.perceived))
+        torch.testing.assert_close(image.value, learner.critic(image.truth))
+    torch.testing.assert_close(image.action - image.mean, mirror.action(plain.action - plain.mean))
+    for name in ("advantage", "returns"):
         assert torch.equal(getattr(image, name), getattr(plain, name))
+
+
+def test_learning_from_the_image_begins_at_the_policy_that_acted() -> None:
+    """However different left and right are, the first likelihood ratio is one: some robots act quietly."""
+    learner = filled()
+    learner.rollout.loudness[::2] = 0.25
+    learner._prepare()
+    batch = learner.rollout.policy_batch(0, 16, mirrored=True)
+    with torch.no_grad():
+        mean = learner.actor.decide(batch.perceived)
+        noise = learner.actor.std * batch.loudness.unsqueeze(-1)
+        now = torch.distributions.Normal(mean, noise).log_prob(batch.action).sum(-1)
+    torch.testing.assert_close(now, batch.log_probability)
 
 
 def test_every_other_epoch_learns_from_the_mirror_image() -> None:

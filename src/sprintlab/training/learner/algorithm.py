@@ -232,25 +232,36 @@ class EstimatorPpo:
 
     @torch.no_grad()
     def _reflect_rollout(self) -> None:
-        """The rollout's mirror image. What the estimator says of a mirrored history is asked anew."""
+        """The rollout's mirror image. What estimator, policy and critic say of it is asked anew.
+
+        The action's image is what the policy does in the mirrored state, with the mirrored noise. The image
+        of the action itself lies far off where left and right have grown apart, by a likelihood ratio from
+        which no clipped step learns.
+        """
         rollout, mirror = self.rollout, self._mirror
         history = mirror.history(rollout.history.flatten(0, 1))
         latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
         # The frame and the filtered estimate in front of the latent are laid out like the truth.
-        known = mirror.truth(rollout.perceived[..., : rollout.truth.shape[-1]])
+        known = mirror.truth(rollout.perceived[..., : rollout.truth.shape[-1]]).flatten(0, 1)
+        perceived, truth = torch.cat((known, latent), -1), mirror.truth(rollout.truth).flatten(0, 1)
+        mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
+        action = mean + mirror.action(rollout.action - rollout.mean).flatten(0, 1)
         images = {
-            "perceived": torch.cat((known, latent.unflatten(0, known.shape[:2])), -1),
-            "truth": mirror.truth(rollout.truth),
-            "action": mirror.action(rollout.action),
-            "mean": mirror.action(rollout.mean),
+            "perceived": perceived,
+            "truth": truth,
+            "action": action,
+            "mean": mean,
+            "value": value,
+            "log_probability": log_probability(
+                action, mean, robot_noise(self.actor.std, rollout.loudness.flatten())
+            ),
         }
         for name, image in images.items():
-            rollout.mirrored[name].copy_(image)
+            rollout.mirrored[name].copy_(image.unflatten(0, rollout.value.shape))
 
     def _improve_policy(self, batch: PolicyBatch, mirrored: bool = False) -> None:
         """One step; only on what was really seen do the learning rate and the log look."""
-        old_std = self._mirror.spread(self.old_std) if mirrored else self.old_std
-        loss, parts = self._policy_losses(self.actor, self.critic, batch, old_std, self.settings.ppo)
+        loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
         if not mirrored:
             self._workers.average(parts)
             self._note(parts)

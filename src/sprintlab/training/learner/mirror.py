@@ -58,11 +58,10 @@ class Mirror:
         history: of an observation ``(..., H * F)``.
         truth: of a frame with the body's velocity, height and contacts after it ``(..., F + 8)``.
         action: of an action ``(..., joints)``.
-        spread: of deviations of an action's numbers ``(..., joints)``: these have no sign.
     """
 
     def __init__(self, observation: Observation, robot: RobotDescription, device: str) -> None:
-        order, signs = joints = mirror_joints(robot)
+        joints = mirror_joints(robot)
         frame: tuple[_Part, ...] = tuple(
             joints if term.mirror is None else (range(len(term.mirror)), term.mirror)
             for term in OBSERVATION_TERMS
@@ -72,4 +71,3 @@ class Mirror:
         self.history = Reflection(frame * observation.history_length, device)
         self.truth = Reflection((*frame, *estimate), device)
         self.action = Reflection((joints,), device)
-        self.spread = Reflection(((order, (1.0,) * len(signs)),), device)

@@ -7,7 +7,7 @@ import torch
 from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
 
-MIRRORED = ("perceived", "truth", "action", "mean")
+MIRRORED = ("perceived", "truth", "action", "mean", "value", "log_probability")
 """Fields that change in a mirror; the others are the same for a transition and its image."""
 
 
