@@ -8,7 +8,7 @@
 
 PYTHON ?= python3
 # The shipped policy's top command [m/s]; without it the race searches for one first.
-RACE_ARGS ?= sprint --top-speed 10.5
+RACE_ARGS ?= sprint --top-speed 13
 WORKERS ?= 2
 
 VENV := .venv

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -13,7 +14,10 @@ pytest.importorskip("mujoco_warp")
 
 
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
+from sprintlab.training.runs.named_settings import plain
 from sprintlab.training.runs.options import TrainOptions
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_every_policy_of_the_package_has_its_recipe() -> None:
@@ -32,22 +36,45 @@ def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], M
 def test_sprint_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
     recipe = load_script("recipes/sprint.py")
     contract = load_policy(shipped_policy("sprint")).contract
-    settings, record = recipe.sprint_settings(), contract.training
-    assert contract.robot_name == settings.robot and record.seed == settings.seed
-    assert (
-        0.99 * recipe.DEFAULTS.iterations < record.iterations <= recipe.DEFAULTS.iterations
-    )  # it ended when its time was up
+    settings, record = recipe.second_settings(), contract.training
+    assert contract.robot_name == settings.robot
+    assert (record.iterations, record.seed) == (recipe.DEFAULTS.iterations, settings.seed)
     assert record.environment_steps == record.iterations * 8192 * settings.ppo.steps
-    assert record.command_line == "python recipes/sprint.py --output runs/sprint"
+    assert "averaged with those of R1" in record.command_line
 
 
-def test_a_recipe_trains_the_seed_of_its_settings(
+def test_the_recipe_has_the_settings_that_were_recorded(load_script: Callable[[str], ModuleType]) -> None:
+    recipe = load_script("recipes/sprint.py")
+    recorded = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
+    for name, settings in (("R1", recipe.first_settings()), ("S1", recipe.second_settings())):
+        chosen = json.loads(json.dumps(plain(settings)))
+        for part, values in recorded["policies"][name]["settings"].items():
+            assert chosen[part] == values, (name, part)
+
+
+def test_the_recipe_trains_twice_and_averages(
     load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     asked: list[TrainOptions] = []
-    monkeypatch.setattr("sprintlab.training.runs.run.train", asked.append)
+
+    def train(options: TrainOptions) -> Path:
+        asked.append(options)
+        (options.output / "checkpoint.pt").parent.mkdir(parents=True)
+        return options.output / "checkpoint.pt"
+
+    averaged: list[tuple[Path, ...]] = []
+    monkeypatch.setattr("sprintlab.training.runs.run.train", train)
+    monkeypatch.setattr("sprintlab.training.runs.options.check_checkpoint", lambda path: {"growth": 1})
+    monkeypatch.setattr(
+        "sprintlab.training.runs.averaging.average_checkpoints",
+        lambda paths, output: averaged.append(paths) or SimpleNamespace(path=output),
+    )
     recipe = load_script("recipes/sprint.py")
-    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own"))
+    policy = recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own"))
     recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64))
-    assert [options.full_settings().seed for options in asked] == [recipe.sprint_settings().seed, 7] == [0, 7]
-    assert [options.full_settings().simulation.environments for options in asked] == [8192, 64]
+    assert policy == tmp_path / "own/policy.onnx"
+    assert [each.full_settings().seed for each in asked] == [1, 22, 7, 7]
+    assert [each.full_settings().simulation.environments for each in asked] == [8192, 8192, 64, 64]
+    assert [each.iterations for each in asked] == [2000, 3700] * 2
+    assert [each.start_from for each in asked[:2]] == [None, tmp_path / "own/first/checkpoint.pt"]
+    assert averaged[0] == tuple(tmp_path / "own" / name / "checkpoint.pt" for name in ("first", "second"))

@@ -87,7 +87,11 @@ def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
-    state = read_checkpoint(checkpoint)
+    return export_state(read_checkpoint(checkpoint), output)
+
+
+def export_state(state: dict[str, Any], output: Path) -> ExportedPolicy:
+    """``export_checkpoint`` of what was read, or made of several that were; raises what that does."""
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
     data = _with_contract(

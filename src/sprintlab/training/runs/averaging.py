@@ -1,0 +1,50 @@
+"""One policy from several checkpoints: the mean of their weights.
+
+Networks that began with the same training lie in one valley of the loss: their mean is a policy too, and a
+steadier one than each of them (Izmailov et al. 2018, "Averaging weights leads to wider optima and better
+generalization"; Wortsman et al. 2022, "Model soups"). Networks that began from different random weights have
+no such mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.files import check_writable
+from sprintlab.training.runs.checkpoint import read_checkpoint
+from sprintlab.training.runs.export import ExportedPolicy, export_state
+
+
+def average_checkpoints(checkpoints: Sequence[Path], output: Path) -> ExportedPolicy:
+    """Write the policy whose weights are the mean of these checkpoints', in equal parts.
+
+    Its contract is that of the last one: settings, iterations and command line.
+
+    Args:
+        checkpoints: of one training, or of trainings that went on from it; milestones will do.
+        output: the file to write; it appears only if it reads back equal.
+
+    Raises:
+        InvalidValueError: fewer than two checkpoints.
+        SprintlabError: one cannot be read, or is of another robot or of networks of other sizes.
+        PolicyFileError: the runtimes differ.
+    """
+    if len(checkpoints) < 2:
+        raise InvalidValueError("checkpoints", len(checkpoints), "at least two")
+    check_writable(output)
+    states = [read_checkpoint(path) for path in checkpoints]
+    last, weights = states[-1], [state["learner"]["actor"] for state in states]
+    for path, state, found in zip(checkpoints, states, weights, strict=True):
+        if state["settings"].robot != last["settings"].robot or _sizes(found) != _sizes(weights[-1]):
+            raise SprintlabError(f"{path} is of another robot or other networks than {checkpoints[-1]}")
+    mean = {name: torch.stack([found[name] for found in weights]).mean(0) for name in weights[-1]}
+    return export_state({**last, "learner": {"actor": mean}}, output)
+
+
+def _sizes(weights: dict[str, torch.Tensor]) -> dict[str, Any]:
+    return {name: value.shape for name, value in weights.items()}
