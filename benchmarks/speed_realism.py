@@ -42,7 +42,7 @@ MEASURES = {
 """What the figure shows over the speed: label, bound of audit or goal, which way is good."""
 FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.53))
 """Speed and these measures of policies that have left the package, on their robot and today's plant."""
-_ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S")
+_ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S", "Y")
 _LABELS = (
     "first weights",
     "range ahead",
@@ -50,8 +50,9 @@ _LABELS = (
     "standing held, speed rewarded",
     "first weights again, ramps and slopes",
     "R1 goes on, longer at the top",
+    "the same with another seed",
 )
-_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00")
+_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00", "#0b8a9e")
 ROUNDS = {
     letter: (label, color)
     for letters, label, color in zip(_ROUNDS, _LABELS, _COLORS, strict=True)

@@ -457,7 +457,7 @@ class PpoSettings:
         quiet_noise: share of the action noise that those robots have.
         mirror_epochs: every other epoch learns from the mirror image of the rollout, left and right
             exchanged: twice the experience for the same physics. Not in the paper; wrong for a robot whose
-            sides differ.
+            sides differ, and with quiet robots it broke every training that tried (docs/results.md).
         hidden: widths of actor and critic.
         precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
             ``"bfloat16"`` (faster; an exported policy always computes in single precision).
