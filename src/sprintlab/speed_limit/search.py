@@ -123,6 +123,9 @@ def fastest_stride(
     search = _Search(runner, settings, tuple(groups), ceiling)
     known = (near,) if isinstance(near, Fastest) else tuple(near)
     best, found = (0.0, np.zeros(PARAMETERS)), []
+    for item in known:  # a stride that keeps these limits too is a bound from below, wherever the climbs end
+        if item.speed > best[0] and search.keeps(item):
+            best = item.speed, item.parameters
     for start, speed in search.starts(known):
         climbed = search.climb(start, speed)
         found.append(climbed[0])
@@ -175,6 +178,16 @@ class _Search:
         for index in range(self._settings.starts):
             strength = _SHAKES[index % len(_SHAKES)]
             yield strength * _SCALES * random.standard_normal(PARAMETERS)
+
+    def keeps(self, stride: Fastest) -> bool:
+        """Whether a known stride keeps the limits at its own speed, within bounds and below the ceiling."""
+        scaled = stride.parameters / _SCALES
+        inside = bool(((self._lower <= scaled) & (scaled <= self._upper)).all())
+        return (
+            inside
+            and stride.speed <= self.ceiling
+            and float(np.abs(self._residuals(scaled[None], stride.speed)).max()) < KEPT
+        )
 
     def climb(self, start: FloatArray, speed: float) -> tuple[float, FloatArray]:
         """Fastest possible stride uphill of a start: its speed (0: none) and its parameters."""
