@@ -117,7 +117,7 @@ TINY = {
         "import sprintlab as sl\nfrom tests.short_trials import shorten_trials\nshorten_trials()\n"
     ),
     '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
-    "iterations=3200, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
+    "iterations=1600, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
     "trials=10": "trials=1, top_speed=1.0, distance=0.5, workers=1",
 }
 

@@ -131,7 +131,7 @@ def train(
     settings: TrainingSettings | str = "sprint",
     output: Path | str = "runs/train",
     *,
-    iterations: int = 3200,
+    iterations: int = 1600,
     minutes: float = 20.0,
     device: str = "auto",
     resume: bool = False,
@@ -226,7 +226,7 @@ class ScriptOptions:
 
     output: Path
     minutes: float = 20.0
-    iterations: int = 3200
+    iterations: int = 1600
     environments: int | None = None
     seed: int | None = None
     device: str = "auto"

@@ -59,7 +59,7 @@ class Sweep:
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     vary: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     minutes: float = 20.0
-    iterations: int = 3200
+    iterations: int = 1600
     environments: int = 8192
     device: str = "auto"
     per_gpu: int = 1

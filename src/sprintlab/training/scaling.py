@@ -1,7 +1,7 @@
 """A training recipe at another robot's size: BP2's lengths, speeds and masses, scaled.
 
 Two legged robots move alike where their Froude numbers ``v^2 / (g l)`` are equal: at equal gravity speeds go
-with the square root of the leg's length (Alexander and Jayes, J. Zool. 201, 1983).
+with the square root of the leg's length (Alexander and Jayes, J. Zool. 201, 1983), and so do times.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def leg_length(robot: RobotDescription) -> float:
 def scaled_settings(
     robot: str, base: TrainingSettings | None = None, defaults: TrainingSettings | None = None
 ) -> TrainingSettings:
-    """``base`` for ``robot``: lengths by leg length, speeds by Froude number, payload by mass.
+    """``base`` for ``robot``: lengths by leg length, speeds and times by Froude number, payload by mass.
 
     What was changed is left alone: only values that ``base`` shares with ``defaults`` are scaled. For the
     robot that the defaults are for, nothing changes but the name.
@@ -60,6 +60,9 @@ def scaled_settings(
             foot_clearance_target=above_ground(rewards.foot_clearance_target),
             touchdown_height=above_ground(rewards.touchdown_height),
             leg_distance_limit=length * rewards.leg_distance_limit,
+            shortest_stride=speed * rewards.shortest_stride,
+            shortest_stance=speed * rewards.shortest_stance,
+            progress=rewards.progress / speed,
         ),
         randomization=_where_default(
             base.randomization,
@@ -78,6 +81,8 @@ def scaled_settings(
             stages,
             first_top=speed * stages.first_top,
             second_top=speed * stages.second_top,
+            growth=speed * stages.growth,
+            growth_margin=speed * stages.growth_margin,
         ),
     )
 

@@ -35,7 +35,7 @@ class TrainOptions:
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
         minutes: stop after this much time in this sitting.
-        iterations: stop at this iteration of the run; some 450 after ``stages.steady_iteration``.
+        iterations: stop at this iteration of the run, after ``stages.steady_iteration``.
         environments: robots side by side.
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
@@ -64,7 +64,7 @@ class TrainOptions:
     preset: str = "sprintlab"
     output: Path = Path("runs/train")
     minutes: float = 20.0
-    iterations: int = 3200
+    iterations: int = 1600
     environments: int = 8192
     seed: int = 0
     device: str = "auto"
