@@ -13,7 +13,7 @@ from studies.paper.variants import VARIANTS
 
 Rows = Mapping[str, MethodRow]
 Speeds = Mapping[str, Mapping[str, float]]
-"""Method to variant to max velocity of the kept policy [m/s]."""
+"""Method to variant to the most that its kept policy holds [m/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +41,19 @@ class Answer:
     text: str
 
 
-def verdict(faster: Interval) -> str:
-    """Whether a probability of improvement settles an order."""
-    if not math.isfinite(faster.low):
-        return "open"
+ENOUGH_SEEDS = 3
+"""With two seeds each, chance alone puts both of one method before both of the other in one of six tries."""
+
+
+def verdict(faster: Interval, seeds: int) -> str:
+    """Whether a probability of improvement settles an order.
+
+    Args:
+        faster: the probability, with its interval.
+        seeds: of the method that has fewer.
+    """
+    if not math.isfinite(faster.low) or seeds < ENOUGH_SEEDS:
+        return f"open, with {seeds} {'seed' if seeds == 1 else 'seeds'}"
     return "settled" if faster.low > 0.5 or faster.high < 0.5 else "open"
 
 
@@ -55,15 +64,15 @@ def comparison(rows: Rows, other: str) -> str:
         return f"Not trained yet: {' and '.join(f'`{name}`' for name in missing)}."
     ours, theirs = rows[REFERENCE_METHOD], rows[other]
     text = (
-        f"`{REFERENCE_METHOD}` holds {velocity_text(ours, ours.max_velocity)} m/s, "
-        f"`{other}` {velocity_text(theirs, theirs.max_velocity)}"
+        f"`{REFERENCE_METHOD}` holds {velocity_text(ours, ours.most_held)} m/s, "
+        f"`{other}` {velocity_text(theirs, theirs.most_held)}"
     )
-    gain = ours.max_velocity.center / theirs.max_velocity.center - 1.0
+    gain = ours.most_held.center / theirs.most_held.center - 1.0
     if math.isfinite(gain):
         text += f": {100 * gain:+.1f} %"
     faster = theirs.reference_faster
     text += f"; a seed of `{REFERENCE_METHOD}` is the faster with probability {faster.text(2)}"
-    return f"{text}: {verdict(faster)}."
+    return f"{text}: {verdict(faster, min(ours.seeds, theirs.seeds))}."
 
 
 def confirmed(rows: Rows) -> str:
@@ -74,11 +83,16 @@ def confirmed(rows: Rows) -> str:
     for method in PAPER_TABLE:
         if method == REFERENCE_METHOD or method not in rows:
             continue
-        faster = rows[method].reference_faster
-        settled = verdict(faster) == "settled"
+        faster, seeds = rows[method].reference_faster, min(rows[method].seeds, rows[REFERENCE_METHOD].seeds)
+        settled = verdict(faster, seeds) == "settled"
         name = "Open" if not settled else "Confirmed" if faster.center > 0.5 else "Not confirmed"
-        groups[name].append(f"`{method}`")
+        groups[name].append(f"`{method}`" + ("" if settled else f" ({faster.center:.2f})"))
     parts = [f"{name}: faster than {', '.join(found)}." for name, found in groups.items() if found]
+    if groups["Open"]:
+        parts.append(
+            f"Open means that the seeds do not settle it; the number is the probability that a seed of "
+            f"`{REFERENCE_METHOD}` is the faster, as they are."
+        )
     lead = f"The paper finds `{REFERENCE_METHOD}` faster than each of five others; on this robot:"
     return f"{lead} {' '.join(parts)}" if parts else "No other method of the paper is trained yet."
 
@@ -130,17 +144,17 @@ def _collapse(known: Evidence) -> str:
         if row is None:
             parts.append(f"With {preset} it is not trained yet.")
         else:
-            held = f", the others hold {row.max_velocity.text(2)} m/s" if row.collapsed < row.seeds else ""
+            held = f", the others hold {row.most_held.text(2)} m/s" if row.collapsed < row.seeds else ""
             parts.append(f"With {preset} {row.collapsed} of {row.seeds} seeds collapse{held}.")
     return " ".join(parts)
 
 
 def _others(known: Evidence) -> str:
     found = [known.rows[name] for name in known.comparators if name in known.rows]
-    running = [row for row in found if math.isfinite(row.max_velocity.center)]
+    running = [row for row in found if math.isfinite(row.most_held.center)]
     if not running:
         return "Not trained yet."
-    best = max(running, key=lambda row: row.max_velocity.center)
+    best = max(running, key=lambda row: row.most_held.center)
     text = f"`{best.method}` is the fastest of {len(found)}. {comparison(known.rows, best.method)}"
     missing = [f"`{name}`" for name in known.comparators if name not in known.rows]
     return f"{text} Not trained yet: {', '.join(missing)}." if missing else text

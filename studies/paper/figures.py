@@ -396,7 +396,7 @@ def estimate_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
     )
     figure, axes = themed_figure(theme, (9.5, 8.0), len(panels), 1, sharex=True)
     for axis, (label, column) in zip(axes, panels, strict=True):
-        axis.plot(pair.time, pair.truth[:, column], color=theme.muted, linewidth=1.0, label="truth")
+        axis.plot(pair.time, pair.truth[:, column], color=theme.muted, linewidth=1.0, label="simulated")
         axis.plot(pair.time, pair.estimate[:, column], color=theme.second, linewidth=1.2, label="estimate")
         axis.set_ylabel(label, fontsize=8)
     axes[-1].set_xlabel("time [s]")
@@ -405,12 +405,12 @@ def estimate_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
 
 
 def methods_figure(records: Mapping[str, Sequence[EvaluationRecord]], theme: Theme = LIGHT) -> Figure:
-    """Max velocity by method, raw: every seed as a dot, the mean as a bar, the paper's number as a mark."""
+    """The most held, raw: every seed as a dot, a method's mean as a bar, the paper's number as a mark."""
     names = [method for method in records if records[method] or method in PAPER_TABLE]
     figure, axes = themed_figure(theme, (9.5, 3.8), 1, 1)
     axis = axes[0]
     for place, method in enumerate(names):
-        values = [record.raw.max_velocity for record in records[method] if not collapsed(record)]
+        values = [record.raw.most_held for record in records[method] if not collapsed(record)]
         if values:
             colour = method_colour(method, theme)
             axis.bar(place, float(np.mean(values)), 0.55, color=colour, alpha=0.3)
@@ -425,7 +425,7 @@ def methods_figure(records: Mapping[str, Sequence[EvaluationRecord]], theme: The
             axis.text(place, 0.3, note, ha="center", fontsize=8, color=theme.foreground)
     axis.set_xticks(range(len(names)), names)
     axis.set_xlim(-0.6, len(names) - 0.4)
-    axis.set_ylabel("max velocity, raw [m/s]")
+    axis.set_ylabel("most held, raw [m/s]")
     handles = [
         Line2D([], [], color=theme.muted, marker="o", linestyle="", label="ours, one seed"),
         Patch(color=theme.muted, alpha=0.3, label="ours, mean"),

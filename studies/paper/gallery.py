@@ -140,9 +140,9 @@ _TEXTS = {
         "smooths the contact of single strides.",
     ),
     "methods": (
-        "Max velocity by method",
-        "Max velocity with the raw command: every seed, their mean, and the paper's robot. Compare orders "
-        "and ratios; where the seeds of two methods overlap, the order of their means says little.",
+        "Speed by method",
+        "The most that is held with the raw command: every seed, their mean, and the paper's robot. Compare "
+        "orders and ratios; where the seeds of two methods overlap, the order of their means says little.",
     ),
     "learning": (
         "Learning curves",

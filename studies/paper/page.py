@@ -118,13 +118,13 @@ def reported_table(known: Evidence) -> str:
     ]
     ours = known.rows.get(REFERENCE_METHOD)
     if ours is not None:
-        speed = ours.max_velocity.text(2)
+        speed = ours.most_held.text(2)
         rows.append([f"surrogate of BP2, `{REFERENCE_METHOD}`", speed, "-", "measured by us"])
     return markdown_table(("robot", "simulation [m/s]", "outdoors [m/s]", ""), rows)
 
 
 def variants_table(known: Evidence) -> str:
-    """Max velocity of the kept policy of each method in every variant, in Markdown."""
+    """The most that the kept policy of each method holds in every variant, in Markdown."""
     from sprintlab.evaluation.quantities import number
     from studies.paper.pages import markdown_table
     from studies.paper.variants import VARIANTS
@@ -133,9 +133,7 @@ def variants_table(known: Evidence) -> str:
         [method, *(number(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
         for method, speeds in known.variants.items()
     ]
-    note = (
-        "Max velocity [m/s] of the median seed's policy with the raw command, trained on the nominal robot."
-    )
+    note = "The most that the median seed's policy holds, raw command [m/s]; trained on the nominal robot."
     columns = ("method", *(variant.title for variant in VARIANTS.values()))
     return f"{markdown_table(columns, rows)}\n\n{note}"
 

@@ -3,8 +3,8 @@
     python -m studies.paper table runs/study
     python -m studies.paper publish runs/study
 
-The median seed of a method is the one whose raw max velocity is the median (the slower of two in the middle).
-With it goes the cloud.npz of its training, for the figures, where there is one.
+The median seed of a method is the one in the middle by the most that is held with the raw command (the
+slower of two in the middle). With it goes the cloud.npz of its training, for the figures, where there is one.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:
 
 
 def _speed(record: EvaluationRecord) -> float:
-    """Max velocity, raw [m/s]; a policy that runs nowhere comes last."""
-    speed = record.raw.max_velocity
+    """The most that is held, raw [m/s]; a policy that runs nowhere comes last."""
+    speed = record.raw.most_held
     return speed if speed == speed else -1.0
 
 

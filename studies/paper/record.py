@@ -121,24 +121,33 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         return math.nan if self.best is None else number(self.best.held_speed)
 
     @property
+    def most_held(self) -> float:
+        """The most that is held, at the fastest v* [m/s]; ``nan`` when nothing passed.
+
+        A policy that is asked for more than it can run may slow down and still complete: then this is more
+        than ``max_velocity``.
+        """
+        return math.nan if self.fastest is None else number(self.fastest.held_speed)
+
+    @property
     def peak_speed(self) -> float:
-        """Mean 0.5 s peak at the best v* [m/s]; ``nan`` when nothing passed."""
-        return math.nan if self.best is None else number(self.best.peak_speed)
+        """Mean 0.5 s peak at the fastest v* [m/s]; ``nan`` when nothing passed."""
+        return math.nan if self.fastest is None else number(self.fastest.peak_speed)
 
     @property
     def angular_cost(self) -> float:
-        """J at the best v* [rad^2/s]; ``nan`` when nothing passed."""
-        return math.nan if self.best is None else number(self.best.angular_cost)
+        """J at the fastest v* [rad^2/s]; ``nan`` when nothing passed."""
+        return math.nan if self.fastest is None else number(self.fastest.angular_cost)
 
     @property
     def collapsed(self) -> bool:
-        """Whether no speed passed, or hardly any speed is held."""
-        return not self.max_velocity >= COLLAPSE_SPEED
+        """Whether no speed passed, or hardly any speed is held at any that did."""
+        return not self.most_held >= COLLAPSE_SPEED
 
     @property
     def audit_passed(self) -> bool:
-        """Whether a speed passed and its trials kept the exploit audit."""
-        return self.best is not None and self.best.audit.passed
+        """Whether a speed passed and the trials at the fastest kept the audit."""
+        return self.fastest is not None and self.fastest.audit.passed
 
 
 class SprintRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -252,11 +261,11 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     @property
     def honest(self) -> bool:
-        """Whether the audit passed at the best raw speed, or failed in nothing but a harmless clock."""
-        best = self.raw.best
-        if best is None:
+        """Whether the audit passed at the fastest raw speed, or failed in nothing but a harmless clock."""
+        fastest = self.raw.fastest
+        if fastest is None:
             return False
-        failed = [item.name for item in best.audit.items if not item.passed]
+        failed = [item.name for item in fastest.audit.items if not item.passed]
         return not failed or (failed == [CLOCK_ITEM] and self.clock is not None and self.clock.harmless)
 
 

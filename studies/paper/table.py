@@ -37,30 +37,32 @@ class MethodRow:
         method: its name.
         seeds: number of policies.
         collapsed: how many of them collapsed.
-        max_velocity: raw command [m/s].
-        reference_faster: probability that a seed of the reference method is faster, raw.
-        max_velocity_self_paced: [m/s].
+        most_held: raw command, the most that is held at any v* that was passed [m/s].
+        reference_faster: probability that a seed of the reference method holds more, raw.
+        max_velocity: raw, held at the highest v* that was passed [m/s].
+        most_held_self_paced: [m/s].
         peak_speed: 0.5 s mean, raw [m/s].
-        angular_cost: J at the method's own max velocity, raw [rad^2/s].
+        angular_cost: J where most is held, raw [rad^2/s].
         normalized_cost: J over that of the reference method.
         common_cost: J at the speed that every method's policies passed [rad^2/s].
         sprint_time: raw [s], over the seeds that reached the line.
         sprint_time_self_paced: [s], likewise.
-        cost_of_transport: at the max velocity, raw.
-        falls: in the trials at the best speed, raw, mean over the seeds.
-        audit_passed: how many seeds passed the exploit audit at their best speed.
+        cost_of_transport: where most is held, raw.
+        falls: in those trials, mean over the seeds.
+        audit_passed: how many seeds passed the audit in those trials.
         honest: how many did, or failed in nothing but a policy clock that is harmless.
-        duty_factor: mean share of time that a foot is on the ground, at the max velocity, raw.
-        hip_limited: share of time that a hip's motor is on its limit, mean of four, at the max velocity, raw.
+        duty_factor: mean share of time that a foot is on the ground, likewise.
+        hip_limited: share of time that a hip's motor is on its limit, mean of four, likewise.
         knee_limited: the same of the knees.
     """
 
     method: str
     seeds: int
     collapsed: int
-    max_velocity: Interval
+    most_held: Interval
     reference_faster: Interval
-    max_velocity_self_paced: Interval
+    max_velocity: Interval
+    most_held_self_paced: Interval
     peak_speed: Interval
     angular_cost: Interval
     normalized_cost: Interval
@@ -111,8 +113,8 @@ def method_rows(records: Records, reference: str = REFERENCE_METHOD) -> list[Met
 
 
 def _speeds(group: Sequence[EvaluationRecord]) -> list[float]:
-    """Max velocity of every seed, raw [m/s]; 0 of one that collapsed."""
-    return [0.0 if collapsed(record) else record.raw.max_velocity for record in group]
+    """The most that every seed holds, raw [m/s]; 0 of one that collapsed."""
+    return [0.0 if collapsed(record) else record.raw.most_held for record in group]
 
 
 def _running(group: Sequence[EvaluationRecord]) -> list[EvaluationRecord]:
@@ -127,14 +129,15 @@ def _row(
     reference: Sequence[float],
 ) -> MethodRow:
     running = _running(group)
-    best = [speed for record in running if (speed := record.raw.best) is not None]
+    best = [speed for record in running if (speed := record.raw.fastest) is not None]
     return MethodRow(
         method=method,
         seeds=len(group),
         collapsed=len(group) - len(running),
-        max_velocity=interquartile_mean([record.raw.max_velocity for record in running]),
+        most_held=interquartile_mean([record.raw.most_held for record in running]),
         reference_faster=improvement(reference, _speeds(group)),
-        max_velocity_self_paced=interquartile_mean([record.self_paced.max_velocity for record in running]),
+        max_velocity=interquartile_mean([record.raw.max_velocity for record in running]),
+        most_held_self_paced=interquartile_mean([record.self_paced.most_held for record in running]),
         peak_speed=interquartile_mean([record.raw.peak_speed for record in running]),
         angular_cost=interquartile_mean([record.raw.angular_cost for record in running]),
         normalized_cost=interquartile_mean(
@@ -172,17 +175,16 @@ TABLE_COLUMNS = (
     "motor in training",
     "commands",
     "paper: speed",
-    "ours: raw",
+    "ours: most held",
     "sprint faster",
-    "ours: self-paced",
+    "ours: at the highest v*",
     "paper: J_norm",
     "ours: J_norm",
-    "100 m: raw",
-    "100 m: self-paced",
+    "100 m",
     "seeds",
     "audit",
 )
-"""Headings of ``table_cells``; max velocities in m/s, times in s."""
+"""Headings of ``table_cells``; speeds in m/s, times in s, raw command."""
 
 
 def table_cells(row: MethodRow) -> tuple[str, ...]:
@@ -194,13 +196,12 @@ def table_cells(row: MethodRow) -> tuple[str, ...]:
         actuator,
         commands,
         "-" if paper is None else _paper_text(paper.max_velocity, 1),
-        velocity_text(row, row.max_velocity),
+        velocity_text(row, row.most_held),
         "-" if row.method == REFERENCE_METHOD else row.reference_faster.text(2),
-        velocity_text(row, row.max_velocity_self_paced),
+        row.max_velocity.text(2),
         "-" if paper is None else _paper_text(paper.normalized_cost, 3),
         row.normalized_cost.text(3),
         row.sprint_time.text(2),
-        row.sprint_time_self_paced.text(2),
         str(row.seeds),
         _audit_text(row),
     )
@@ -254,12 +255,12 @@ def velocity_text(row: MethodRow, velocity: Interval) -> str:
 
 
 def order_text(rows: Sequence[MethodRow]) -> str:
-    """The methods by max velocity, in the paper and here; empty with fewer than two of ours."""
-    ours = {row.method: row.max_velocity.center for row in rows if math.isfinite(row.max_velocity.center)}
+    """The methods by speed, in the paper and here; empty with fewer than two of ours."""
+    ours = {row.method: row.most_held.center for row in rows if math.isfinite(row.most_held.center)}
     paper = {method: speed for method, row in PAPER_TABLE.items() if (speed := row.max_velocity) is not None}
     if len(ours) < 2:
         return ""
-    return f"By max velocity: in the paper {_by_speed(paper)}; ours {_by_speed(ours)}."
+    return f"By speed: in the paper {_by_speed(paper)}; ours {_by_speed(ours)}."
 
 
 def _by_speed(speeds: Mapping[str, float]) -> str:
@@ -281,8 +282,10 @@ DETAIL_COLUMNS = (
     "falls of 10",
     "hip on its limit",
     "knee on its limit",
+    "self-paced: most held",
+    "self-paced: 100 m",
 )
-"""Headings of ``detail_cells``; all with the raw command."""
+"""Headings of ``detail_cells``; with the raw command where they do not say otherwise."""
 
 
 def detail_cells(row: MethodRow) -> tuple[str, ...]:
@@ -297,6 +300,8 @@ def detail_cells(row: MethodRow) -> tuple[str, ...]:
         row.falls.text(1),
         row.hip_limited.text(2),
         row.knee_limited.text(2),
+        row.most_held_self_paced.text(2),
+        row.sprint_time_self_paced.text(2),
     )
 
 
@@ -320,7 +325,8 @@ SEED_COLUMNS = (
 
 def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
     """One policy, as text under ``SEED_COLUMNS``."""
-    failed = [] if record.raw.best is None else record.raw.best.audit.items
+    fastest = record.raw.fastest
+    failed = [] if fastest is None else fastest.audit.items
     marks = ", ".join(item.name for item in failed if not item.passed)
     marks += " (harmless)" if marks and record.honest else ""
     return (
@@ -332,7 +338,7 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
         _sprint_text(record.sprint),
         _sprint_text(record.sprint_self_paced),
         f"{float(record.training.get('environment_steps', 'nan')) / 1e6:.0f}",
-        "-" if record.raw.best is None else marks or "passed",
+        "-" if fastest is None else marks or "passed",
     )
 
 
@@ -384,9 +390,9 @@ def clock_cells(record: EvaluationRecord) -> tuple[str, ...]:
 
 
 def method_estimates(group: Sequence[EvaluationRecord]) -> tuple[EstimateBand, ...]:
-    """Errors of a method's estimates in the raw trials at each seed's best speed, all seeds together."""
-    best = [speed for record in group if (speed := record.raw.best) is not None]
-    return merge_bands(band for speed in best for band in speed.estimate)
+    """Errors of a method's estimates in the raw trials at each seed's fastest speed, all seeds together."""
+    fastest = [speed for record in group if (speed := record.raw.fastest) is not None]
+    return merge_bands(band for speed in fastest for band in speed.estimate)
 
 
 def table_numbers(records: Records) -> dict[str, Any]:

@@ -182,13 +182,13 @@ def read_variant(path: Path) -> VariantRecord | None:
 
 
 def variant_speeds(runs: Iterable[Run]) -> dict[str, dict[str, float]]:
-    """Method to variant to max velocity [m/s] of its kept policy, where it was measured."""
+    """Method to variant to the most that its kept policy holds [m/s], where it was measured."""
     speeds: dict[str, dict[str, float]] = {}
     for run in runs:
         for name in VARIANTS:
             record = read_variant(run.folder / f"{name}.json")
             if record is not None:
-                speeds.setdefault(run.method, {})[name] = record.raw.max_velocity
+                speeds.setdefault(run.method, {})[name] = record.raw.most_held
     return speeds
 
 

@@ -122,9 +122,19 @@ def test_a_page_of_nothing_says_so(tmp_path) -> None:
 
 
 def test_an_order_is_settled_where_its_interval_leaves_out_one_half() -> None:
-    assert verdict(Interval(center=0.9, low=0.6, high=1.0)) == "settled"
-    assert verdict(Interval(center=0.1, low=0.0, high=0.4)) == "settled"
-    assert verdict(Interval(center=0.7, low=0.4, high=0.9)) == verdict(Interval(center=0.9)) == "open"
+    assert verdict(Interval(center=0.9, low=0.6, high=1.0), 3) == "settled"
+    assert verdict(Interval(center=0.1, low=0.0, high=0.4), 5) == "settled"
+    assert verdict(Interval(center=0.7, low=0.4, high=0.9), 5) == "open"
+    assert verdict(Interval(center=1.0, low=1.0, high=1.0), 2) == "open, with 2 seeds"
+    assert verdict(Interval(center=0.9), 1) == "open, with 1 seed"
+
+
+def test_a_policy_that_slows_down_when_asked_for_too_much_has_not_collapsed() -> None:
+    (slow,), (fast,) = search(1.0).speeds, search(8.0).speeds
+    found = SearchRecord(speeds=(fast, msgspec.structs.replace(slow, top_speed=16.0)))
+    assert (found.max_velocity, found.most_held, found.collapsed) == (1.0, 8.0, False)
+    (row,) = method_rows({"sprint": [msgspec.structs.replace(record("sprint", 0, 1.0), raw=found)]})
+    assert (row.most_held.center, row.max_velocity.center, row.collapsed) == (8.0, 1.0, 0)
 
 
 def test_hips_and_knees_on_their_limit_are_told_apart() -> None:

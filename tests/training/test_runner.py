@@ -181,7 +181,7 @@ def test_a_run_writes_file_and_policy_and_says_where_it_ends_before_its_steady_s
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
     options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "iterations": 1}
     train(TrainOptions(output=tmp_path / "short", settings=short, **options))
-    assert "before its fine-tuning phase (stages.steady_iteration, 2750)" in " ".join(
+    assert "before its fine-tuning phase (stages.steady_iteration, 850)" in " ".join(
         capsys.readouterr().err.split()
     )
     again = read_run_file(tmp_path / "short" / "run.toml")
