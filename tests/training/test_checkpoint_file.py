@@ -240,6 +240,14 @@ def test_values_are_counted_however_their_commas_are_written(path: Path, monkeyp
         read_checkpoint(path)
 
 
+def test_lists_and_objects_within_others_count_as_values(path: Path, monkeypatch) -> None:
+    rewritten(path, lambda values, _: values.update(more=[{"a": [{}]}] * 1000))
+    assert len(read_checkpoint(path)["more"]) == 1000
+    monkeypatch.setattr(module, "_MOST_VALUES", 3500)
+    with pytest.raises(SprintlabError, match="more than 3500 values"):
+        read_checkpoint(path)
+
+
 def test_a_module_that_imports_others_when_asked_is_not_asked(path: Path, monkeypatch) -> None:
     lazy = types.ModuleType("lazy")
     lazy.__getattr__ = lambda name: pytest.fail("a stranger had something imported")  # type: ignore[method-assign]

@@ -31,6 +31,9 @@ from sprintlab.viewer.origin import is_own_origin, own_origin_only
         ("", "localhost:8080", "localhost", False),
         ("file://", "localhost:8080", "localhost", False),
         ("http://[::1", "[::1", "localhost", False),
+        ("http://[::1].example:80", "[::1].example:80", "localhost", False),
+        ("http://127.0.0.1:80.example", "127.0.0.1:80.example", "localhost", False),
+        ("http://127.0.0.1:80@example", "127.0.0.1:80@example", "localhost", False),
     ],
 )
 def test_only_the_page_itself_is_its_own_origin(origin, host, served_at, own):

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,9 @@ FloatArray = NDArray[np.float64]
 
 MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
-LARGEST_ROLLOUT = 512 << 20
-"""Most bytes that are read."""
+LARGEST_CSV = 32 << 20
+"""Largest rollout in CSV that is read [bytes]."""
+_MOST_COLUMNS = 2000  # of a CSV
 _LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 _MOST_JOINTS, _LONGEST_NAME = 200, 100
 
@@ -83,10 +85,10 @@ class Rollout:
     foot_velocity: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        _check_numbers("time", self.time)
         count = len(self.time)
         if self.time.ndim != 1 or count < 2 or not np.all(np.diff(self.time) > 0.0):
             raise InvalidValueError("time", f"{count} samples", "at least two, rising [s]")
-        _check_numbers("time", self.time)
         for name in ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity"):
             values = getattr(self, name)
             if values is None:
@@ -305,7 +307,7 @@ def load_rollout(path: str | Path) -> Rollout:
         names = tuple(map(str, arrays.pop("joint_names", np.array([]))))
         return rollout_of(arrays, names)
     if path.suffix.lower() == ".csv":
-        return _from_csv(read_bytes(path, LARGEST_ROLLOUT, what="rollout").decode("utf-8", "replace"), path)
+        return _from_csv(read_bytes(path, LARGEST_CSV, what="rollout").decode("utf-8", "replace"), path)
     raise SprintlabError(f"{path}: a rollout is a .csv, .npz or .mcap file")
 
 
@@ -328,18 +330,11 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
 
 def _from_csv(text: str, path: Path) -> Rollout:
     try:
-        rows = list(csv.reader(io.StringIO(text)))
+        header, table = _table(csv.reader(io.StringIO(text)), path)
     except csv.Error as error:
         raise SprintlabError(f"{path} is no CSV file: {error}") from error
-    if len(rows) < 3:
-        raise SprintlabError(f"{path} holds no header and two samples")
-    header = [name.strip() for name in rows[0]]
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:] if row])
     except ValueError as error:
         raise SprintlabError(f"{path} holds what is no table of numbers: {error}") from error
-    if table.ndim != 2 or table.shape[1] != len(header):
-        raise SprintlabError(f"{path}: every row needs {len(header)} numbers, as the header has names")
     columns = {
         name: [at for at, head in enumerate(header) if head.startswith(f"{name}_")] for name in _TABLES
     }
@@ -353,6 +348,26 @@ def _from_csv(text: str, path: Path) -> Rollout:
         arrays["foot_velocity"] = arrays["foot_velocity"].reshape(len(table), feet, -1)
     names = [header[at].removeprefix("joint_velocity_") for at in columns["joint_velocity"]]
     return rollout_of(arrays, names)
+
+
+def _table(rows: Iterator[list[str]], path: Path) -> tuple[list[str], FloatArray]:
+    """Names and numbers, row by row: the cells of a whole file as texts take a hundred times its size.
+
+    Raises:
+        SprintlabError: too few rows, too many columns, or rows of another length than the header.
+        ValueError: a cell holds no number.
+    """
+    header = [name.strip() for name in next(rows, [])]
+    if len(header) > _MOST_COLUMNS:
+        raise SprintlabError(f"{path} has more than {_MOST_COLUMNS} columns")
+    numbers = array("d")
+    for row in rows:
+        if len(row) not in (0, len(header)):
+            raise SprintlabError(f"{path}: every row needs {len(header)} numbers, as the header has names")
+        numbers.extend(map(float, row))
+    if not header or len(numbers) < 2 * len(header):
+        raise SprintlabError(f"{path} holds no header and two samples")
+    return header, np.frombuffer(numbers).reshape(-1, len(header))
 
 
 # --- picture ------------------------------------------------------------------------------------------------

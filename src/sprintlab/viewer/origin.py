@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 import websockets.asyncio.server
 
 _LOCAL_NAMES = ("localhost",)
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^\[\]:@/]+))(?::[0-9]{1,5})?")
+"""A host of a URL: an address in brackets or a name, and perhaps a port."""
 
 
 def is_own_origin(origin: str, host: str, served_at: str) -> bool:
@@ -29,8 +32,10 @@ def is_own_origin(origin: str, host: str, served_at: str) -> bool:
 
 
 def _is_own_name(host: str, served_at: str) -> bool:
-    name = host.lower()
-    name = name[1 : name.index("]")] if name.startswith("[") and "]" in name else name.partition(":")[0]
+    parts = _HOST.fullmatch(host.lower())
+    if parts is None:
+        return False
+    name = parts[1] or parts[2]
     if name in (*_LOCAL_NAMES, served_at.lower()):
         return True
     try:

@@ -1,7 +1,9 @@
 """A bus that speaks Unitree's messages: how states are numbered, who is overheard, 500 messages a second."""
 
 import os
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 import numpy as np
@@ -143,6 +145,26 @@ def test_a_strangers_command_makes_the_next_state_one_of_another_session(ends, s
     assert interface.receive().foreign_commands == 2
 
 
+def test_a_state_that_is_not_judged_does_not_hide_a_stranger(ends, state_at, command_at):
+    """The first state after his command may come twice, or be old: it is dropped, and the next must tell."""
+    interface, endpoint = ends
+    endpoint.publish(state_at(100))
+    interface.receive()
+    stranger_sends(interface, encode_command(command_at(1, 1)))
+    answers = []
+    for moment in (100, 98, 102):
+        endpoint._last = None
+        endpoint.publish(state_at(moment))
+        answers.append(interface.receive())
+    assert [state.sequence for state in answers] == [1, 0, 2]
+    assert all(state.session not in (0, SESSION) for state in answers)
+    for moment in range(104, 150, 2):
+        interface.send(command_at(moment, moment))
+        endpoint.publish(state_at(moment))
+        state = interface.receive()
+    assert state.session == SESSION
+
+
 def test_a_stranger_stops_a_run(running, unitree_loopback, continue_on_unitree):
     running.bus = unitree_loopback(running.controller.session)
     continue_on_unitree(running, *running.bus)
@@ -197,6 +219,9 @@ def test_a_stranger_on_the_network_is_overheard(address, state_at, command_at):
         def _greet(self, address):
             """Look at nobody."""
 
+        def _give_way(self, address):
+            """To nobody."""
+
     endpoint = open_endpoint(address)
     interface = open_bus(address, session=SESSION)
     stranger = Stranger(parse_address(address), SESSION)
@@ -226,6 +251,45 @@ def test_a_stranger_on_the_network_is_overheard(address, state_at, command_at):
     finally:
         for end in (stranger, interface, endpoint):
             end.close()
+
+
+@pytest.mark.parametrize("locked", [True, False], ids=["one-machine", "several"])
+def test_of_controllers_that_saw_nobody_in_the_same_moment_one_stays(address, monkeypatch, locked):
+    """Each has looked before another could be seen; without the lock, as if on machines of their own."""
+    from sprintlab.deployment.bus import unitree_bus
+
+    class Open:
+        def __init__(self, *names):
+            """For everybody."""
+
+        def release(self):
+            """Nothing."""
+
+    if not locked:
+        monkeypatch.setattr(unitree_bus, "ControllerLock", Open)
+    endpoint, together = open_endpoint(address), threading.Barrier(3)
+    greet = unitree_bus.UnitreeInterface._refuse_others
+
+    def refuse_others(end, *found):
+        greet(end, *found)
+        if not end._writers and not locked:
+            together.wait(60.0)
+
+    monkeypatch.setattr(unitree_bus.UnitreeInterface, "_refuse_others", refuse_others)
+
+    def start(_):
+        try:
+            return open_bus(address)
+        except BusError as error:
+            assert "another controller drives the robot" in str(error)
+            return None
+
+    with ThreadPoolExecutor(3) as threads:
+        found = [bus for bus in threads.map(start, range(3)) if bus is not None]
+    endpoint.close()
+    for bus in found:
+        bus.close()
+    assert len(found) == 1
 
 
 def test_its_own_commands_are_not_overheard(address, state_at, command_at):

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -200,3 +201,21 @@ def test_a_command_for_something_else_is_refused(field, value, sentence):
         record[field] = value
     with pytest.raises(MessageError, match=sentence):
         received(to_wire("LowCmd_", record))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bits", [0x7FA00000, 0x7F800000, 0xFF7FFFFF, 1], ids=hex)
+def test_no_number_of_a_stranger_makes_a_warning_that_could_end_a_loop(bits):
+    """A NaN that signals, infinity, the lowest and the least number; doubles beyond all of these."""
+    number = np.array(bits, np.uint32).view(np.float32)
+    record = from_wire("LowCmd_", encode_command(command()))
+    for field in ("q", "dq", "tau", "kp", "kd"):
+        record["motor_cmd"][field] = number
+    assert received(to_wire("LowCmd_", record)).mode in tuple(JointMode)
+    record = new_message("LowState_")
+    for field in ("q", "dq", "tau_est"):
+        record["motor_state"][field] = number
+    record["power_v"] = number
+    _, state = decode_state(to_wire("LowState_", record))
+    beyond = {"bus_voltage": 1e308, "joint_position": np.full(12, -1e308)}
+    decode_state(encode_state(msgspec.structs.replace(state, **beyond)))

@@ -295,6 +295,7 @@ def bare_session(place, mode):
     config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
     config.insert_json5("listen/endpoints", "[]")
     config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", "false")  # of which it would leave a file behind
     return zenoh.open(config)
 
 

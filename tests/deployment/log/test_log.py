@@ -3,16 +3,26 @@
 import io
 import json
 import os
+import select
 import signal
 import struct
 import subprocess
 import sys
 import time
 
+import msgspec
 import numpy as np
 import pytest
 
-from sprintlab.deployment.interface import ControlTick, JointCommand, JointMode, PositionFix, RobotState
+from sprintlab.deployment.interface import (
+    COMMAND_BOUNDS,
+    MOST_JOINTS,
+    ControlTick,
+    JointCommand,
+    JointMode,
+    PositionFix,
+    RobotState,
+)
 from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.deployment.log.writer import write_log
@@ -201,6 +211,32 @@ def test_what_the_writer_cannot_take_is_dropped_and_counted(path):
     assert record.facts["ticks dropped"] == str(log.dropped)
 
 
+def test_the_longest_step_goes_into_a_pipe_whole_or_not_at_all(path, monkeypatch):
+    """A pipe may take a part of what is longer than ``PIPE_BUF``, and the rest of the log would be lost."""
+    worst = -1.2345678901234567e-300
+    many = np.full(MOST_JOINTS, worst)
+    state = {name: many for name in ("joint_position", "joint_velocity", "joint_torque")}
+    asked = {name: many for name in COMMAND_BOUNDS}
+    plain = tick(1, fix=True)
+    step = msgspec.structs.replace(
+        plain,
+        time=1234.5678901234567,
+        mode="lie-down",
+        state=msgspec.structs.replace(plain.state, **state),
+        command=msgspec.structs.replace(plain.command, **asked),
+        velocity=np.full(3, worst),
+        targets=many,
+        faults=("commands-unanswered",) * 100,
+    )
+    sent = []
+    log = McapRunLog(path, FACTS, wait=True)
+    monkeypatch.setattr(log, "_put", sent.append)
+    log.write(step)
+    monkeypatch.undo()
+    log.close()
+    assert 3000 < len(sent[0]) <= select.PIPE_BUF
+
+
 def test_a_log_that_may_wait_drops_nothing(path):
     log = McapRunLog(path, FACTS, wait=True)
     for number in range(1, 5001):
@@ -302,6 +338,9 @@ def test_a_flood_of_records_ends(path, monkeypatch):
         [chunk((struct.pack("<BQ", 4, len(channel)) + channel) * 1001)],
         [chunk(struct.pack("<BQ", 3, 0) * 1001)],
         [(5, bytes(22))] * 1001,
+        [
+            (12, struct.pack("<I", 9) + b"sprintlab" + struct.pack("<I", 8008) + bytes(8008))
+        ],  # facts of no name
     ):
         mcap_file(path, *records)
         with pytest.raises(LogError, match="more than 1000 records of no use"):

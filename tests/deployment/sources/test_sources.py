@@ -3,6 +3,7 @@
 import os
 import pty
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -196,6 +197,27 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, content):
     path.write_text(content)
     with pytest.raises((SourceError, InvalidValueError)):
         load_velocity_table(path)
+
+
+def test_a_toml_profile_is_as_small_as_every_table(tmp_path):
+    """Of four megabytes of dotted keys some are read for a minute."""
+    path = tmp_path / "a.toml"
+    path.write_text(("#" * 3000 + "\n") * 100)
+    with pytest.raises(SourceError, match="larger than 256 kB"):
+        load_velocity_table(path)
+
+
+def test_the_control_loop_copies_no_columns_of_a_long_profile(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time,forward\n" + "".join(f"{0.01 * k},{k % 7}\n" for k in range(100_000)))
+    table = load_velocity_table(path)
+    table.at(1.0)
+    tracemalloc.start()
+    try:
+        assert table.at(500.005)[0] == pytest.approx(3.0)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_missing_profile_is_refused(tmp_path):

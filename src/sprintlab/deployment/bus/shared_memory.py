@@ -103,6 +103,31 @@ def open_endpoint(address: BusAddress, config: Path | None) -> SharedMemoryEndpo
     return SharedMemoryEndpoint(address.name)
 
 
+class ControllerLock:
+    """Held by the one controller of a robot on this machine; it ends with the process that holds it.
+
+    Args:
+        place: of the robot; part of a file's name.
+        robot: its name, for the sentence.
+
+    Raises:
+        BusError: another controller holds it, or its file cannot be made.
+    """
+
+    def __init__(self, place: str, robot: str) -> None:
+        self._path = _path(f"{place}.controller")
+        file = _open_locked(self._path)
+        if file is None:
+            raise BusError(f"another controller drives the robot {robot!r} on this machine")
+        self._file = file
+
+    def release(self) -> None:
+        """Let the next controller in."""
+        with contextlib.suppress(OSError):
+            self._path.unlink()
+        self._file.close()
+
+
 class _Mapped(BusEnd):
     """One end: the file in memory, a ring for each kind of message."""
 
@@ -153,17 +178,13 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
 
     def __init__(self, name: str, session: int) -> None:
         self.session = session
-        path, self._lock_path = _path(name), _path(f"{name}.controller")
-        lock = _open_locked(self._lock_path)
-        if lock is None:
-            raise BusError(f"another controller drives the robot {name!r} on this machine")
-        self._lock = lock
+        path, self._lock = _path(name), ControllerLock(name, name)
         try:
             super().__init__(_open_running(path, name), path)
             if len(self._map) != _size() or self._words[_MAGIC_WORD] != _MAGIC:
                 raise BusError(f"{path} was made by another version of sprintlab")
         except BaseException:
-            self._unlock()
+            self._lock.release()
             raise
         self._open_rings(writes=(COMMAND,), reads=(STATE, FIX))
         self._words[_SESSION] = session
@@ -185,12 +206,7 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
             return
         self._words[_CONTROLLER_LEFT] = 1
         self._release()
-        self._unlock()
-
-    def _unlock(self) -> None:
-        with contextlib.suppress(OSError):
-            self._lock_path.unlink()
-        self._lock.close()
+        self._lock.release()
 
 
 class SharedMemoryEndpoint(_Mapped, RobotEnd):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import re
 import time
+import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from cyclonedds.topic import Topic
 from sprintlab.core.errors import printable
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, STATE, BusEnd
+from sprintlab.deployment.bus.shared_memory import ControllerLock
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.deployment.bus.unitree_messages import STRUCTURES
 
@@ -125,11 +127,10 @@ class _DdsEnd(BusEnd):
     def _topic(self, channel: str) -> Any:
         return Topic(self._participant, _TOPICS[channel], _PACKETS[channel])
 
-    def _published(self) -> set[str]:
-        """Channels that somebody publishes in this domain."""
+    def _publishers(self, channel: str) -> set[uuid.UUID]:
+        """Who publishes a channel in this domain."""
         found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=1000)
-        names = {getattr(sample, "topic_name", "") for sample in found}
-        return {channel for channel, topic in _TOPICS.items() if topic in names}
+        return {sample.key for sample in found if getattr(sample, "topic_name", "") == _TOPICS[channel]}
 
     _readers: dict[str, Any]
     _writers: dict[str, Any]
@@ -186,13 +187,26 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
 
     def __init__(self, address: BusAddress, session: int) -> None:
         UnitreeControllerEnd.__init__(self, session)
+        self._lock: ControllerLock | None = None
+        self._readers, self._writers = {}, {}
         self._join(address)
-        self._greet(address)
-        self._writers = {}
-        self._readers = {STATE: self._reader(STATE, _READING), COMMAND: self._reader(COMMAND, _OTHERS)}
-        self._wait_for(self._readers[STATE].get_matched_publications)
-        self._writers = {COMMAND: self._writer(COMMAND)}  # who sees it may count on being heard
-        self._wait_for(self._writers[COMMAND].get_matched_subscriptions)
+        try:
+            self._greet(address)
+            self._readers = {STATE: self._reader(STATE, _READING), COMMAND: self._reader(COMMAND, _OTHERS)}
+            self._wait_for(self._readers[STATE].get_matched_publications)
+            self._writers = {COMMAND: self._writer(COMMAND)}  # who sees it may count on being heard
+            self._give_way(address)
+            self._wait_for(self._writers[COMMAND].get_matched_subscriptions)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of the bus; a second call does nothing."""
+        super().close()
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
 
     @property
     def read_by_robot(self) -> bool:
@@ -206,14 +220,25 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
             time.sleep(0.01)
 
     def _greet(self, address: BusAddress) -> None:
+        """See that a robot is there, and no other controller on this machine or in the network."""
+        self._lock = ControllerLock("unitree.{}.{}".format(*_place(address)), address.name)
         deadline = time.monotonic() + _PATIENCE
-        while STATE not in self._published():
+        while not self._publishers(STATE):
             if time.monotonic() > deadline:
                 place = f" at {address.place}" if address.place else " on this machine"
                 raise BusError(f"no robot publishes rt/lowstate{place}; start it first, or name its network")
             time.sleep(0.1)
         time.sleep(_SETTLING)
-        if COMMAND in self._published():
+        self._refuse_others(address, self._publishers(COMMAND))
+
+    def _give_way(self, address: BusAddress) -> None:
+        """Of controllers on several machines that saw nobody in the same moment the lowest key stays."""
+        time.sleep(_SETTLING)
+        key = self._writers[COMMAND].guid
+        self._refuse_others(address, {other for other in self._publishers(COMMAND) if other < key})
+
+    def _refuse_others(self, address: BusAddress, others: set[uuid.UUID]) -> None:
+        if others:
             raise BusError(
                 f"another controller drives the robot {address.name!r}: something publishes rt/lowcmd. "
                 "Release the robot's own motion service, or stop the other program"
@@ -227,7 +252,7 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
         UnitreeRobotEnd.__init__(self)
         self._join(address)
         time.sleep(_SETTLING)
-        if STATE in self._published():
+        if self._publishers(STATE):
             raise BusError("a robot is there already: something publishes rt/lowstate")
         self._readers = {COMMAND: self._reader(COMMAND, _READING)}
         self._writers = {STATE: self._writer(STATE)}
@@ -241,8 +266,8 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
         self._author = author
 
 
-def _participant(address: BusAddress) -> Any:
-    """A participant at ``INTERFACE``, ``INTERFACE:DOMAIN`` or ``:DOMAIN``; loopback and 0 are left out."""
+def _place(address: BusAddress) -> tuple[str, int]:
+    """Interface and domain of ``INTERFACE``, ``INTERFACE:DOMAIN`` or ``:DOMAIN``; else loopback and 0."""
     interface, _, number = address.place.partition(":")
     number = number or "0"
     if not re.fullmatch("[0-9]{1,3}", number) or int(number) > 230:
@@ -250,7 +275,11 @@ def _participant(address: BusAddress) -> Any:
     interface = interface or "lo"
     if not re.fullmatch("[A-Za-z0-9_.-]{1,64}", interface):
         raise BusError(f"no network interface has the name {printable(interface, 80)}")
-    domain = int(number)
+    return interface, int(number)
+
+
+def _participant(address: BusAddress) -> Any:
+    interface, domain = _place(address)
     try:
         if domain not in _domains:
             _domains[domain] = interface, Domain(domain, _INTERFACE.format(name=interface))

@@ -13,6 +13,7 @@ other facts here, and one on an assumption:
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Any, cast
 
@@ -43,6 +44,7 @@ _SLACK = 500_000  # [ns] by which a message may come early
 _MILLISECOND = 1_000_000
 _TICKS = 1 << 32
 _REMEMBERED = 64  # commands
+_SUSPECTED = 20  # states [40 ms]: longer than a controller goes without a usable one
 
 
 class TickNumbers:
@@ -51,6 +53,11 @@ class TickNumbers:
     def __init__(self) -> None:
         self._last: int | None = None
         self._number = self._time = 0
+
+    @property
+    def newest(self) -> int:
+        """Highest number so far."""
+        return self._number
 
     def number(self, tick: int) -> tuple[int, int]:
         """Sequence and time [ns] of a state: as before for the same tick, lower for an older one."""
@@ -83,7 +90,8 @@ class UnitreeControllerEnd(ControllerEnd):
         self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
         self._answered = 0
         self._last_mode: JointMode | None = None
-        self._suspicious = self._unanswered = False
+        self._overheard_after = -math.inf  # number of the state
+        self._unanswered = False
 
     @property
     def read_by_robot(self) -> bool:
@@ -93,13 +101,13 @@ class UnitreeControllerEnd(ControllerEnd):
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None until another arrives.
 
-        The first one after a command of somebody else says that the robot obeys another session.
+        Those after a command of somebody else say that the robot obeys another session: more than one, since
+        the first may be damaged, old or come twice, and is then not judged.
         """
         self._overhear()
         state = super().receive()
-        if state is None or not self._suspicious:
+        if state is None or abs(state.sequence - self._overheard_after) >= _SUSPECTED:
             return state
-        self._suspicious = False
         return msgspec.structs.replace(state, session=self.session ^ 1)
 
     def receive_fix(self) -> PositionFix | None:
@@ -147,7 +155,7 @@ class UnitreeControllerEnd(ControllerEnd):
             if self._take(COMMAND) is None:
                 return
             self.overheard += 1
-            self._suspicious = True
+            self._overheard_after = self._numbers.newest
 
 
 class UnitreeRobotEnd(RobotEnd):

@@ -164,6 +164,8 @@ def _idle_command() -> bytes:
 
 
 _IDLE = _idle_command()
+_any_numbers = np.errstate(all="ignore")
+"""For numbers that are not checked yet: what they become is, and a warning could end the process."""
 
 
 def _check_joints(count: int) -> None:
@@ -187,6 +189,7 @@ def encode_command(command: JointCommand) -> bytes:
     return to_wire("LowCmd_", record)
 
 
+@_any_numbers
 def decode_command(data: bytes, *, sequence: int, session: int, state_sequence: int) -> JointCommand:
     """What a ``LowCmd_`` asks of the joints; what it cannot say the receiver adds.
 
@@ -223,6 +226,7 @@ def decode_command(data: bytes, *, sequence: int, session: int, state_sequence: 
     )
 
 
+@_any_numbers
 def encode_state(state: RobotState) -> bytes:
     """A state as ``LowState_``, as a robot sends it.
 
@@ -234,18 +238,18 @@ def encode_state(state: RobotState) -> bytes:
     record["head"], record["level_flag"] = _HEAD, _LOW_LEVEL
     record["tick"] = state.timestamp // 1_000_000 & 0xFFFFFFFF
     record["power_v"] = state.bus_voltage
-    with np.errstate(over="ignore"):
-        record["imu_state"]["quaternion"] = state.quaternion
-        record["imu_state"]["gyroscope"] = state.angular_velocity
-        motors, chosen = record["motor_state"], MOTOR_OF_JOINT
-        motors["q"][chosen], motors["dq"][chosen] = state.joint_position, state.joint_velocity
-        motors["tau_est"][chosen] = state.joint_torque
+    record["imu_state"]["quaternion"] = state.quaternion
+    record["imu_state"]["gyroscope"] = state.angular_velocity
+    motors, chosen = record["motor_state"], MOTOR_OF_JOINT
+    motors["q"][chosen], motors["dq"][chosen] = state.joint_position, state.joint_velocity
+    motors["tau_est"][chosen] = state.joint_torque
     motors["mode"] = STOP_MODE if state.status & RobotStatus.WATCHDOG_EXPIRED else SERVO_MODE
     if state.status & RobotStatus.DRIVE_FAULT:
         motors["mode"][0] = STOP_MODE
     return to_wire("LowState_", record)
 
 
+@_any_numbers
 def decode_state(data: bytes) -> tuple[int, RobotState]:
     """The robot's clock [ms, 32 bits] and its state, still without sequence, time, and whom it obeys.
 

@@ -57,7 +57,7 @@ LONGEST_RUN = 3700.0
 """Longest log that is read [s]."""
 
 _MAGIC = b"\x89MCAP0\r\n"
-_MOST_OTHERS = 1_000_000  # records that are no states, fixes, commands or control steps
+_MOST_OTHERS = 1_000_000  # records that are no states, fixes, commands or control steps, and facts
 _LARGEST_WINDOW = 64 << 20
 _LARGEST_CHUNK = 64 << 20
 _LARGEST_NOTE = 4 << 20  # facts, contract
@@ -430,6 +430,7 @@ class _Reader:
             while name in (FACTS_NAME, END_NAME) and at < end:
                 key, at = _text(content, at)
                 value, at = _text(content, at)
+                self._count_other()
                 self._facts[printable(key, 100)] = printable(value)
                 if len(self._facts) > _MOST_NAMES:
                     raise LogError(f"it says more than {_MOST_NAMES} facts of its run")

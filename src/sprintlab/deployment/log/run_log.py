@@ -35,6 +35,7 @@ from sprintlab.deployment.log.topics import (
 )
 
 _PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
+_MOST_FAULTS = 30  # of a step; with more a pipe might take a part of what is written of the step
 _STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
 
 
@@ -162,7 +163,7 @@ def _record(tick: ControlTick) -> TickRecord:
         velocity=tuple(tick.velocity.tolist()),
         targets=tuple(tick.targets.tolist()),
         policy_step=tick.policy_step,
-        faults=tick.faults,
+        faults=tick.faults[:_MOST_FAULTS],
         compute_time=tick.compute_time,
     )
 

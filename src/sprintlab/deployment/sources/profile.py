@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.reading import parse_toml, read_text
+from sprintlab.core.reading import TEXT_LIMIT, parse_toml, read_text
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits, SourceError
 
 PROFILE_LIMIT = 4 << 20
-"""Largest profile file that is read [bytes]."""
+"""Largest profile file in CSV that is read [bytes]; one in TOML has ``TEXT_LIMIT``."""
 _FASTEST = 100.0  # [m/s] or [rad/s]
 _LONGEST = 1e6  # [s]
 
@@ -71,16 +71,18 @@ def load_velocity_table(path: Path) -> VelocityTable:
         SourceError: the file cannot be read, or is not of this form.
         InvalidValueError: its numbers make no sense.
     """
-    readers = {".csv": _read_csv, ".toml": _read_toml}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
+    readers = {".csv": (_read_csv, PROFILE_LIMIT), ".toml": (_read_toml, TEXT_LIMIT)}
+    if path.suffix.lower() not in readers:
         raise SourceError(f"{path} is no profile file: it must end in {' or '.join(readers)}")
-    text = read_text(path, PROFILE_LIMIT, what="profile file", error=SourceError)
+    reader, limit = readers[path.suffix.lower()]
+    text = read_text(path, limit, what="profile file", error=SourceError)
     try:
         time, velocity = reader(text)
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, csv.Error) as error:
         raise SourceError(f"{path} is no profile file: {error}") from error
-    return VelocityTable(time=np.asarray(time, dtype=float), velocity=np.asarray(velocity, dtype=float))
+    # Column by column: the control loop looks numbers up, and NumPy would copy columns of rows each time.
+    columns = np.array(velocity, dtype=float, order="F")
+    return VelocityTable(time=np.asarray(time, dtype=float), velocity=columns)
 
 
 def _read_csv(text: str) -> tuple[Sequence[float], Sequence[Sequence[float]]]:
