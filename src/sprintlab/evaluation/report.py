@@ -39,13 +39,13 @@ PlannedFigure = tuple[str, str, str, Callable[[Theme], Figure]]
 
 _PROFILE = SpeedProfile(top_speed=1.0)
 METHOD = (
-    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and elastic foot pads; the policy runs at 50 "
-    "Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
-    f"trained with. Profile: stand {_PROFILE.stand:g} s, command rises at {_PROFILE.acceleration:g} m/s² to the "
-    f"top speed, hold {_PROFILE.hold:g} s, fall at {_PROFILE.acceleration:g} m/s² to zero, stand "
-    f"{_PROFILE.rest:g} s. Held speed: mean forward speed in the heading frame over the last 2 s of the hold. "
-    "Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. Self-paced: "
-    f"the command leads the measured speed by at most {PACE_WINDOW:g} m/s and lags it by at most "
+    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and elastic foot pads; the policy runs at "
+    "50 Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
+    f"trained with. Profile: stand {_PROFILE.stand:g} s, command rises at {_PROFILE.acceleration:g} m/s² to "
+    f"the top speed, hold {_PROFILE.hold:g} s, fall at {_PROFILE.acceleration:g} m/s² to zero, stand "
+    f"{_PROFILE.rest:g} s. Held speed: mean forward speed in the heading frame over the last 2 s of the "
+    "hold. Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. "
+    f"Self-paced: the command leads the measured speed by at most {PACE_WINDOW:g} m/s and lags it by at most "
     f"{BRAKING_WINDOW:g} m/s."
 )
 
