@@ -25,7 +25,7 @@ from second_engine import digest, rounded
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.files import atomic_write_json
-from sprintlab.core.theme import LIGHT, save_figure, set_title, themed_figure
+from sprintlab.core.theme import LIGHT, figure_legend, save_figure, set_title, themed_figure
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.trial import TrialRequest
@@ -44,13 +44,13 @@ FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.
 """Speed and these measures of policies that have left the package, on their robot and today's plant."""
 _ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S", "Y")
 _LABELS = (
-    "first weights",
-    "range ahead",
-    "E0 goes on",
-    "standing held, speed rewarded",
-    "first weights again, ramps and slopes",
-    "R1 goes on, longer at the top",
-    "the same with another seed",
+    "E, F, G",
+    "A, B, C: range of commands ahead",
+    "W: E0 goes on",
+    "P, Q: standing held, speed rewarded",
+    "R: ramps and slopes",
+    "S: R1 goes on, longer at the top",
+    "Y: R and S with another seed",
 )
 _COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00", "#0b8a9e")
 ROUNDS = {
@@ -124,7 +124,7 @@ def draw(policies: dict[str, Any], path: Path) -> None:
         set_title(panel, label, LIGHT)
     handles, labels = axes[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    axes[0].legend(once.values(), once.keys(), frameon=False, fontsize=8)
+    figure_legend(figure, LIGHT, list(once.values()), columns=5)
     save_figure(path, figure, dpi=90)
 
 
@@ -152,7 +152,8 @@ def _draw_policy(panel: Axes, name: str, trials: list[dict[str, Any]], measured:
     label, color = ROUNDS[name[0]]
     upright = [trial for trial in trials if runs(trial)]
     speeds = [trial["speed_m_s"] for trial in upright]
-    panel.plot(speeds, [trial[measured] for trial in upright], color=color, lw=0.6, alpha=0.6, label=label)
+    panel.plot(speeds, [trial[measured] for trial in upright], color=color, lw=0.6, alpha=0.6)
+    panel.plot([], [], "o", ms=4, color=color, label=label)
     for trial in upright:
         fill = "none" if trial["failed"] else color
         panel.plot(trial["speed_m_s"], trial[measured], "o", ms=4, color=color, mfc=fill)

@@ -1,12 +1,14 @@
-"""Settings and fixtures that every test shares: the robot, a policy's contract, networks of a few lines."""
+"""What every test shares: settings, the robot, a policy's contract, small networks, a headless browser."""
 
 import gc
 import importlib.util
 import os
+import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,6 +26,10 @@ from sprintlab.control import (
     make_contract,
 )
 from sprintlab.robots import RobotDescription, load_robot
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+# WebGL without a GPU; no sandbox, because tests often run as root in a container.
+FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 # One thread a process for PyTorch: tests run side by side, and its threads spend most of their time waiting.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -179,3 +185,31 @@ def write_policy(contract: PolicyContract, save_network: Callable[..., Path]) ->
 @pytest.fixture(scope="session")
 def policy(write_policy: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_policy(tmp_path_factory.mktemp("policy") / "still.onnx")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A Chromium driven by Playwright; its own download, or one of the system."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    with playwright.sync_playwright() as driver:
+        try:
+            opened = driver.chromium.launch(args=FLAGS)
+        except playwright.Error:
+            system = next(filter(None, map(shutil.which, BROWSERS)), None)
+            if system is None:
+                pytest.skip("needs a browser: playwright install chromium, or Chromium from the system")
+            opened = driver.chromium.launch(executable_path=system, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Any]:
+    """An empty page whose script errors fail the test."""
+    page = browser.new_page(viewport={"width": 900, "height": 600})
+    page.set_default_timeout(180_000)  # ms: software rendering on a shared core is slow
+    errors: list[Any] = []
+    page.on("pageerror", lambda error: errors.append(error))
+    yield page
+    page.close()
+    assert errors == []

@@ -22,6 +22,7 @@ from sprintlab.motors import library_motors, load_library_motor
 COMMANDS_PAGE = "commands.md"
 _TABLE = re.compile(r"^( *)\{\{ (\w+) \}\}$", re.MULTILINE)
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL)
+_PICTURE = re.compile(r'(<img alt="[^"]*" src="([^"]+)" ?/>)')
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 
 
@@ -60,6 +61,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Replace TeX by MathML, which browsers draw without a script."""
+    """Replace TeX by MathML, which browsers draw without a script; let a picture open by itself."""
+    content = _PICTURE.sub(r'<a href="\2">\1</a>', content)
     content = _BLOCK.sub(lambda match: convert(html.unescape(match[1].strip()), display="block"), content)
     return _INLINE.sub(lambda match: convert(html.unescape(match[1])), content)

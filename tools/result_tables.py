@@ -114,7 +114,7 @@ def second_looks(trainings: Row) -> str:
     """Speed, estimate and stop of trainings that are not shipped."""
     head = (
         "",
-        "what",
+        '<div style="min-width: 12rem">what</div>',
         "speed at a command of 10 m/s",
         "at 12",
         "bias of the estimate at 10",

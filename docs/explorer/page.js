@@ -39,11 +39,11 @@
 
   function keepKv() { input("kv").value = text(60 / (2 * Math.PI * Math.sqrt(3) * value("pairs") * value("flux") * 1e-3), 5); }
 
-  function curve(one, gear, bus, model, top, side) {
-    return Array.from({ length: 241 }, (_, index) => {
-      const speed = top * (index / 120 - 1);
-      return [speed, gear * motorLaw.limits(one, speed * gear, bus, model)[side]];
-    });
+  function curve(one, gear, bus, model, top, side) { // without speeds at which no current fits the voltage
+    return Array.from({ length: 481 }, (_, index) => top * (index / 240 - 1))
+      .map((speed) => [speed, motorLaw.limits(one, speed * gear, bus, model)])
+      .filter(([, [lower, upper]]) => upper > lower)
+      .map(([speed, limits]) => [speed, gear * limits[side]]);
   }
 
   function draw() {

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import sprintlab as sl
+from sprintlab.api.motors import chosen_motor
 from sprintlab.cli.main import main
 from sprintlab.motors import load_motor
+from sprintlab.workbench.datasheet import convert_datasheet, save_converted_motor
+from sprintlab.workbench.datasheet_file import load_datasheet
 
 BENCHES = Path(__file__).resolve().parents[2] / "examples" / "motors"
 
@@ -91,3 +94,15 @@ def test_a_rollout_is_audited(printed, rollout):
     assert found.verdict.sentence in str(found).replace("\n", " ")
     one = sl.audit_rollout(rollout, "bp2", joint="hip")
     assert one.bus_voltage == 60.0 and np.ndim(one.motor.peak_torque) == 0
+
+
+def test_a_data_sheet_stands_for_its_motor(tmp_path):
+    sheet = load_datasheet(BENCHES / "maxon-ec-45-flat-70w.toml")
+    save_converted_motor(convert_datasheet(sheet), sheet, tmp_path / "motor.toml")
+    of_sheet, of_motor = (
+        chosen_motor(str(path)) for path in (BENCHES / "maxon-ec-45-flat-70w.toml", tmp_path / "motor.toml")
+    )
+    for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "peak_torque"):
+        assert getattr(of_sheet.drive.motor, name) == pytest.approx(
+            getattr(of_motor.drive.motor, name), rel=1e-4
+        )

@@ -43,3 +43,21 @@ def test_words_far_from_any_command_get_the_list(capsys):
     assert "sprintlab --help lists" in capsys.readouterr().err
     assert main(["motor", "xyzzy"]) == 2
     assert "sprintlab motor --help lists" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["race", "sprint", "--topspeed", "13"], "race has no option --topspeed: did you mean --top-speed?"),
+        (["race", "sprint", "--output=here"], "race has no option --output: did you mean --out?"),
+        (["motor", "envelope", "go1", "--figur", "x.png"], "no option --figur: did you mean --figure?"),
+        (["train", "--envs", "16"], "train has no option --envs: did you mean --environments?"),
+        (["train", "sprint", "--ppo.stepz", "3"], "no option --ppo.stepz: did you mean --ppo.steps?"),
+    ],
+)  # fmt: skip
+def test_a_mistyped_option_is_answered_with_the_nearest(words, meant, capsys):
+    if words[0] == "train":
+        pytest.importorskip("torch")
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert meant in error and len(error.splitlines()) == 1

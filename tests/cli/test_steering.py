@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 
@@ -27,3 +28,12 @@ def test_bad_input_is_refused_before_anything_runs(call, policy, tmp_path):
         outcome = call(command, policy, "--figure", tmp_path / "picture.gif")
         assert outcome.status == 2 and ".png" in outcome.err
         assert call(command, "gallop").status == 2
+
+
+def test_a_lap_leaves_its_recording(call, policy, tmp_path):
+    recording = tmp_path / "lap.npz"
+    outcome = call("lap", policy, "--top-speed", 14, "--recording", recording)
+    assert f"sprintlab replay {recording}" in " ".join(outcome.out.split())
+    with np.load(recording) as arrays:
+        assert {"time", "qpos", "command"} <= set(arrays)
+    assert "recording" in call("lap", policy, "--recording", tmp_path / "lap.txt").err

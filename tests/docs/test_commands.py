@@ -100,6 +100,7 @@ def workplace(tmp_path_factory):
         (folder / name).mkdir(parents=True)
         for file in ("trajectory.npz", "profile.npz"):
             np.savez(folder / name / file, **arrays)
+    np.savez(folder / "lap.npz", **arrays)
     return folder
 
 

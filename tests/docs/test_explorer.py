@@ -4,27 +4,30 @@ import contextlib
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import PmsmParameters, critical_speed, no_load_speed, torque_limits
+from sprintlab.motors import (
+    PmsmParameters,
+    critical_speed,
+    load_library_motor,
+    no_load_speed,
+    torque_limits,
+)
 
 LAW = Path(__file__).resolve().parents[2] / "docs" / "explorer" / "law.js"
 MODELS = ("refined", "simplified-dc", "square")
 COUNT = 300
 
-PROGRAM = """
-const law = require(process.argv[1]);
-const cases = JSON.parse(require("fs").readFileSync(0, "utf8"));
-console.log(JSON.stringify(cases.map(({ motor, speed, bus, models, currents }) => ({
-  limits: models.map((model) => law.limits(motor, speed, bus, model)),
-  critical: models.slice(0, 2).map((model) => law.criticalSpeed(motor, currents, bus, model)),
-  noLoad: law.noLoadSpeed(motor, bus), constant: law.torqueConstant(motor),
-}))));
-"""
+ANSWERS = """(cases) => cases.map(({ motor, speed, bus, models, currents }) => ({
+  limits: models.map((model) => motorLaw.limits(motor, speed, bus, model)),
+  critical: models.slice(0, 2).map((model) => motorLaw.criticalSpeed(motor, currents, bus, model)),
+  noLoad: motorLaw.noLoadSpeed(motor, bus), constant: motorLaw.torqueConstant(motor),
+}))"""
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +64,22 @@ def cases():
     return made
 
 
-@pytest.fixture(scope="module")
-def answers(cases):
+@pytest.fixture(scope="module", params=("browser", "node"))
+def answers(request, cases):
+    """The page's law on all cases, in a headless browser and where there is only Node.js."""
+    if request.param == "browser":
+        page = request.getfixturevalue("browser").new_page()
+        page.add_script_tag(path=LAW)
+        found = page.evaluate(ANSWERS, cases)
+        page.close()
+        return found
     if shutil.which("node") is None:
-        pytest.skip("needs Node.js to run the page's law")
+        pytest.skip("needs Node.js to run the page's law without a browser")
+    program = f"const motorLaw = require({json.dumps(str(LAW))}); const answer = {ANSWERS};" + (
+        'console.log(JSON.stringify(answer(JSON.parse(require("fs").readFileSync(0, "utf8")))));'
+    )
     run = subprocess.run(
-        ["node", "-e", PROGRAM, str(LAW)], input=json.dumps(cases), capture_output=True, text=True, check=True
+        ["node", "-e", program], input=json.dumps(cases), capture_output=True, text=True, check=True
     )
     return json.loads(run.stdout)
 
@@ -102,3 +115,21 @@ def test_critical_and_no_load_speeds_are_those_of_python(cases, answers):
         for model, shown in zip(MODELS, answer["critical"], strict=False):
             expected = float(critical_speed(motor, motor.peak_torque, case["bus"], model))
             assert shown == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_an_address_holds_the_motor(tab, tmp_path_factory):
+    pytest.importorskip("material", reason="needs the extra docs")
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
+    subprocess.run(build, cwd=LAW.parents[2], check=True, capture_output=True)
+    page = (folder / "explorer.html").as_uri()
+    tab.goto(page)
+    tab.locator("[name=library]").select_option("mit-mini-cheetah")
+    tab.locator("[name=bus]").fill("30")
+    address, rows = tab.evaluate("location.href"), tab.locator("#explorer tbody").inner_text()
+    tab.goto("about:blank")
+    tab.goto(address)
+    assert "bus=30" in address and tab.locator("#explorer tbody").inner_text() == rows
+    motor = load_library_motor("mit-mini-cheetah")
+    no_load = float(no_load_speed(motor.motor, 30.0)) / float(motor.gear.ratio)
+    assert f"{no_load:.3g} rad/s" in rows

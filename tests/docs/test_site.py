@@ -65,3 +65,23 @@ def test_options_are_listed_as_they_are_typed():
 def test_placeholders_are_shown_as_text(site):
     """Markdown takes <date> for HTML and drops it."""
     assert "runs/race-&lt;date&gt;-&lt;time&gt;" in (site / "commands.html").read_text(encoding="utf-8")
+
+
+def test_the_search_of_a_folder_answers(site, tab):
+    """Browsers start no worker from a file; the page brings its own."""
+    tab.goto((site / "index.html").as_uri())
+    tab.keyboard.press("/")
+    tab.keyboard.type("saturation")
+    found = tab.locator(".md-search-result__link", has_text="motor law").first
+    found.wait_for()
+    found.click()
+    tab.wait_for_url("**/motor-law.html*")
+
+
+@pytest.mark.parametrize("page", sorted(path.stem for path in (ROOT / "docs").glob("*.md")))
+def test_nothing_is_wider_than_a_phone(site, browser, page):
+    """What is wider scrolls by itself."""
+    tab = browser.new_page(viewport={"width": 390, "height": 844})
+    tab.goto((site / f"{page}.html").as_uri())
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    tab.close()

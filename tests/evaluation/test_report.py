@@ -2,7 +2,10 @@
 
 import base64
 import io
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -356,6 +359,34 @@ def test_a_video_is_rendered_where_a_backend_works(trial, tmp_path):
     np.savez(tmp_path / "run.npz", **short)
     assert video.render_video(tmp_path / "run.npz", tmp_path / "run.mp4", "bp2", (0.0, 0.1)) == ""
     assert (tmp_path / "run.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+JUMPS = """
+import sys
+import mujoco
+import numpy as np
+from sprintlab.evaluation.video import VideoOptions, _Scene
+from sprintlab.robots import ModelOptions, build_model, load_robot
+model = build_model(load_robot("bp2"), ModelOptions(visuals=True))
+options = VideoOptions(width=320, height=176)
+with mujoco.Renderer(model, options.height, options.width) as renderer:
+    scene = _Scene(model, renderer, dict(np.load(sys.argv[1])), (2.0, 9.0), options)
+    for moment in (1.0, 9.0, 1.0):
+        ground = scene.frame(moment, False)[100:140].astype(int)
+        print(np.mean(ground[..., 0] > ground[..., 2]))
+"""
+
+
+def test_the_track_is_under_the_robot_after_a_jump_in_time(trial, tmp_path):
+    """From the run to its slow motion, and to the first frame of a shortened video."""
+    backend = video.working_gl_backend()
+    if backend is None:
+        pytest.skip("no OpenGL backend here")
+    np.savez(tmp_path / "run.npz", **trial.trajectory.arrays())
+    environment = dict(os.environ) if backend == "default" else dict(os.environ, MUJOCO_GL=backend)
+    command = [sys.executable, "-c", JUMPS, str(tmp_path / "run.npz")]
+    shown = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert len(shown.split()) == 3 and all(float(share) > 0.7 for share in shown.split())
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_the_picture_has_a_panel_a_joint(rollout):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,joint_velocity_0\n0,1\n1,2\n", "joint_torque too"),
+        ("time,joint_velocity_0\n0,1\n1,2\n", "joint_torque must be among them"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,1\n0,1,1\n", "rising"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,nan\n1,1,1\n", "finite"),
         ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,1\n", "needs 3 numbers"),

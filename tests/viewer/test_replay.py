@@ -219,6 +219,15 @@ def test_a_run_round_the_track_is_seen_as_one(recorded):
     assert is_lap({"qpos": bend})
 
 
+def test_a_lap_is_shown_against_the_record_over_its_distance(recorded, tmp_path):
+    """A recording of `sprintlab lap` has no numbers of a race beside it."""
+    far = recorded["qpos"].copy()
+    far[:, 1] += np.linspace(0.0, 60.0, len(far))
+    np.savez(tmp_path / "lap.npz", **{**recorded, "qpos": far})
+    page = sl.replay([tmp_path / "lap.npz"], world_record=True).path.read_text(encoding="utf-8")
+    assert "world record, 43.03 s" in page and "lap against the world record" in page
+
+
 # --- command ------------------------------------------------------------------------------------------------
 
 

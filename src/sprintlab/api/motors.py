@@ -78,7 +78,7 @@ def chosen_motor(
     """A motor by its name; what is left out comes from the robot or the library.
 
     Args:
-        source: a motor file (TOML), the name of a robot, or an actuator of the library.
+        source: a motor file or a data sheet (TOML), the name of a robot, or an actuator of the library.
         joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
         bus_voltage: [V]; 60 for a motor file when left out.
         gear_ratio: motor speed over joint speed; 1 for a motor file when left out.
@@ -110,12 +110,25 @@ def chosen_motor(
 
 
 def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+    from sprintlab.core.reading import read_toml
     from sprintlab.motors import Gear, load_motor
 
+    if "datasheet" in read_toml(source, what="motor file"):
+        return _from_datasheet(source)
     motor = load_motor(source)
     if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
         raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
     return _single(motor, 0), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
+
+
+def _from_datasheet(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+    from sprintlab.motors import Gear
+    from sprintlab.workbench.datasheet import convert_datasheet
+    from sprintlab.workbench.datasheet_file import load_datasheet
+
+    sheet = load_datasheet(source)
+    gear = Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)
+    return convert_datasheet(sheet).motor, gear, DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
 
 
 def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sprintlab.viewer.replay import ReplayRun, ReplayText
 
 RUNS = Path("runs")
+RECORDING = "trajectory.npz"
 _FIELDS: dict[str, tuple[type, ...]] = {
     "robot": (str,),
     "policy": (str,),
@@ -68,14 +69,16 @@ def replay(
     Raises:
         SprintlabError: there is no recording, it is another robot's, or an option is refused.
     """
-    from sprintlab.viewer.replay import write_replay
+    from sprintlab.viewer.replay import is_lap, write_replay
 
     paths = [trajectory_path(None if run is None else Path(run)) for run in run_folders or (None,)]
     if names and len(names) != len(paths):
         raise InvalidValueError("names", " ".join(names), f"one name for each of {len(paths)} runs")
     results = [race_result(path.with_name("result.json")) for path in paths]
-    pace = record_pace(sprint_of(results[0])[1]) if world_record else None
     runs = [_run(path, result, robot) for path, result in zip(paths, results, strict=True)]
+    if is_lap(runs[0].arrays):
+        results[0].setdefault("distance_m", 400.0)
+    pace = record_pace(sprint_of(results[0])[1]) if world_record else None
     if names:
         runs = [replace(run, name=name) for run, name in zip(runs, names, strict=True)]
     text = replay_text(paths[0], runs[0].robot.name, results[0], runs[0].name)
@@ -93,7 +96,7 @@ def _run(path: Path, result: dict[str, Any], robot: RobotChoice) -> ReplayRun:
     from sprintlab.viewer.replay import ReplayRun, load_arrays
 
     described = load_robot(robot or str(result.get("robot") or default_robot()))
-    name = str(result.get("policy", path.parent.name))
+    name = str(result.get("policy", path.absolute().parent.name if path.name == RECORDING else path.stem))
     return ReplayRun(arrays=load_arrays(path), robot=described, name=name)
 
 
@@ -124,7 +127,7 @@ def trajectory_path(run: Path | None) -> Path:
         return races[-1]
     if not run.exists():
         raise SprintlabError(f"{run} does not exist; name the folder of a race or a trajectory (.npz)")
-    return run / "trajectory.npz" if run.is_dir() else run
+    return run / RECORDING if run.is_dir() else run
 
 
 def race_result(path: Path) -> dict[str, Any]:
@@ -155,7 +158,7 @@ def replay_text(trajectory: Path, robot: str, result: dict[str, Any], runner: st
     from sprintlab.viewer.replay import ReplayText
 
     time, distance = sprint_of(result)
-    sprint = trajectory.name == "trajectory.npz" and time is not None
+    sprint = trajectory.name == RECORDING and time is not None
     title = (
         f"{robot.upper()}: {distance:g} m in {time:.2f} s"
         if sprint
@@ -174,7 +177,7 @@ def write_race_replay(folder: Path, robot: str) -> None:
     from sprintlab.robots import load_robot
     from sprintlab.viewer.replay import load_arrays, write_replay
 
-    trajectory = folder / "trajectory.npz"
+    trajectory = folder / RECORDING
     described = load_robot(robot)
     text = replay_text(trajectory, described.name, race_result(folder / "result.json"))
     write_replay(folder / "replay.html", load_arrays(trajectory), described, text)

@@ -98,8 +98,8 @@ def audit_rollout(
 
     Args:
         rollout: the recording.
-        motor: a motor file (.toml), an actuator of `sprintlab motor library`, or a robot of the package with
-            each joint its own motor.
+        motor: a motor file or a data sheet (.toml), an actuator of `sprintlab motor library`, or a robot of
+            the package with each joint its own motor.
         joint: of a robot: give all joints this one's motor (abad, hip or knee).
         bus_voltage: [V]; the robot's or actuator's when left out.
         gear_ratio: the robot's or actuator's when left out; 1 for a motor file.

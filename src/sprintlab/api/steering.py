@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
@@ -12,6 +13,8 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.checks import check_choice
+from sprintlab.core.files import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,9 +66,11 @@ class Lap(OfAPolicy, Drawn):
 
     Attributes:
         found: the lap.
+        recording: where the recorded run was written, if anywhere.
     """
 
     found: LapResult
+    recording: Path | None = None
 
     def tables(self) -> Iterator[RenderableType]:
         """Time, lane, energy, heat."""
@@ -81,6 +86,8 @@ class Lap(OfAPolicy, Drawn):
         if lap.hottest_winding is not None:
             table.add_row("hottest winding", f"{lap.hottest_winding:.0f} degC")
         yield table
+        if self.recording is not None:
+            yield f"recording: {self.recording}; look at it with: sprintlab replay {self.recording}"
         yield from self.notes
 
     def plot(self) -> Figure:
@@ -132,6 +139,7 @@ def lap(
     *,
     robot: RobotChoice = None,
     self_paced: bool = False,
+    recording: Path | None = None,
     drive: DriveOptions | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Lap:
@@ -142,14 +150,19 @@ def lap(
         top_speed: commanded speed [m/s].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         self_paced: hold the command near the measured speed, as ``self_paced`` does.
+        recording: also write the run here (.npz), for ``sprintlab replay``.
         drive: motor model, battery and heat; the published numbers' when left out.
         progress: called with what is being done.
 
     Raises:
         SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
     """
+    if recording is not None:
+        check_choice("recording's ending", Path(recording).suffix, (".npz",))
+        check_writable(recording)
     from sprintlab.control import check_contract, load_policy
     from sprintlab.evaluation.lap import run_lap
+    from sprintlab.evaluation.race_files import save_trajectory
     from sprintlab.evaluation.trial import TrialRequest
     from sprintlab.robots import load_robot
 
@@ -158,4 +171,7 @@ def lap(
     loaded, described = load_policy(path), load_robot(robot_for(path, robot))
     check_contract(loaded.contract, described)
     progress("running a lap", None)
-    return Lap(policy=path.stem, found=run_lap(loaded, described, request), notes=plant.remarks)
+    found = run_lap(loaded, described, request)
+    if recording is not None and found.trial.trajectory is not None:
+        save_trajectory(Path(recording), found.trial.trajectory)
+    return Lap(policy=path.stem, found=found, recording=recording, notes=plant.remarks)

@@ -7,7 +7,8 @@ once.
 
 from __future__ import annotations
 
-import difflib
+import contextlib
+import io
 import os
 import sys
 import textwrap
@@ -37,6 +38,7 @@ from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
+from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
 
@@ -122,8 +124,7 @@ def refuse_unknown(words: Sequence[str]) -> None:
         if word.startswith("-"):
             return
         if word not in known:
-            near = difflib.get_close_matches(word, known, n=2, cutoff=0.5)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"{typed} --help lists all commands"
+            hint = did_you_mean(word, known, f"{typed} --help lists all commands")
             raise SprintlabError(f"there is no command {printable(word)}: {hint}")
         level, typed = get_type_hints(known[word], include_extras=True).get("command"), f"{typed} {word}"
         if level is None:
@@ -134,8 +135,41 @@ def parse(arguments: Sequence[str]) -> Any:
     """Turn a command line into the command that it names; nothing runs yet.
 
     Raises:
+        SprintlabError: an option is not one of the command.
         SystemExit: help was printed, or the command line makes no sense.
     """
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return _parse(arguments)
+    except SystemExit as stop:
+        if stop.code:
+            named = command_words(arguments)
+            refuse_unknown_option(" ".join(named), arguments[len(named) :], _help_of(named))
+        print(said.getvalue(), end="", file=sys.stderr)
+        raise
+
+
+def command_words(words: Sequence[str]) -> list[str]:
+    """The first words, as far as they name a command: ``["motor", "envelope"]``."""
+    level, named = Command, list[str]()
+    for word in words:
+        known = {} if level is None else named_commands(level)
+        if word not in known:
+            break
+        named.append(word)
+        level = get_type_hints(known[word], include_extras=True).get("command")
+    return named
+
+
+def _help_of(named: Sequence[str]) -> str:
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        _parse([*named, "--help"])
+    return said.getvalue()
+
+
+def _parse(arguments: Sequence[str]) -> Any:
     return tyro.cli(
         Command,
         prog="sprintlab",

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """Drive a robot: stand up, run as the command source wishes, lie down. Ctrl-C brings it down in order,
-    a second Ctrl-C stops it at once.
+    """Drive a robot: stand up, run as the command source wishes, lie down.
+
+    Ctrl-C brings it down in order, a second Ctrl-C stops it at once.
 
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.

@@ -38,7 +38,7 @@ class Sweep:
         seeds: number of seeds a method, from 0.
         set: a setting of every run that differs from the default, e.g. ppo.steps=16.
         vary: a setting and its values, e.g. ppo.learning_rate=0.001,0.0005; several make all combinations.
-        minutes: training time of each run, over all sittings.
+        minutes: training time of each run, over all sessions.
         iterations: at which each run ends, if the time has not ended it.
         environments: robots side by side in each run.
         device: of each run: auto, cuda:0 or cpu; every worker sees only the GPU that it was given.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from sprintlab.api.training import require_training
+from sprintlab.cli.unknown import refuse_unknown_option
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -167,25 +168,34 @@ def without_decided(text: str) -> str:
 def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
     """Parse; a refusal by the options' own checks is raised as it is, not as a usage error."""
     asked = {"-h", "--help", "--help-all"} & set(words)
+    if asked:
+        text = _help(default)
+        print(text if "--help-all" in asked else short_help(text))
+        raise SystemExit(0)
     said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            return tyro.cli(
-                type(default),
-                prog="sprintlab train",
-                description=DESCRIPTION,
-                default=default,
-                args=["--help"] if asked else words,
-            )
+        with contextlib.redirect_stderr(said):
+            return _cli(default, words)
     except SystemExit as stop:
         if refusal := _refusal(stop):
             raise refusal from None
-        text = public_text(without_decided(said.getvalue()))
-        if not asked:
-            print(text, end="", file=sys.stderr)
-            raise
-    print(text if "--help-all" in asked else short_help(text))
-    raise SystemExit(0)
+        if stop.code:
+            refuse_unknown_option("train", [public_text(word) for word in words], _help(default))
+        print(public_text(without_decided(said.getvalue())), end="", file=sys.stderr)
+        raise
+
+
+def _help(default: TrainOptions) -> str:
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        _cli(default, ["--help"])
+    return public_text(without_decided(said.getvalue()))
+
+
+def _cli(default: TrainOptions, words: list[str]) -> TrainOptions:
+    return tyro.cli(
+        type(default), prog="sprintlab train", description=DESCRIPTION, default=default, args=words
+    )
 
 
 def _refusal(error: BaseException | None) -> SprintlabError | None:

@@ -11,6 +11,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 
+from sprintlab.commands import SpeedProfile
+from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW
 from sprintlab.core.theme import Theme, png_in_both_looks
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.report_text import (
@@ -35,13 +37,16 @@ Progress = Callable[[str], None]
 PlannedFigure = tuple[str, str, str, Callable[[Theme], Figure]]
 """Name, heading, caption and drawing function of a figure."""
 
+_PROFILE = SpeedProfile(top_speed=1.0)
 METHOD = (
-    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and stiff contact; the policy runs at 50 "
-    "Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
-    "trained with. Profile: stand 1 s, command rises at 4 m/s² to the top speed, hold 4 s, fall at 4 m/s² "
-    "to zero, stand 1 s. Held speed: mean forward speed in the heading frame over the last 2 s of the hold. "
-    "Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. Self-paced: "
-    "the command never leads or lags the measured speed by more than 1 m/s."
+    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and elastic foot pads; the policy runs at "
+    "50 Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
+    f"trained with. Profile: stand {_PROFILE.stand:g} s, command rises at {_PROFILE.acceleration:g} m/s² to "
+    f"the top speed, hold {_PROFILE.hold:g} s, fall at {_PROFILE.acceleration:g} m/s² to zero, stand "
+    f"{_PROFILE.rest:g} s. Held speed: mean forward speed in the heading frame over the last 2 s of the "
+    "hold. Peak: best mean over 0.5 s. J: integral of roll rate² plus pitch rate² over the profile. "
+    f"Self-paced: the command leads the measured speed by at most {PACE_WINDOW:g} m/s and lags it by at most "
+    f"{BRAKING_WINDOW:g} m/s."
 )
 
 _DRAKE_STEPS = ENGINE_STEPS["drake"]

@@ -319,7 +319,8 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
     """
     missing = [name for name in ("time", "joint_velocity", "joint_torque") if name not in arrays]
     if missing:
-        raise InvalidValueError("columns", ", ".join(sorted(arrays)) or "none", f"{', '.join(missing)} too")
+        given = ", ".join(sorted(arrays)) or "none"
+        raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
     try:
         with np.errstate(over="ignore"):  # what becomes infinite is refused
             found = {n: np.asarray(arrays[n], dtype=float) for n in arrays if n != "joint_position"}

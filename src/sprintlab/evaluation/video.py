@@ -259,7 +259,8 @@ class _Scene:
         self.camera.lookat[:] = self.centre[sample] + np.array([0.0, 0.0, -0.12])
         self.camera.azimuth = 118.0 if slow else 128.0
         self.camera.distance = 1.9 if slow else 2.5
-        self.renderer.update_scene(self.data, self.camera)
+        for _ in range(2):  # MuJoCo lays the endless floor round the camera of the update before
+            self.renderer.update_scene(self.data, self.camera)
         return self._print(self.renderer.render(), sample, slow)
 
     def _print(self, picture: Array, sample: int, slow: bool) -> Array:

@@ -33,6 +33,7 @@ _STYLE = """<style>
 .envelope .name { font-size: 12px; }
 .sprintlab { padding: 2px 14px; font: 12px system-ui, sans-serif; font-variant-numeric: tabular-nums; }
 .sprintlab b { font-size: 18px; } .sprintlab td { padding-right: 10px; white-space: nowrap; }
+.sprintlab tr { display: flex; flex-wrap: wrap; }
 .sprintlab .fell { color: #e03131; font-weight: 600; }
 </style>"""
 

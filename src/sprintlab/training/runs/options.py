@@ -34,7 +34,7 @@ class TrainOptions:
             scaled to it where they are BP2's. bp2 when left out.
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
-        minutes: stop after this much time in this sitting.
+        minutes: stop after this much time in this session.
         iterations: stop at this iteration of the run, after ``stages.steady_iteration``.
         environments: robots side by side.
         seed: of every random generator.

@@ -42,14 +42,14 @@ def progress_line(row: dict[str, float]) -> str:
 
 
 def time_to_go(iteration: int, iterations: int, started_at: int, elapsed: float, allowed: float) -> float:
-    """Seconds until the iterations or the time of this sitting are used up, at the pace so far.
+    """Seconds until the iterations or the time of this session are used up, at the pace so far.
 
     Args:
         iteration: reached.
         iterations: at which the run ends.
-        started_at: iteration at which this sitting began.
-        elapsed: time of this sitting [s].
-        allowed: time of this sitting [s].
+        started_at: iteration at which this session began.
+        elapsed: time of this session [s].
+        allowed: time of this session [s].
     """
     left = max(0.0, allowed - elapsed)
     done = iteration - started_at
@@ -70,7 +70,7 @@ class Board:
 
     Args:
         folder: of the event files.
-        iteration: reached already: later points of a sitting that was killed are hidden.
+        iteration: reached already: later points of a session that was killed are hidden.
     """
 
     def __init__(self, folder: Path, iteration: int) -> None:
@@ -152,10 +152,10 @@ class Reporter:
 
     Args:
         iterations: at which the run ends.
-        seconds: of this sitting.
+        seconds: of this session.
         started_at: iteration at which it begins.
         board: curves to fill, too.
-        rolled_back: updates taken back before this sitting.
+        rolled_back: updates taken back before this session.
         quiet: print nothing: for the processes that do not lead.
     """
 

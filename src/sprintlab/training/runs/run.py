@@ -48,7 +48,7 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
     Args:
         options: what to train, where to and for how long.
         restartable: for schedulers, which start a lost training again with the same words: go on from the
-            checkpoint where there is one, count ``minutes`` over all sittings, and where another process
+            checkpoint where there is one, count ``minutes`` over all sessions, and where another process
             still trains in ``output``, wait until it is gone.
         typed: the command line, for the policy's contract; that of this process when left out.
 
@@ -137,7 +137,7 @@ def _begun(path: Path, iterations: int) -> dict[str, Any]:
 
 
 def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
-    """One sitting: iterations, checkpoints, and an orderly end on a signal."""
+    """One session: iterations, checkpoints, and an orderly end on a signal."""
     progress, leads = runner.progress, runner.workers.leads
     wanted = options.tensorboard and leads
     if wanted and options.wandb is not None:

@@ -45,7 +45,7 @@ class RunPlan:
         folder: ``<sweep>/<method>/seed-<seed>``, below a folder of the varied settings if there are any.
         overrides: dotted names of settings to their values, e.g. ``ppo.steps`` to 16.
         iterations: at which the run ends.
-        minutes: after which the run ends, over all sittings.
+        minutes: after which the run ends, over all sessions.
         environments: robots side by side.
         device: ``cuda:0``, ``cpu`` or ``auto``.
         save_seconds: time between checkpoints: what a lost worker costs at most.

@@ -528,11 +528,15 @@ function drawPlot() {
     run[name].forEach((value, frame) => pen.lineTo(x(run.time[frame]), y(Math.max(value, 0))));
     pen.stroke();
   };
-  curve(runs[state.focus], "command", tone("--warm"));
+  if (runs.length > 1) pen.setLineDash([5, 4]); // a colour of its own belongs to each runner there
+  curve(runs[state.focus], "command", tone(runs.length > 1 ? "--quiet" : "--warm"));
+  pen.setLineDash([]);
   runs.forEach((run, index) => curve(run, "speed", runs.length > 1 && index ? run.color : tone("--accent")));
   pen.strokeStyle = tone("--ink"); pen.lineWidth = 1.2; pen.beginPath();
   pen.moveTo(x(state.now), 2); pen.lineTo(x(state.now), base); pen.stroke();
 }
+
+if (runs.length > 1) element("legend").classList.add("several");
 
 const TOP = runs.reduce((top, run) => Math.max(top, ...run.speed, ...run.command), 1) * 1.08;
 
