@@ -31,7 +31,7 @@ from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import ENGINES, PlantOptions, check_engine, on_engine
 from sprintlab.robots import load_robot
 
-TOP_SPEEDS = {"sprint": 13.0, "go1-sprint": 8.0}
+TOP_SPEEDS = {"sprint": 13.0, "go1-sprint": 8.0, "go2-sprint": 6.0}
 OTHER_TOP_SPEED = 10.0
 LADDER = (0.4, 0.7)  # of the top speed
 RESULT = Path("results/second_engine/speeds.json")
@@ -123,7 +123,7 @@ def parse() -> argparse.Namespace:
         help="names or files; all of the package when left out",
     )
     parser.add_argument(
-        "--top-speed", type=float, help="command [m/s]; 10.5, and 8 for go1-sprint, when left out"
+        "--top-speed", type=float, help="command [m/s]; the policy's headline speed when left out"
     )
     parser.add_argument("--workers", type=int, default=1, help="processes; with 1 the cost is measured too")
     parser.add_argument("--trials", type=int, default=10, help="seeded trials an engine")

@@ -11,6 +11,7 @@ from sprintlab.core.errors import SprintlabError
 from studies.paper.compare import Compare
 from studies.paper.draw import Figures
 from studies.paper.network import Network
+from studies.paper.own_motor import OwnMotor
 from studies.paper.page import Page
 from studies.paper.plan import Plan
 from studies.paper.publish import Publish
@@ -27,6 +28,7 @@ Command = (
     | Annotated[Strides, tyro.conf.subcommand(name="stride")]
     | Annotated[Plan, tyro.conf.subcommand(name="plan")]
     | Annotated[Variants, tyro.conf.subcommand(name="variants")]
+    | Annotated[OwnMotor, tyro.conf.subcommand(name="own-motor")]
     | Annotated[Page, tyro.conf.subcommand(name="page")]
 )
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from studies.paper.own_motor import OwnMotorRecord
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.statistics import Interval
 from studies.paper.table import MethodRow, velocity_text
@@ -25,12 +26,14 @@ class Evidence:
         literal: the same of the trainings with the paper's preset.
         variants: speeds of the kept policies on other editions, in Drake, with flux weakening.
         comparators: names of other papers' methods.
+        own_motors: method to its kept policy with the motor that it was trained with, and the real one.
     """
 
     rows: Rows
     literal: Rows
     variants: Speeds
     comparators: tuple[str, ...]
+    own_motors: Mapping[str, OwnMotorRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,15 +89,21 @@ def confirmed(rows: Rows) -> str:
         faster, seeds = rows[method].reference_faster, min(rows[method].seeds, rows[REFERENCE_METHOD].seeds)
         settled = verdict(faster, seeds) == "settled"
         name = "Open" if not settled else "Confirmed" if faster.center > 0.5 else "Not confirmed"
-        groups[name].append(f"`{method}`" + ("" if settled else f" ({faster.center:.2f})"))
-    parts = [f"{name}: faster than {', '.join(found)}." for name, found in groups.items() if found]
-    if groups["Open"]:
-        parts.append(
-            f"Open means that the seeds do not settle it; the number is the probability that a seed of "
-            f"`{REFERENCE_METHOD}` is the faster, as they are."
-        )
-    lead = f"The paper finds `{REFERENCE_METHOD}` faster than each of five others; on this robot:"
-    return f"{lead} {' '.join(parts)}" if parts else "No other method of the paper is trained yet."
+        groups[name].append(f"`{method}`" + ("" if settled else f" ({_pairs(faster)})"))
+    parts = [f"**{name}**: faster than {', '.join(found)}." for name, found in groups.items() if found]
+    lead = f"In the paper `{REFERENCE_METHOD}` is faster than each of five other methods. On this robot:"
+    return (
+        f"{lead}\n\n{chr(10).join(f'- {part}' for part in parts)}"
+        if parts
+        else "No other method of the paper is trained yet."
+    )
+
+
+def _pairs(faster: Interval) -> str:
+    """In how many pairs of seeds the reference method is the faster, in words."""
+    if faster.center in (0.0, 1.0):
+        return f"so far {'faster' if faster.center else 'slower'} in every pair of seeds"
+    return f"so far faster in {100.0 * faster.center:.0f} % of the pairs of seeds"
 
 
 def answers(evidence: Evidence) -> list[Answer]:
@@ -110,7 +119,7 @@ def answers(evidence: Evidence) -> list[Answer]:
 
 
 def _d_axis(known: Evidence) -> str:
-    text = comparison(known.rows, "simplified-dc")
+    text = comparison(known.rows, "simplified-dc") + _asked_for(known.own_motors)
     for name in ("bp2-weak", "bp2-strong"):
         ours, theirs = (
             known.variants.get(method, {}).get(name, math.nan)
@@ -124,6 +133,20 @@ def _d_axis(known: Evidence) -> str:
         else:
             text += f" Not evaluated yet on the {VARIANTS[name].title}."
     return text
+
+
+def _asked_for(own_motors: Mapping[str, OwnMotorRecord]) -> str:
+    """What policies that were trained without the limit ask of it; empty where nobody looked."""
+    parts = [
+        f"`{method}` asks for it {100.0 * max(found.impossible.values()):.1f} % of the time"
+        for method, found in own_motors.items()
+    ]
+    if not parts:
+        return ""
+    return (
+        " Torque of hind hips or knees that the real motor cannot give, at the fastest speed and with the "
+        f"motor of its training: {', '.join(parts)}. Where it asks for none, the motor model cannot matter."
+    )
 
 
 def _scheduling(known: Evidence) -> str:

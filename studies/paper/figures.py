@@ -302,6 +302,17 @@ def _trial_points(trajectory: Trajectory, robot: RobotDescription, joints: Seque
     )
 
 
+def impossible_shares(trial: TrialResult, robot: RobotDescription) -> dict[str, float]:
+    """Share of the torques of hind hips and hind knees that the refined motor could not give.
+
+    Args:
+        trial: with its trajectory, whatever motor ran it.
+        robot: for the envelope.
+    """
+    points = {name: _trial_points(recorded(trial), robot, joints) for name, joints in _HIND.items()}
+    return {name: float(np.mean(~found.allowed)) for name, found in points.items()}
+
+
 def _training_points(cloud: TrainingCloud, robot: RobotDescription, joints: Sequence[str]) -> _Points:
     indices, gain = _columns(robot, joints)
     return _Points(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING
 
 from studies.paper.plan import PAPER_PRESET, RESULTS
@@ -16,8 +17,23 @@ if TYPE_CHECKING:
 
     Grouped = dict[str, list[EvaluationRecord]]
 
-FIGURES = ("methods", "learning", "envelopes", "sprint")
-"""Pictures that the page shows where they were drawn."""
+FIGURES = {
+    "methods": "The most that is held: every seed, a method's mean, and the paper's number.",
+    "learning": "Speed of the fastest robots in training over time, each with the motor of its own training: "
+    "mean and range over the seeds.",
+    "worlds-no-envelope": "A policy that was trained without limits, with that motor and with the real one.",
+    "sprint": "Speeds, hind hips and hind knees in training and over 100 m, of `sprint` and of a policy that "
+    "was trained without limits.",
+}
+"""Pictures that the page shows where they were drawn, and how to read them."""
+MORE_FIGURES = {
+    "envelopes": "What each motor can give under the three models.",
+    "worlds-baseline": "`baseline` with the motor of its training and with the real one.",
+    "worlds-simplified-dc": "`simplified-dc` with the motor of its training and with the real one.",
+    "command-modes": "`sprint` under four ways of changing the command.",
+    "estimate": "What `sprint` estimates of its own body over 100 m, and what the simulator knows.",
+}
+"""Those that a reader opens."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,18 +58,29 @@ class Page:
         """
         from sprintlab.core.files import atomic_write_text
 
-        atomic_write_text(self.out, page_text(self.results, self._pictures()))
+        pictures, more = self._pictures(FIGURES), self._pictures(MORE_FIGURES)
+        atomic_write_text(self.out, page_text(self.results, pictures, more))
         print(self.out)
         return 0
 
-    def _pictures(self) -> list[str]:
-        """The pictures that there are, as seen from the page."""
-        found = [self.figures / f"{name}.png" for name in FIGURES]
-        return [Path(os.path.relpath(path, self.out.parent)).as_posix() for path in found if path.is_file()]
+    def _pictures(self, captions: Mapping[str, str]) -> list[str]:
+        """The pictures that there are, in Markdown, as seen from the page, each with its caption."""
+        found = {self.figures / f"{name}.png": caption for name, caption in captions.items()}
+        return [
+            f"![{path.stem}]({Path(os.path.relpath(path, self.out.parent)).as_posix()})\n\n{caption}"
+            for path, caption in found.items()
+            if path.is_file()
+        ]
 
 
-def page_text(results: Path, pictures: Sequence[str] = ()) -> str:
-    """The whole page in Markdown; errors as in ``read_evaluation``."""
+def page_text(results: Path, pictures: Sequence[str] = (), more: Sequence[str] = ()) -> str:
+    """The whole page in Markdown; errors as in ``read_evaluation``.
+
+    Args:
+        results: folder of the committed results.
+        pictures: in Markdown, to show.
+        more: in Markdown, to fold.
+    """
     from studies.paper.answers import answers, confirmed
     from studies.paper.pages import markdown_table, result_tables
 
@@ -61,11 +88,24 @@ def page_text(results: Path, pictures: Sequence[str] = ()) -> str:
     known = evidence(results, grouped, literal)
     main, *others = result_tables(grouped)
     titled = [f"**{item.question}** {item.text}" for item in answers(known)]
-    parts = ["# The study", confirmed(known.rows), *titled, _missing(known)]
+    parts = [
+        "# The study of the six methods",
+        confirmed(known.rows),
+        *titled,
+        _remarks(grouped),
+        _missing(known),
+        REPEAT,
+    ]
     if grouped:
         parts += ["## Methods", markdown_table(main.columns, main.rows), main.note]
     parts += ["## The paper's Table III and ours", reported_table(known)]
-    parts += [f"![{Path(picture).stem}]({picture})" for picture in pictures]
+    parts += pictures
+    if more:
+        parts.append(_folded("More figures", "\n\n".join(more)))
+    if known.own_motors:
+        parts.append(
+            _folded("With the motor of the training, and with the real one", own_motors_table(known))
+        )
     if literal:
         table = result_tables(literal)[0]
         title = "The paper's reward table to the letter"
@@ -77,24 +117,21 @@ def page_text(results: Path, pictures: Sequence[str] = ()) -> str:
         for table in others
         if table.rows
     ]
-    parts += ["## Again", AGAIN]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-AGAIN = """```sh
-python -m studies.paper plan          # the trainings that are missing, as commands
-python -m studies.paper table runs/study
-python -m studies.paper publish runs/study
-python -m studies.paper variants      # median policies on other editions, in Drake, with flux weakening
-python -m studies.paper figures --results studies/paper/results
-python -m studies.paper page
-```"""
+REMARKS = Path(__file__).parent / "remarks.md"
+REPEAT = (
+    "All numbers, settings and the median seeds' policies: `studies/paper/results`. How to train, evaluate "
+    "and draw it again: `studies/paper/README.md`."
+)
 
 
 def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
     """What the answers are made from."""
     from sprintlab.training.methods import COMPARATORS
     from studies.paper.answers import Evidence
+    from studies.paper.own_motor import own_motor_records
     from studies.paper.runs import find_runs
     from studies.paper.table import method_rows
     from studies.paper.variants import variant_speeds
@@ -104,6 +141,7 @@ def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
         literal={row.method: row for row in method_rows(literal)},
         variants=variant_speeds(find_runs(results)) if grouped else {},
         comparators=tuple(COMPARATORS),
+        own_motors=own_motor_records(find_runs(results)) if grouped else {},
     )
 
 
@@ -138,6 +176,35 @@ def variants_table(known: Evidence) -> str:
     return f"{markdown_table(columns, rows)}\n\n{note}"
 
 
+def _remarks(grouped: Grouped) -> str:
+    """What the numbers mean, in the words of whoever looked at them; none where there are no numbers."""
+    return REMARKS.read_text(encoding="utf-8").strip() if grouped else ""
+
+
+def own_motors_table(known: Evidence) -> str:
+    """Speeds of the kept policies with both motors, and what they ask for that the real one lacks."""
+    from sprintlab.evaluation.quantities import number
+    from studies.paper.pages import markdown_table
+    from studies.paper.record import number as value
+
+    columns = ("method", "motor in training", "v*", "held with it", "held with the real one")
+    joints = tuple(next(iter(known.own_motors.values())).impossible)
+    rows = [
+        [
+            method,
+            found.motor_model,
+            f"{found.top_speed:g}",
+            number(value(found.held_speed_own), 2),
+            number(value(found.held_speed_refined), 2),
+            *(f"{100.0 * found.impossible[name]:.1f} %" for name in joints),
+        ]
+        for method, found in known.own_motors.items()
+    ]
+    heads = (*columns, *(f"impossible: {name}" for name in joints))
+    note = "One nominal trial each of the median seed's policy, at the command at which it holds most [m/s]."
+    return f"{markdown_table(heads, rows)}\n\n{note}"
+
+
 def _grouped(folder: Path) -> Grouped:
     """Records by method, the paper's first; methods without any are left out."""
     from studies.paper.runs import by_method, committed_records, find_runs
@@ -163,4 +230,4 @@ def _missing(known: Evidence) -> str:
 
 def _folded(title: str, body: str) -> str:
     """A part that a reader opens."""
-    return f"<details markdown>\n<summary>{title}</summary>\n\n{body}\n\n</details>"
+    return f'??? info "{title}"\n\n{indent(body, "    ")}'

@@ -19,6 +19,7 @@ pytest.importorskip("hatchling", reason="needs hatchling: pip install hatchling"
 ROOT = Path(__file__).resolve().parents[2]
 DATA = {
     "sprintlab/policies/go1-sprint.onnx",
+    "sprintlab/policies/go2-sprint.onnx",
     "sprintlab/policies/sprint.onnx",
     "sprintlab/evaluation/templates/report.html.j2",
     "sprintlab/py.typed",

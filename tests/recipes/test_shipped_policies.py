@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 pytest.importorskip("mujoco_warp")
 
 
+from sprintlab.cli.train import parse_training
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.training.runs.named_settings import plain
 from sprintlab.training.runs.options import TrainOptions
@@ -21,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_policy_of_the_package_has_its_recipe() -> None:
-    assert set(shipped_policies()) == {"sprint", "go1-sprint"}
+    assert set(shipped_policies()) == {"sprint", "go1-sprint", "go2-sprint"}
 
 
 def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
@@ -31,6 +33,18 @@ def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], M
     assert contract.robot_name == settings.robot
     assert (record.iterations, record.seed) == (recipe.DEFAULTS.iterations, settings.seed)
     assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"
+
+
+def test_the_go2_policy_was_trained_by_the_command_that_it_names() -> None:
+    """The default recipe, scaled: what is typed gives the settings whose hash the contract holds."""
+    contract = load_policy(shipped_policy("go2-sprint")).contract
+    words = shlex.split(contract.training.command_line)
+    assert words[:2] == ["sprintlab", "train"]
+    options = parse_training(words[2:])
+    settings = options.full_settings()
+    assert (contract.robot_name, contract.training.seed) == (settings.robot, settings.seed) == ("go2", 1)
+    assert contract.training.config_hash == settings.digest()
+    assert contract.training.iterations == options.iterations
 
 
 def test_sprint_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:

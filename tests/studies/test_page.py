@@ -100,9 +100,11 @@ def results(tmp_path):
 
 
 def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None:
-    text = page_text(results, ["figures/learning.png"])
-    assert "Confirmed: faster than `simplified-dc`" in text.split("\n\n")[1]
-    assert "Open: faster than" in text and "`sprint` holds 12.20" in text and "+8.9 %" in text
+    text = page_text(results, ["![learning](figures/learning.png)"], ["![estimate](figures/estimate.png)"])
+    first = text.split("\n\n")[2]
+    assert "**Confirmed**: faster than `simplified-dc`" in first and "**Open**: faster than" in first
+    assert "`fixed-acceleration` (so far faster in 67 % of the pairs of seeds)" in first
+    assert "`sprint` holds 12.20" in text and "+8.9 %" in text
     assert "1.00 [1.00, 1.00]: settled" in text
     assert "trained on the nominal robot, hold 11.25 and 10.75 m/s" in text
     assert "Not evaluated yet on the strong edition" in text
@@ -112,7 +114,8 @@ def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None
     assert "to the letter 1 of 1 seeds collapse." in text
     assert "`rlvrl` is the fastest of 2" in text and "`lp-acrl`" in text
     assert "| rlvrl | refined | box-adaptive grid |" in text
-    assert "![learning](figures/learning.png)" in text and "| Hound | 6.5 | 5.9 | reported |" in text
+    assert "![learning](figures/learning.png)" in text.split("??? info")[0] and "![estimate]" in text
+    assert "| Hound | 6.5 | 5.9 | reported |" in text
     assert "| baseline |" not in text and "`baseline`" in text
 
 
