@@ -30,8 +30,8 @@ from sprintlab.deployment.interface import (
 )
 
 VECTORS = json.loads((Path(__file__).parent / "unitree_vectors.json").read_text(encoding="utf-8"))["vectors"]
-CROUCH = [0.0, 1.36, -2.65, 0.0, 1.36, -2.65, -0.2, 1.36, -2.65, 0.2, 1.36, -2.65]
-"""``_targetPos_1`` of the SDK's stand example, in Unitree's order."""
+CROUCH = [-0.35, 1.36, -2.65, 0.35, 1.36, -2.65, -0.5, 1.36, -2.65, 0.5, 1.36, -2.65]
+"""``_targetPos_3`` of the SDK's stand example, its last pose, in Unitree's order."""
 
 
 def command(mode=JointMode.SERVO, **fields):
@@ -87,8 +87,8 @@ def test_nothing_to_do_is_what_the_sdks_example_sends_first():
     assert encode_command(command(JointMode.OFF)).hex() == VECTORS["idle"]["wire"]
 
 
-def test_a_pose_is_what_the_sdks_example_sends():
-    assert encode_command(command()).hex() == VECTORS["crouch"]["wire"]
+def test_a_pose_is_what_the_sdks_example_sends_last():
+    assert encode_command(command()).hex() == VECTORS["last"]["wire"]
 
 
 def test_legs_are_exchanged_and_back():

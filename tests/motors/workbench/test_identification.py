@@ -391,7 +391,8 @@ def test_optional_columns_decide_what_is_determined(fit, motor, missing, lost):
 @pytest.mark.parametrize("missing", ["speed", "iq", "torque"])
 def test_needed_columns_are_named_when_missing(tmp_path, motor, missing):
     columns = {name: values for name, values in bench_columns(motor).items() if name != missing}
-    with pytest.raises(InvalidValueError, match=rf"{missing} is missing .*'{missing} \[{UNITS[missing]}\]'"):
+    words = rf"{missing} is missing .*'{missing} \[{UNITS[missing]}\]'.*--column \"{missing}=HEADING:"
+    with pytest.raises(InvalidValueError, match=words):
         load_bench(write_bench(tmp_path / "bench.csv", columns))
 
 

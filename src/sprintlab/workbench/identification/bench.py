@@ -298,8 +298,11 @@ def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, tit
 def _require(path: object, name: str, values: Mapping[str, Any], header: Sequence[str]) -> None:
     if name not in values:
         headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
+        mapping = f'or say which it is with --column "{name}=HEADING:{next(iter(COLUMNS[name]))}"'
         raise InvalidValueError(
-            f"{path}: columns", ", ".join(header), f"{name} is missing ({MEANINGS[name]}): write {headings}"
+            f"{path}: columns",
+            ", ".join(header),
+            f"{name} is missing ({MEANINGS[name]}): write {headings}, {mapping}",
         )
 
 
