@@ -222,9 +222,10 @@ def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None
 
 def test_the_noise_calms_down_where_it_is_told_to() -> None:
     """Floor and ceiling follow the iteration, also after a resume, and the policy's noise follows them."""
-    ppo = replace(SETTINGS.ppo, least_std=0.4, calm_iterations=(1, 3), calm_std=0.2, initial_std=0.41)
-    assert ppo.noise_ceiling(9) == math.inf
-    ppo = replace(ppo, most_std=0.8)
+    ppo = replace(
+        SETTINGS.ppo, least_std=0.4, calm_iterations=(1, 3), calm_std=0.2, initial_std=0.41, most_std=0.8
+    )
+    assert replace(ppo, most_std=None).noise_ceiling(9) == math.inf
     assert [ppo.noise_floor(iteration) for iteration in (0, 1, 2, 3, 9)] == pytest.approx(
         [0.4, 0.4, 0.3, 0.2, 0.2]
     )
