@@ -260,7 +260,7 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     clock: ClockRecord | None = None
 
     @property
-    def honest(self) -> bool:
+    def credible(self) -> bool:
         """Whether the audit passed at the fastest raw speed, or failed in nothing but a harmless clock."""
         fastest = self.raw.fastest
         if fastest is None:

@@ -50,7 +50,7 @@ class MethodRow:
         cost_of_transport: where most is held, raw.
         falls: in those trials, mean over the seeds.
         audit_passed: how many seeds passed the audit in those trials.
-        honest: how many did, or failed in nothing but a policy clock that is harmless.
+        credible: how many did, or failed in nothing but a policy clock that is harmless.
         duty_factor: mean share of time that a foot is on the ground, likewise.
         hip_limited: share of time that a hip's motor is on its limit, mean of four, likewise.
         knee_limited: the same of the knees.
@@ -72,7 +72,7 @@ class MethodRow:
     cost_of_transport: Interval
     falls: Interval
     audit_passed: int
-    honest: int
+    credible: int
     duty_factor: Interval
     hip_limited: Interval
     knee_limited: Interval
@@ -149,7 +149,7 @@ def _row(
         cost_of_transport=interquartile_mean([number(speed.cost_of_transport) for speed in best]),
         falls=interquartile_mean([speed.falls for speed in best]),
         audit_passed=sum(record.raw.audit_passed for record in running),
-        honest=sum(record.honest for record in running),
+        credible=sum(record.credible for record in running),
         duty_factor=interquartile_mean([_mean(speed.duty_factor) for speed in best]),
         hip_limited=interquartile_mean([_mean(speed.envelope_share[1::3]) for speed in best]),
         knee_limited=interquartile_mean([_mean(speed.envelope_share[2::3]) for speed in best]),
@@ -236,7 +236,7 @@ def _audit_text(row: MethodRow) -> str:
     """How many seeds passed, and how many more would but for a policy clock that is harmless."""
     if not row.seeds:
         return "-"
-    more = row.honest - row.audit_passed
+    more = row.credible - row.audit_passed
     return f"{row.audit_passed} of {row.seeds}" + (f", {more} but for the clock" if more else "")
 
 
@@ -328,7 +328,7 @@ def seed_cells(record: EvaluationRecord) -> tuple[str, ...]:
     fastest = record.raw.fastest
     failed = [] if fastest is None else fastest.audit.items
     marks = ", ".join(item.name for item in failed if not item.passed)
-    marks += " (harmless)" if marks and record.honest else ""
+    marks += " (harmless)" if marks and record.credible else ""
     return (
         record.method,
         str(record.seed),

@@ -39,7 +39,7 @@ SHAPES = {
     "history": (5, 45),
     "speed": (),
     "friction": (),
-    "fresh": (),
+    "reset_mask": (),
     "random": (8,),
 }
 SCHEDULES = (AdaptiveSchedule(), UniformSchedule(), FixedAccelerationSchedule())
@@ -60,7 +60,7 @@ class NoHostConstants(dispatch.TorchDispatchMode):
 def draw_inputs():
     generator = np.random.default_rng(0)
     inputs = {name: generator.random((ENVIRONMENTS, *shape), np.float32) for name, shape in SHAPES.items()}
-    inputs["fresh"] = inputs["fresh"] < 0.2
+    inputs["reset_mask"] = inputs["reset_mask"] < 0.2
     return inputs
 
 
@@ -72,8 +72,8 @@ def one_step(schedule, state, inputs):
         inputs["joint_position"],
         inputs["joint_velocity"],
     )
-    filtered = LowPass().step(inputs["filtered"], join_proprioception(raw), inputs["fresh"])
-    arguments = {name: inputs[name] for name in ("speed", "friction", "fresh", "random")}
+    filtered = LowPass().step(inputs["filtered"], join_proprioception(raw), inputs["reset_mask"])
+    arguments = {name: inputs[name] for name in ("speed", "friction", "reset_mask", "random")}
     state = schedule.advance(state, dt=0.02, lower=-2.0, upper=9.0, **arguments)
     frame = observation_frame(
         ObservationLayout(),
@@ -81,7 +81,7 @@ def one_step(schedule, state, inputs):
         command=state.command,
         previous_action=inputs["action"],
     )
-    history = update_history(inputs["history"], frame, inputs["fresh"])
+    history = update_history(inputs["history"], frame, inputs["reset_mask"])
     target = joint_targets(inputs["action"], inputs["gains"], inputs["gains"], 10.0)
     torque = pd_torque(
         inputs["gains"], inputs["gains"], target, inputs["joint_position"], inputs["joint_velocity"]

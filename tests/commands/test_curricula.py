@@ -192,8 +192,8 @@ def advanced(schedule, steps: int, **changes):
     }  # fmt: skip
     states = []
     for step in range(steps):
-        fresh = np.full(n, step == 0)
-        state = schedule.advance(state, fresh=fresh, random=random.random((n, 8)), **arguments)
+        reset_mask = np.full(n, step == 0)
+        state = schedule.advance(state, reset_mask=reset_mask, random=random.random((n, 8)), **arguments)
         states.append(state)
     return states
 

@@ -85,7 +85,7 @@ def test_schedules_draw_from_the_grid_except_the_uniform_one() -> None:
     n = 3000
     arguments = {
         "speed": np.zeros(n), "dt": 0.02, "lower": -2.0, "upper": 14.0, "friction": 1.0,
-        "fresh": np.ones(n, dtype=bool), "random": np.random.default_rng(1).random((n, 8)),
+        "reset_mask": np.ones(n, dtype=bool), "random": np.random.default_rng(1).random((n, 8)),
         "weights": weights,
     }  # fmt: skip
     share = 1.0 - TargetSampling().top_share - TargetSampling().zero_share

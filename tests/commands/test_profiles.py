@@ -91,7 +91,7 @@ def test_self_paced_command_is_that_of_the_schedule_in_training(target, speed):
         lower=-2.0,
         upper=14.0,
         friction=0.8,
-        fresh=np.zeros(1, dtype=bool),
+        reset_mask=np.zeros(1, dtype=bool),
         random=random,
     ).command[0, 0]
     assert commanded == pytest.approx(np.clip(float(self_paced(target, speed)), -2.0, 14.0))

@@ -22,7 +22,7 @@ def draw_inputs(generator, n, lower=-2.0, upper=9.0, fresh_share=0.0):
     return {
         "speed": generator.uniform(lower, upper, n),
         "friction": generator.uniform(0.3, 1.0, n),
-        "fresh": generator.random(n) < fresh_share,
+        "reset_mask": generator.random(n) < fresh_share,
         "random": generator.random((n, 8)),
     }
 
@@ -95,7 +95,7 @@ def test_adaptive_command_is_in_the_neighbourhood_and_the_range(
         assert np.all((command - nearest)[updated] <= window + 1e-12)
         assert np.all((nearest - command)[updated] <= max(window, braking_window) + 1e-12)
         assert np.all(command[~updated] == before.command[~updated, 0])
-        assert np.all(updated[inputs["fresh"]])
+        assert np.all(updated[inputs["reset_mask"]])
         assert np.all(np.abs(command * state.command[:, 2]) <= inputs["friction"] * 9.81 + 1e-9)
         assert np.all(state.command[:, 1] == 0.0)
 
@@ -167,8 +167,8 @@ def test_turns_use_their_share_of_the_friction():
 def test_ramps_move_the_command_at_their_acceleration_whatever_the_robot_does():
     schedule = AdaptiveSchedule(targets=TargetSampling(persistence=(60.0, 60.0)), ramp_share=0.4)
     generator = np.random.default_rng(15)
-    fresh = {"fresh": np.ones(4000, dtype=bool), "speed": np.zeros(4000)}
-    state = advance(schedule, initial_state(4000, np.zeros(1)), draw_inputs(generator, 4000) | fresh)
+    reset_mask = {"reset_mask": np.ones(4000, dtype=bool), "speed": np.zeros(4000)}
+    state = advance(schedule, initial_state(4000, np.zeros(1)), draw_inputs(generator, 4000) | reset_mask)
     ramped = state.acceleration > 0.0
     assert ramped.mean() == pytest.approx(0.4, abs=0.03)
     for _ in range(30):
@@ -235,10 +235,10 @@ def test_fresh_environments_redraw_and_the_others_do_not():
     generator = np.random.default_rng(10)
     schedule = AdaptiveSchedule(targets=TargetSampling(zero_share=0.0))
     state = advance(schedule, initial_state(10, np.zeros(1)), draw_inputs(generator, 10))
-    fresh = np.arange(10) % 2 == 0
-    after = advance(schedule, state, draw_inputs(generator, 10) | {"fresh": fresh})
-    assert np.all((after.target_speed != state.target_speed) == fresh)
-    assert np.all((after.command[:, 0] != state.command[:, 0]) == fresh)
+    reset_mask = np.arange(10) % 2 == 0
+    after = advance(schedule, state, draw_inputs(generator, 10) | {"reset_mask": reset_mask})
+    assert np.all((after.target_speed != state.target_speed) == reset_mask)
+    assert np.all((after.command[:, 0] != state.command[:, 0]) == reset_mask)
 
 
 def test_uniform_command_is_the_target_at_once():
@@ -252,8 +252,8 @@ def test_uniform_command_is_the_target_at_once():
 def test_fixed_acceleration_moves_steadily_to_the_target():
     generator = np.random.default_rng(12)
     schedule = FixedAccelerationSchedule(targets=TargetSampling(persistence=(6.0, 6.0)))
-    fresh = {"fresh": np.ones(200, dtype=bool), "speed": np.full(200, 1.0)}
-    state = advance(schedule, initial_state(200, np.zeros(1)), draw_inputs(generator, 200) | fresh)
+    reset_mask = {"reset_mask": np.ones(200, dtype=bool), "speed": np.full(200, 1.0)}
+    state = advance(schedule, initial_state(200, np.zeros(1)), draw_inputs(generator, 200) | reset_mask)
     assert np.all((state.acceleration >= 2.0) & (state.acceleration <= 4.0))
     assert np.all(np.abs(state.command[:, 0] - 1.0) <= state.acceleration * DT + 1e-12)
     for _ in range(250):

@@ -37,11 +37,13 @@ def test_cutoff_passes_half_the_power_at_a_high_rate():
 def test_fresh_rows_start_from_their_value_in_both_libraries(torch):
     generator = np.random.default_rng(1)
     previous, value = generator.normal(size=(6, 30)), generator.normal(size=(6, 30))
-    fresh = np.array([True, False, True, False, False, False])
-    filtered = LowPass().step(previous, value, fresh)
-    np.testing.assert_array_equal(filtered[fresh], value[fresh])
-    np.testing.assert_allclose(filtered[~fresh], low_pass(previous, value, LowPass().coefficient)[~fresh])
-    tensors = (torch.from_numpy(array) for array in (previous, value, fresh))
+    reset_mask = np.array([True, False, True, False, False, False])
+    filtered = LowPass().step(previous, value, reset_mask)
+    np.testing.assert_array_equal(filtered[reset_mask], value[reset_mask])
+    np.testing.assert_allclose(
+        filtered[~reset_mask], low_pass(previous, value, LowPass().coefficient)[~reset_mask]
+    )
+    tensors = (torch.from_numpy(array) for array in (previous, value, reset_mask))
     np.testing.assert_allclose(LowPass().step(*tensors).numpy(), filtered, atol=1e-15)
 
 

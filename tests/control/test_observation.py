@@ -90,12 +90,12 @@ def test_history_is_oldest_first_and_starts_with_the_first_frame():
 def test_fresh_rows_start_their_history_anew(torch):
     generator = np.random.default_rng(1)
     history, frame = generator.normal(size=(8, 5, 45)), generator.normal(size=(8, 45))
-    fresh = np.arange(8) % 3 == 0
-    updated = update_history(history, frame, fresh)
+    reset_mask = np.arange(8) % 3 == 0
+    updated = update_history(history, frame, reset_mask)
     for row in range(8):
-        expected = fill_history(frame[row], 5) if fresh[row] else push_history(history[row], frame[row])
+        expected = fill_history(frame[row], 5) if reset_mask[row] else push_history(history[row], frame[row])
         np.testing.assert_array_equal(updated[row], expected)
-    tensors = (torch.from_numpy(value) for value in (history, frame, fresh))
+    tensors = (torch.from_numpy(value) for value in (history, frame, reset_mask))
     np.testing.assert_array_equal(update_history(*tensors).numpy(), updated)
 
 

@@ -71,7 +71,7 @@ def test_staircase_climbs_to_its_target(example):
             lower=-1.0,
             upper=4.0,
             friction=np.full(count, 0.8),
-            fresh=np.full(count, step == 0),
+            reset_mask=np.full(count, step == 0),
             random=random.random((count, 8)),
         )
         command = np.asarray(state.command[:, 0])
@@ -192,7 +192,7 @@ def test_a_schedule_that_lacks_something_is_refused_before_the_training(tmp_path
     class Old:
         targets = None
 
-        def advance(self, state, *, speed, dt, lower, upper, friction, fresh, random, weights=None):
+        def advance(self, state, *, speed, dt, lower, upper, friction, reset_mask, random, weights=None):
             return state
 
     with pytest.raises(InvalidValueError, match="must take steady"):

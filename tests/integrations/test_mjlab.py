@@ -283,7 +283,7 @@ def test_a_reset_draws_only_for_the_environments_reset(command_term):
     assert torch.equal(term.command[untouched], before[untouched])
     assert not torch.equal(term.command[chosen], before[chosen])
     assert set(metrics) == {"error_vel_x", "error_vel_yaw"}
-    assert not term._fresh.any()
+    assert not term._reset_mask.any()
 
 
 def test_turns_keep_to_what_friction_holds(command_term, robot_data):

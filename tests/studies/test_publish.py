@@ -17,8 +17,8 @@ from studies.paper.record import (
 from sprintlab.core.errors import SprintlabError
 
 
-def record(method, seed, held, honest):
-    item = AuditEntry(name="penetration", value=0.01, unit="m", threshold=0.005, passed=honest)
+def record(method, seed, held, credible):
+    item = AuditEntry(name="penetration", value=0.01, unit="m", threshold=0.005, passed=credible)
     speed = SpeedRecord(
         top_speed=held,
         trials=10,
@@ -60,9 +60,9 @@ def record(method, seed, held, honest):
 def runs(tmp_path):
     """Seed 2 has the median speed."""
     folder = tmp_path / "runs"
-    for seed, held, honest in ((0, 9.0, True), (1, 12.0, False), (2, 11.0, True)):
+    for seed, held, credible in ((0, 9.0, True), (1, 12.0, False), (2, 11.0, True)):
         run = folder / "sprint" / f"seed-{seed}"
-        write_evaluation(run / "evaluation.json", record("sprint", seed, held, honest))
+        write_evaluation(run / "evaluation.json", record("sprint", seed, held, credible))
         (run / "policy.onnx").write_bytes(bytes([seed]))
         (run / "curve.csv").write_text("seconds,speed_p999\n")
         (run / "checkpoint.pt").write_bytes(b"large")

@@ -268,19 +268,19 @@ def test_the_battery_kernel_ends_every_search(
 def test_standing_draws_charge_and_a_restart_gives_it_back_or_takes_the_donor_s(
     supplied: BatchSimulation,
 ) -> None:
-    fresh, copied = (torch.zeros(ENVIRONMENTS, dtype=torch.bool) for _ in range(2))
-    fresh[::2], copied[1::4] = True, True
+    reset_mask, copied = (torch.zeros(ENVIRONMENTS, dtype=torch.bool) for _ in range(2))
+    reset_mask[::2], copied[1::4] = True, True
     donors = torch.arange(ENVIRONMENTS).flip(0)
     state = (supplied.supply.state_of_charge, supplied.supply.winding_temperature)
-    supplied.supply.restart(torch.ones_like(fresh), torch.zeros_like(fresh), donors)
+    supplied.supply.restart(torch.ones_like(reset_mask), torch.zeros_like(reset_mask), donors)
     first = [values.clone() for values in state]
     supplied.step()
     run = [values.clone() for values in state]
     assert all((now != then).float().mean() > 0.5 for now, then in zip(run, first, strict=True))
-    supplied.supply.restart(fresh, copied, donors)
-    kept = ~(fresh | copied)
+    supplied.supply.restart(reset_mask, copied, donors)
+    kept = ~(reset_mask | copied)
     for now, before, start in zip(state, run, first, strict=True):
-        assert (now[fresh] == start[fresh]).all()
+        assert (now[reset_mask] == start[reset_mask]).all()
         assert (now[copied] == before[donors[copied]]).all()
         assert (now[kept] == before[kept]).all()
 

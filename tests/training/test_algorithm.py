@@ -90,8 +90,8 @@ def test_an_update_is_rsl_rl_s_update() -> None:
         time_outs = ends * (torch.rand(ROBOTS) < 0.5)
         action = theirs.act(seen)
         written = {
-            "perceived": seen["actor"],
-            "truth": seen["critic"],
+            "actor_input": seen["actor"],
+            "privileged": seen["critic"],
             "action": action,
             "mean": theirs.transition.distribution_params[0],
             "log_probability": theirs.transition.actions_log_prob.squeeze(-1),
@@ -155,10 +155,10 @@ def test_log_probability_is_torch_s() -> None:
 
 @pytest.mark.parametrize(("share", "quiet"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
 def test_quiet_robots_are_as_many_as_asked_for_and_in_every_mini_batch(share: float, quiet: int) -> None:
-    loudness = loudness_of(64, PpoSettings(quiet_share=share, quiet_noise=0.25))
-    assert int((loudness == 0.25).sum()) == quiet
-    assert set(loudness.tolist()) <= {0.25, 1.0}
-    in_parts = [int((part == 0.25).sum()) for part in loudness.chunk(4)]
+    noise_scale = loudness_of(64, PpoSettings(quiet_share=share, quiet_noise=0.25))
+    assert int((noise_scale == 0.25).sum()) == quiet
+    assert set(noise_scale.tolist()) <= {0.25, 1.0}
+    in_parts = [int((part == 0.25).sum()) for part in noise_scale.chunk(4)]
     assert max(in_parts) - min(in_parts) <= 1
 
 
@@ -169,18 +169,18 @@ def test_quiet_robots_act_with_less_noise_and_their_probabilities_know_it() -> N
         stages=replace(SETTINGS.stages, steady_iteration=3),
     )
     learner = EstimatorPpo(SprintEnvironment(quiet, "cpu"), True, Workers())
-    assert bool((learner.rollout.loudness == 1.0).all()), "not yet"
+    assert bool((learner.rollout.noise_scale == 1.0).all()), "not yet"
     learner.set_phase(3)
     for _ in range(STEPS):
         learner.act()
         learner.environment.advance()
         learner.record()
     rollout, std = learner.rollout, learner.actor.std.detach()
-    calm = rollout.loudness[:, 0] < 1.0
+    calm = rollout.noise_scale[:, 0] < 1.0
     spread = (rollout.action - rollout.mean).std((1, 2))
     assert int(calm.sum()) == ROBOTS // 2
     assert float(spread[calm].max()) < 0.2 * float(spread[~calm].min())
-    noise = std * rollout.loudness.unsqueeze(-1)
+    noise = std * rollout.noise_scale.unsqueeze(-1)
     expected = torch.distributions.Normal(rollout.mean, noise).log_prob(rollout.action).sum(-1)
     torch.testing.assert_close(rollout.log_probability, expected, rtol=1e-4, atol=1e-3)
     learner._prepare()
@@ -208,9 +208,10 @@ def test_the_rollout_holds_what_was_seen_and_what_came_of_it(learner: EstimatorP
 def test_a_mini_batch_is_a_view(learner: EstimatorPpo) -> None:
     batch = learner.rollout.policy_batch(2, 5)
     assert (
-        batch.perceived.untyped_storage().data_ptr() == learner.rollout.perceived.untyped_storage().data_ptr()
+        batch.actor_input.untyped_storage().data_ptr()
+        == learner.rollout.actor_input.untyped_storage().data_ptr()
     )
-    assert batch.perceived.shape == (3 * STEPS, learner.rollout.perceived.shape[-1])
+    assert batch.actor_input.shape == (3 * STEPS, learner.rollout.actor_input.shape[-1])
 
 
 def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:

@@ -96,14 +96,14 @@ def test_a_masked_reset_is_a_loop_over_rows(environment: SprintEnvironment) -> N
         environment.draws,
         environment.settings.episodes,
     )
-    fresh = [*standing, torch.zeros(N, 12), torch.zeros(N, 8)]
+    reset_mask = [*standing, torch.zeros(N, 12), torch.zeros(N, 8)]
     expected, copies = [values.clone() for values in old], []
     for row in torch.nonzero(mask)[:, 0].tolist():
         one, other = (environment.draws["donor"][row] * N).long().tolist()
         donor = one if environment.running_speed[one] > environment.running_speed[other] else other
         chance = float(environment.draws["clone"][row, 0])
         copies.append(bool(not mask[donor] and lengths[donor] > 50 and chance < 0.5))
-        for result, before, new in zip(expected, old, fresh, strict=True):
+        for result, before, new in zip(expected, old, reset_mask, strict=True):
             result[row] = before[donor] if copies[-1] else new[row]
         if copies[-1]:
             expected[0][row, :2] = 0.0
@@ -328,9 +328,9 @@ def asked_to_stand(environment: SprintEnvironment, estimated: float) -> torch.Te
     return torch.zeros(N, dtype=torch.bool)
 
 
-def held_once(environment: SprintEnvironment, fresh: torch.Tensor) -> torch.Tensor:
+def held_once(environment: SprintEnvironment, reset_mask: torch.Tensor) -> torch.Tensor:
     """One step of the hold; returns who was let go."""
-    return environment._hold(fresh, environment.kinematics.read().gravity)
+    return environment._hold(reset_mask, environment.kinematics.read().gravity)
 
 
 def test_a_robot_that_stands_as_asked_is_held_as_the_runtime_holds_it(environment: SprintEnvironment) -> None:

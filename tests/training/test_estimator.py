@@ -35,10 +35,10 @@ def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
     def normal(*shape: int) -> torch.Tensor:
         return torch.randn(*shape, generator=generator)
 
-    truth = torch.cat((normal(SAMPLES, 4), (normal(SAMPLES, 4) > 0).float()), 1)
+    privileged = torch.cat((normal(SAMPLES, 4), (normal(SAMPLES, 4) > 0).float()), 1)
     batch = EstimatorBatch(
         history=normal(SAMPLES, HISTORY),
-        truth=truth,
+        privileged=privileged,
         next_frame=normal(SAMPLES, 45),
         valid=torch.ones(SAMPLES),
         noise=normal(SAMPLES, SETTINGS.estimator.latent),
@@ -47,10 +47,10 @@ def estimator_batch(**changes: torch.Tensor) -> EstimatorBatch:
 
 
 def policy_batch(actor: Actor) -> PolicyBatch:
-    perceived, _ = actor.perceive(torch.randn(SAMPLES, HISTORY), torch.zeros(SAMPLES, ESTIMATE_SIZE))
+    actor_input, _ = actor.perceive(torch.randn(SAMPLES, HISTORY), torch.zeros(SAMPLES, ESTIMATE_SIZE))
     flat = torch.randn(SAMPLES)
     actions = torch.randn(SAMPLES, 12)
-    seen = (perceived.detach(), torch.randn(SAMPLES, 53), actions, 0.5 * actions)
+    seen = (actor_input.detach(), torch.randn(SAMPLES, 53), actions, 0.5 * actions)
     return PolicyBatch(torch.ones(SAMPLES), *seen, flat, flat, flat, flat)
 
 
@@ -83,9 +83,9 @@ def test_the_policy_acts_on_the_mean_of_the_latent(actor: Actor) -> None:
     history, zeros = torch.randn(3, HISTORY), torch.zeros(3, ESTIMATE_SIZE)
     first, second = (actor(history, zeros)[0] for _ in range(2))
     assert torch.equal(first, second)
-    perceived, _ = actor.perceive(history, zeros)
+    actor_input, _ = actor.perceive(history, zeros)
     latent = actor.estimator(actor.normalized_frames(history)).mean
-    assert torch.equal(perceived[:, -SETTINGS.estimator.latent :], latent)
+    assert torch.equal(actor_input[:, -SETTINGS.estimator.latent :], latent)
 
 
 def test_the_policy_s_loss_leaves_the_estimator_alone_and_the_other_way_round(actor: Actor) -> None:
@@ -128,11 +128,11 @@ def test_the_estimate_is_low_passed_from_its_last_value(actor: Actor) -> None:
 
 def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
     """On histories that hold the answer, a hundred steps bring the losses down several times."""
-    truth = torch.cat((torch.randn(SAMPLES, 4), (torch.randn(SAMPLES, 4) > 0).float()), 1)
-    truth[:, 3] = 0.5 + 0.05 * truth[:, 3]
+    privileged = torch.cat((torch.randn(SAMPLES, 4), (torch.randn(SAMPLES, 4) > 0).float()), 1)
+    privileged[:, 3] = 0.5 + 0.05 * privileged[:, 3]
     history = 0.1 * torch.randn(SAMPLES, HISTORY)
-    history[:, -12:-4] = truth
-    batch = estimator_batch(history=history, truth=truth)
+    history[:, -12:-4] = privileged
+    batch = estimator_batch(history=history, privileged=privileged)
     optimizer = torch.optim.Adam(actor.estimator.parameters(), lr=3e-3)
     losses = []
     for _ in range(150):
@@ -145,8 +145,8 @@ def test_the_estimator_learns_velocity_height_and_contact(actor: Actor) -> None:
     assert losses[-1][1] < 0.2 * losses[0][1]
     with torch.no_grad():
         value = actor.estimator.physical(actor.estimator(actor.normalized_frames(history)).raw)
-    assert (value[:, :3] - truth[:, :3]).abs().mean() < 0.3
-    assert ((value[:, 4:] > 0.5) == (truth[:, 4:] > 0.5)).float().mean() > 0.95
+    assert (value[:, :3] - privileged[:, :3]).abs().mean() < 0.3
+    assert ((value[:, 4:] > 0.5) == (privileged[:, 4:] > 0.5)).float().mean() > 0.95
 
 
 def test_running_moments_are_those_of_all_samples() -> None:

@@ -102,7 +102,7 @@ def test_literal_commands_follow_the_robot_and_move_toward_nothing() -> None:
     for _ in range(400):
         state = schedule.advance(
             state, speed=speed, dt=0.02, lower=-2.0, upper=12.0, friction=0.8,
-            fresh=np.zeros(count, dtype=bool), random=random.random((count, 8)),
+            reset_mask=np.zeros(count, dtype=bool), random=random.random((count, 8)),
         )  # fmt: skip
         commands.append(np.asarray(state.command[:, 0]))
     given = np.concatenate(commands[20:])

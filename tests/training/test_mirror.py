@@ -43,7 +43,7 @@ def fill(learner: EstimatorPpo) -> None:
 
 def test_the_mirror_of_a_mirror_is_the_original() -> None:
     mirror = Mirror(OBSERVATION, load_robot("bp2"), "cpu")
-    for name, size in (("history", 450), ("truth", 53), ("action", 12)):
+    for name, size in (("history", 450), ("privileged", 53), ("action", 12)):
         values = torch.randn(7, size)
         reflection = getattr(mirror, name)
         assert torch.equal(reflection(reflection(values)), values)
@@ -70,10 +70,10 @@ def test_a_mirrored_robot_sees_the_mirror_image() -> None:
     for _ in range(15):
         action = torch.rand(12, generator=generator) - 0.5
         environment.step(torch.stack((action, mirror.action(action))))
-        truth = environment.critic_observation.clone()
-        truth[:, COMMAND] = 0.0
-        torch.testing.assert_close(truth[1], mirror.truth(truth[0]), atol=0.01, rtol=0.01)
-    assert truth[0, :6].abs().max() > 0.05
+        privileged = environment.critic_observation.clone()
+        privileged[:, COMMAND] = 0.0
+        torch.testing.assert_close(privileged[1], mirror.privileged(privileged[0]), atol=0.01, rtol=0.01)
+    assert privileged[0, :6].abs().max() > 0.05
 
 
 def test_the_rollout_s_image_asks_the_networks_anew_and_mirrors_the_noise() -> None:
@@ -81,15 +81,15 @@ def test_the_rollout_s_image_asks_the_networks_anew_and_mirrors_the_noise() -> N
     learner._prepare()
     rollout, actor = learner.rollout, learner.actor
     image, plain = rollout.policy_batch(2, 5, mirrored=True), rollout.policy_batch(2, 5)
-    assert torch.equal(image.truth, mirror.truth(plain.truth))
-    assert torch.equal(image.perceived[:, :53], mirror.truth(plain.perceived[:, :53]))
+    assert torch.equal(image.privileged, mirror.privileged(plain.privileged))
+    assert torch.equal(image.actor_input[:, :53], mirror.privileged(plain.actor_input[:, :53]))
     histories = mirror.history(rollout.history[2:5].flatten(0, 1))
     with torch.no_grad():
         torch.testing.assert_close(
-            image.perceived[:, 53:], actor.estimator(actor.normalized_frames(histories)).mean
+            image.actor_input[:, 53:], actor.estimator(actor.normalized_frames(histories)).mean
         )
-        torch.testing.assert_close(image.mean, actor.decide(image.perceived))
-        torch.testing.assert_close(image.value, learner.critic(image.truth))
+        torch.testing.assert_close(image.mean, actor.decide(image.actor_input))
+        torch.testing.assert_close(image.value, learner.critic(image.privileged))
     torch.testing.assert_close(image.action - image.mean, mirror.action(plain.action - plain.mean))
     for name in ("advantage", "returns"):
         assert torch.equal(getattr(image, name), getattr(plain, name))
@@ -98,12 +98,12 @@ def test_the_rollout_s_image_asks_the_networks_anew_and_mirrors_the_noise() -> N
 def test_learning_from_the_image_begins_at_the_policy_that_acted() -> None:
     """However different left and right are, the first likelihood ratio is one: some robots act quietly."""
     learner = filled()
-    learner.rollout.loudness[::2] = 0.25
+    learner.rollout.noise_scale[::2] = 0.25
     learner._prepare()
     batch = learner.rollout.policy_batch(0, 16, mirrored=True)
     with torch.no_grad():
-        mean = learner.actor.decide(batch.perceived)
-        noise = learner.actor.std * batch.loudness.unsqueeze(-1)
+        mean = learner.actor.decide(batch.actor_input)
+        noise = learner.actor.std * batch.noise_scale.unsqueeze(-1)
         now = torch.distributions.Normal(mean, noise).log_prob(batch.action).sum(-1)
     torch.testing.assert_close(now, batch.log_probability)
 
@@ -123,9 +123,11 @@ def test_the_normalizers_statistics_are_symmetric() -> None:
     learner, mirror = filled(), Mirror(OBSERVATION, load_robot("bp2"), "cpu")
     learner.update()
     for normalizer in (learner.actor.normalizer, learner.critic.normalizer):
-        torch.testing.assert_close(mirror.truth(normalizer.mean), normalizer.mean, atol=1e-6, rtol=1e-5)
-    both = torch.cat((learner.rollout.truth, mirror.truth(learner.rollout.truth))).flatten(0, 1)
-    plain = learner.rollout.truth.flatten(0, 1)
-    mean, variance = mirror.truth.symmetric_moments(plain.mean(0), plain.var(0, correction=0))
+        torch.testing.assert_close(mirror.privileged(normalizer.mean), normalizer.mean, atol=1e-6, rtol=1e-5)
+    both = torch.cat((learner.rollout.privileged, mirror.privileged(learner.rollout.privileged))).flatten(
+        0, 1
+    )
+    plain = learner.rollout.privileged.flatten(0, 1)
+    mean, variance = mirror.privileged.symmetric_moments(plain.mean(0), plain.var(0, correction=0))
     torch.testing.assert_close(mean, both.mean(0), atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(variance, both.var(0, correction=0), atol=1e-5, rtol=1e-4)

@@ -160,7 +160,7 @@ def test_the_steady_stage_begins_where_it_is_told_to_and_in_a_resumed_run(tmp_pa
     runner = Runner(settings, "cpu", "test")
 
     def steady(run: Runner) -> tuple[float, bool]:
-        return float(run.environment.steady), bool((run.learner.rollout.loudness < 1.0).any())
+        return float(run.environment.steady), bool((run.learner.rollout.noise_scale < 1.0).any())
 
     assert steady(runner) == (0.0, False)
     runner.iterate()

@@ -19,12 +19,12 @@ def run(session, seconds):
 def test_robot_runs_at_the_wanted_speed(session):
     run(session, 0.3)
     session.turn(speed=2.0)
-    glimpse = run(session, 2.5)
-    assert glimpse.falls == 0
-    assert glimpse.speed == pytest.approx(2.0, abs=0.4)
-    assert glimpse.distance > 2.0
-    assert glimpse.bus_power > 100.0
-    assert glimpse.joint_speed.shape == glimpse.motor_torque.shape == (1250, 12)
+    snapshot = run(session, 2.5)
+    assert snapshot.falls == 0
+    assert snapshot.speed == pytest.approx(2.0, abs=0.4)
+    assert snapshot.distance > 2.0
+    assert snapshot.bus_power > 100.0
+    assert snapshot.joint_speed.shape == snapshot.motor_torque.shape == (1250, 12)
 
 
 def test_command_rises_no_faster_than_the_evaluation_s(session):

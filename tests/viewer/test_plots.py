@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.viewer.live import Glimpse
+from sprintlab.viewer.live import Snapshot
 from sprintlab.viewer.page import PaceMeter
 from sprintlab.viewer.plots import status_text, value_range
 
@@ -25,20 +25,20 @@ def test_ranges_are_round(values, expected):
     assert value_range(np.array(values)) == expected
 
 
-def glimpse(**changes):
+def snapshot(**changes):
     nothing = np.zeros((0, 12))
     state = {"time": 1.0, "speed": 0.0, "command": (0.0, 0.0, 0.0), "bus_power": 0.0, "distance": 0.0}
     rest = {"joint_speed": nothing, "motor_torque": nothing, "falls": 0, "fall_reason": ""}
-    return Glimpse(**{**state, **rest, **changes})
+    return Snapshot(**{**state, **rest, **changes})
 
 
 def test_standing_robots_have_no_negative_zero_speed():
-    assert "-0.0<" not in status_text(glimpse(speed=-0.01), 1.0)
-    assert "<b>-0.1</b>" in status_text(glimpse(speed=-0.06), 1.0)
+    assert "-0.0<" not in status_text(snapshot(speed=-0.01), 1.0)
+    assert "<b>-0.1</b>" in status_text(snapshot(speed=-0.06), 1.0)
 
 
 def test_status_tells_why_and_how_often_the_robot_fell():
-    text = status_text(glimpse(falls=1, fall_reason="tilt"), 0.25)
+    text = status_text(snapshot(falls=1, fall_reason="tilt"), 0.25)
     assert "fell: tilt" in text
     assert "1 fall," in text
     assert "0.25 x real time" in text

@@ -69,7 +69,7 @@ class RampedSchedule(TargetSchedule):
 
     def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
         xp = namespace(step.random)
-        start = xp.where(step.fresh, step.speed, state.command[:, 0])
+        start = xp.where(step.reset_mask, step.speed, state.command[:, 0])
         rate = xp.where(renewed, xp.abs(state.target_speed - start) / self.ramp, state.acceleration)
         speed = ramped(state, rate, step)
         return self._commanded(state, speed, step, time_to_update=xp.zeros_like(speed), acceleration=rate)

@@ -126,14 +126,14 @@ class TargetSampling:
         dt: float,
         lower: Array | float,
         upper: Array | float,
-        fresh: Array,
+        reset_mask: Array,
         random: Array,
         weights: Array | None,
     ) -> tuple[CommandState, Array]:
         """Count the target timer down, redraw what ran out; returns the state and the mask redrawn."""
         xp = namespace(random)
         remaining = state.time_to_target - dt
-        renewed = fresh | (remaining <= 0.0)
+        renewed = reset_mask | (remaining <= 0.0)
         speed, yaw_rate = self.draw(random, lower, upper, weights)
         return state._replace(
             target_speed=xp.where(renewed, speed, state.target_speed),
@@ -167,7 +167,7 @@ class Schedule(Protocol):
         lower: Array | float,
         upper: Array | float,
         friction: Array | float,
-        fresh: Array,
+        reset_mask: Array,
         random: Array,
         weights: Array | None = None,
         steady: Array | float = 1.0,
@@ -203,7 +203,7 @@ class CommandStep(NamedTuple):
     lower: Array | float
     upper: Array | float
     friction: Array | float
-    fresh: Array
+    reset_mask: Array
     random: Array
     steady: Array | float
 
@@ -227,7 +227,7 @@ class TargetSchedule:
         lower: Array | float,
         upper: Array | float,
         friction: Array | float,
-        fresh: Array,
+        reset_mask: Array,
         random: Array,
         weights: Array | None = None,
         steady: Array | float = 1.0,
@@ -241,7 +241,7 @@ class TargetSchedule:
             lower: bottom of the speed range [m/s], scalar or 0-d array.
             upper: top of the speed range [m/s], scalar or 0-d array.
             friction: ground friction coefficient ``(n,)``.
-            fresh: environments just reset ``(n,)``: target and command are redrawn at once.
+            reset_mask: environments just reset ``(n,)``: target and command are redrawn at once.
             random: uniform in [0, 1) ``(n, 8)``.
             weights: of the grid curriculum's bins ``(rows, columns)``; None: no grid.
             steady: 0 reaches as far down as ``AdaptiveSchedule.window``, 1 as its ``braking_window``; scalar
@@ -249,10 +249,10 @@ class TargetSchedule:
         """
         lower, upper = self._range(lower, upper)
         state, renewed = self.targets.advance(
-            state, dt=dt, lower=lower, upper=upper, fresh=fresh, random=random, weights=weights
+            state, dt=dt, lower=lower, upper=upper, reset_mask=reset_mask, random=random, weights=weights
         )
         return self._follow(
-            state, renewed, CommandStep(speed, dt, lower, upper, friction, fresh, random, steady)
+            state, renewed, CommandStep(speed, dt, lower, upper, friction, reset_mask, random, steady)
         )
 
     def _range(self, lower: Array | float, upper: Array | float) -> tuple[Array | float, Array | float]:
@@ -272,7 +272,7 @@ class TargetSchedule:
 
 def ramped(state: CommandState, acceleration: Array, step: CommandStep) -> Array:
     """Speeds [m/s] ``(n,)`` on the way to the targets; a fresh environment starts from its present speed."""
-    start = namespace(step.speed).where(step.fresh, step.speed, state.command[:, 0])
+    start = namespace(step.speed).where(step.reset_mask, step.speed, state.command[:, 0])
     change = acceleration * step.dt
     return clip(state.target_speed, start - change, start + change)
 

@@ -60,7 +60,7 @@ class LowPass:
         """Weight of the newest sample."""
         return low_pass_coefficient(self.cutoff_hz, self.rate_hz)
 
-    def step(self, previous: Array, value: Array, fresh: Array | None = None) -> Array:
-        """Filtered ``value`` ``(n, k)``; rows marked in ``fresh`` ``(n,)`` start from ``value`` itself."""
+    def step(self, previous: Array, value: Array, reset_mask: Array | None = None) -> Array:
+        """Filtered ``value`` ``(n, k)``; rows of ``reset_mask`` ``(n,)`` start from ``value`` itself."""
         filtered = low_pass(previous, value, self.coefficient)
-        return filtered if fresh is None else where_rows(fresh, value, filtered)
+        return filtered if reset_mask is None else where_rows(reset_mask, value, filtered)

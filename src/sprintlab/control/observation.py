@@ -239,9 +239,9 @@ def fill_history(frame: Array, history_length: int) -> Array:
     return xp.broadcast_to(frame[..., None, :], shape)
 
 
-def update_history(history: Array, frame: Array, fresh: Array) -> Array:
-    """``push_history``, but rows marked in ``fresh`` ``(n,)`` start anew; history ``(n, H, F)``."""
-    return where_rows(fresh, fill_history(frame, history.shape[-2]), push_history(history, frame))
+def update_history(history: Array, frame: Array, reset_mask: Array) -> Array:
+    """``push_history``, but rows marked in ``reset_mask`` ``(n,)`` start anew; history ``(n, H, F)``."""
+    return where_rows(reset_mask, fill_history(frame, history.shape[-2]), push_history(history, frame))
 
 
 def network_input(history: Array) -> Array:

@@ -114,16 +114,16 @@ def find_top_speed(pool: TrialPool, settings: ProtocolSettings | None = None) ->
     between = [speed for speed in settings.speeds() if 0.0 < abs(speed - fastest) < COARSE_GRID]
     tried.update(_single_trials(pool, between, settings))
     speed = max(tried, key=tried.__getitem__)
-    honest, _ = tried[speed]
-    while speed > settings.start and not _stands(pool, speed, honest, settings):
+    audited, _ = tried[speed]
+    while speed > settings.start and not _stands(pool, speed, audited, settings):
         speed -= settings.grid
     return speed
 
 
-def _stands(pool: TrialPool, speed: float, honest: bool, settings: ProtocolSettings) -> bool:
-    """Whether enough seeded trials complete, and, where ``honest``, the audit has no objection to them."""
+def _stands(pool: TrialPool, speed: float, audited: bool, settings: ProtocolSettings) -> bool:
+    """Whether enough seeded trials complete, and, where ``audited``, the audit has no objection to them."""
     result = run_speed(pool, speed, self_paced=False, settings=settings)
-    return result.passed and (not honest or audit_trials([trial.metrics for trial in result.trials]).passed)
+    return result.passed and (not audited or audit_trials([trial.metrics for trial in result.trials]).passed)
 
 
 def _single_trials(

@@ -114,7 +114,7 @@ class LivePlant(Plant):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glimpse:
+class Snapshot:
     """What the robot does now.
 
     Attributes:
@@ -142,7 +142,7 @@ class Glimpse:
 
 @dataclass
 class _Samples:
-    """Motor samples since the last glimpse; the plant's recorder."""
+    """Motor samples since the last snapshot; the plant's recorder."""
 
     joints: NDArray[np.int64]
     speed: list[FloatArray] = field(default_factory=list)
@@ -223,7 +223,7 @@ class Session:
         self.plant.stand_up()
         self._start_run()
 
-    def advance(self, motor_steps: int) -> Glimpse:
+    def advance(self, motor_steps: int) -> Snapshot:
         """Let some motor steps pass; a robot that fell stands up again after ``LYING_TIME``."""
         for _ in range(motor_steps):
             try:
@@ -231,7 +231,7 @@ class Session:
             except SimulationError:
                 self._falls += 1
                 self.reset()
-        return self._glimpse()
+        return self._snapshot()
 
     def _start_run(self) -> None:
         self._steps, self._fallen_steps = 0, 0
@@ -273,12 +273,12 @@ class Session:
         yaw_rate = turn + float(heading_command(error, 0.0, speed))
         return np.array([speed, 0.0, float(limit_yaw_rate(np.asarray(yaw_rate), np.asarray(speed), 0.7))])
 
-    def _glimpse(self) -> Glimpse:
+    def _snapshot(self) -> Snapshot:
         speed, torque, direct = self._samples.take()
         motor_speed = speed * self.robot.gear.ratio
         power = electrical_power(self.robot.motors, torque, motor_speed, direct).sum(axis=1)
         base = self.plant.base_state()
-        return Glimpse(
+        return Snapshot(
             time=self._earlier + self.plant.time,
             speed=base.forward_speed,
             command=(float(self.command[0]), float(self.command[1]), float(self.command[2])),

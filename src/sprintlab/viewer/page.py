@@ -18,7 +18,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
 from sprintlab.viewer.listening import free_port
-from sprintlab.viewer.live import Glimpse, Session
+from sprintlab.viewer.live import Session, Snapshot
 from sprintlab.viewer.origin import own_origin_only
 from sprintlab.viewer.plots import Plots
 from sprintlab.viewer.scene import Scene
@@ -156,7 +156,7 @@ class Page:
             except Empty:
                 return
 
-    def _advance(self, wall_time: float) -> Glimpse:
+    def _advance(self, wall_time: float) -> Snapshot:
         """Let the simulation catch up with the clock, as far as one picture may take it."""
         rate, pace = self.session.plant.options.motor_rate, self._controls.pace
         self._owed = min(self._owed + pace * wall_time, _LONGEST_ADVANCE) if pace else 0.0
@@ -164,14 +164,14 @@ class Page:
         self._owed -= steps / rate
         return self.session.advance(steps)
 
-    def _show(self, glimpse: Glimpse, picture: int) -> None:
+    def _show(self, snapshot: Snapshot, picture: int) -> None:
         if self._controls.pace:
-            self._plots.add(glimpse)
+            self._plots.add(snapshot)
         with self.server.atomic():
             self._scene.show(self.session.knobs.slope)
-        pace = self._pace.after(glimpse.time, time.perf_counter())
+        pace = self._pace.after(snapshot.time, time.perf_counter())
         if picture % PLOT_EVERY == 0:
-            self._plots.draw(glimpse, self.session.knobs, pace)
+            self._plots.draw(snapshot, self.session.knobs, pace)
 
     def _darken(self, dark: bool) -> None:
         self.server.gui.configure_theme(

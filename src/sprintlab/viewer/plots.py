@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sprintlab.robots import RobotDescription
 from sprintlab.viewer.envelope_plot import EnvelopePlot, legend
-from sprintlab.viewer.live import Glimpse, Knobs
+from sprintlab.viewer.live import Knobs, Snapshot
 
 PLOT_SECONDS = 10.0
 """Simulated time that the curves show [s]."""
@@ -50,7 +50,7 @@ class Plots:
         self._envelope = EnvelopePlot(robot)
         self._curves: deque[tuple[float, float, float, float]] = deque()
         self._recent: deque[tuple[float, float]] = deque()
-        self._last: Glimpse | None = None
+        self._last: Snapshot | None = None
         gui = server.gui
         self._status = gui.add_html(_STYLE)
         panel = gui.add_panel()
@@ -64,26 +64,26 @@ class Plots:
         panel.dock_left()
         panel.set_width(350)
 
-    def add(self, glimpse: Glimpse) -> None:
+    def add(self, snapshot: Snapshot) -> None:
         """One more point of the curves, which forget what is older than ``PLOT_SECONDS``."""
-        self._recent.append((glimpse.time, glimpse.speed))
-        while self._recent[0][0] < glimpse.time - SPEED_WINDOW:
+        self._recent.append((snapshot.time, snapshot.speed))
+        while self._recent[0][0] < snapshot.time - SPEED_WINDOW:
             self._recent.popleft()
         speed = self._mean_speed()
-        self._curves.append((glimpse.time, speed, glimpse.command[0], glimpse.bus_power / 1e3))
-        while self._curves[0][0] < glimpse.time - PLOT_SECONDS:
+        self._curves.append((snapshot.time, speed, snapshot.command[0], snapshot.bus_power / 1e3))
+        while self._curves[0][0] < snapshot.time - PLOT_SECONDS:
             self._curves.popleft()
-        if len(glimpse.joint_speed):
-            self._last = glimpse
+        if len(snapshot.joint_speed):
+            self._last = snapshot
 
     def _mean_speed(self) -> float:
         """Over a few strides: the trunk swings with each, and a swing is not a speed."""
         return sum(speed for _, speed in self._recent) / len(self._recent)
 
-    def draw(self, glimpse: Glimpse, knobs: Knobs, pace: float) -> None:
+    def draw(self, snapshot: Snapshot, knobs: Knobs, pace: float) -> None:
         """Send numbers, curves and motors to the page; ``pace`` is in simulated seconds a second."""
         self._status.content = _STYLE + status_text(
-            replace(glimpse, speed=self._mean_speed()) if self._recent else glimpse, pace
+            replace(snapshot, speed=self._mean_speed()) if self._recent else snapshot, pace
         )
         if len(self._curves) < 2 or self._last is None:
             return
@@ -138,22 +138,23 @@ def _step_above(value: float) -> float:
     return next((step for step in _STEPS if step >= value), value)
 
 
-def status_text(glimpse: Glimpse, pace: float) -> str:
+def status_text(snapshot: Snapshot, pace: float) -> str:
     """Speed, command, power, way and pace; ``data-`` attributes for programs that read the page."""
-    state = f'<span class="fell">fell: {glimpse.fall_reason}</span>' if glimpse.fall_reason else "running"
+    state = f'<span class="fell">fell: {snapshot.fall_reason}</span>' if snapshot.fall_reason else "running"
     cells = (
-        (_number(glimpse.speed, 1), "m/s"),
-        (_number(glimpse.command[0], 1), "asked"),
-        (_number(glimpse.bus_power / 1e3, 1), "kW"),
-        (_number(glimpse.distance, 0), "m"),
+        (_number(snapshot.speed, 1), "m/s"),
+        (_number(snapshot.command[0], 1), "asked"),
+        (_number(snapshot.bus_power / 1e3, 1), "kW"),
+        (_number(snapshot.distance, 0), "m"),
     )
     row = "".join(f"<td><b>{value}</b> {unit}</td>" for value, unit in cells)
-    falls = "1 fall" if glimpse.falls == 1 else f"{glimpse.falls} falls"
+    falls = "1 fall" if snapshot.falls == 1 else f"{snapshot.falls} falls"
     return (
-        f'<div class="sprintlab" id="status" data-speed="{glimpse.speed:.3f}" data-time="{glimpse.time:.3f}" '
-        f'data-distance="{glimpse.distance:.3f}" data-command="{glimpse.command[0]:.3f}" '
-        f'data-yaw-rate="{glimpse.command[2]:.3f}" data-falls="{glimpse.falls}" data-pace="{pace:.3f}">'
-        f"<table><tr>{row}</tr></table>{state}, {falls}, {glimpse.time:.1f} s, {pace:.2f} x real time</div>"
+        f'<div class="sprintlab" id="status" data-speed="{snapshot.speed:.3f}" '
+        f'data-time="{snapshot.time:.3f}" '
+        f'data-distance="{snapshot.distance:.3f}" data-command="{snapshot.command[0]:.3f}" '
+        f'data-yaw-rate="{snapshot.command[2]:.3f}" data-falls="{snapshot.falls}" data-pace="{pace:.3f}">'
+        f"<table><tr>{row}</tr></table>{state}, {falls}, {snapshot.time:.1f} s, {pace:.2f} x real time</div>"
     )
 
 

@@ -422,13 +422,13 @@ def test_a_clock_that_costs_nothing_is_told_from_one_that_the_speed_lives_on():
 
     item = AuditEntry(name=CLOCK_ITEM, value=0.0, unit="policy steps", threshold=0.02, passed=False)
     search = SearchRecord(speeds=(speed(9.0, audit=AuditRecord(items=(item,))),))
-    assert not record(raw=search).honest  # nobody has looked
-    assert record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9)).honest
-    assert not record(raw=search, clock=clock(12.0, 10.0, 12.0, 11.9)).honest
-    assert not record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9, completed=8)).honest
+    assert not record(raw=search).credible  # nobody has looked
+    assert record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9)).credible
+    assert not record(raw=search, clock=clock(12.0, 10.0, 12.0, 11.9)).credible
+    assert not record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9, completed=8)).credible
     other = msgspec.structs.replace(item, name="foot slip per step")
     slips = SearchRecord(speeds=(speed(9.0, audit=AuditRecord(items=(item, other))),))
-    assert not record(raw=slips, clock=clock(12.0, 12.0, 12.0, 12.0)).honest
+    assert not record(raw=slips, clock=clock(12.0, 12.0, 12.0, 12.0)).credible
     (row,) = method_rows({"sprint": [record(raw=search, clock=clock(12.0, 11.7, 12.0, 11.9))]})
     assert dict(zip(TABLE_COLUMNS, table_cells(row), strict=True))["audit"] == "0 of 1, 1 but for the clock"
 

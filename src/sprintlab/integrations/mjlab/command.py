@@ -80,7 +80,7 @@ class AdaptiveVelocityCommand(CommandTerm):
         self.upper = cfg.upper
         """Top of the speed range now [m/s]; part of a curriculum's state, so keep it with checkpoints."""
         self._state = initial_state(self.num_envs, torch.zeros((), device=self.device))
-        self._fresh = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+        self._reset_mask = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         self._since_growth = 0.0
         for name in ("error_vel_x", "error_vel_yaw"):
             self.metrics[name] = torch.zeros(self.num_envs, device=self.device)
@@ -98,7 +98,7 @@ class AdaptiveVelocityCommand(CommandTerm):
         self.metrics["error_vel_yaw"] += share * torch.abs(command[:, 2] - data.root_link_ang_vel_b[:, 2])
 
     def _resample_command(self, env_ids: torch.Tensor) -> None:
-        self._fresh[env_ids] = True
+        self._reset_mask[env_ids] = True
 
     def _update_command(self, env_ids: torch.Tensor | None) -> None:
         """Advance every environment by a policy step, or only draw anew for those just reset."""
@@ -109,17 +109,17 @@ class AdaptiveVelocityCommand(CommandTerm):
             lower=self.cfg.lower,
             upper=self.upper,
             friction=self.cfg.friction,
-            fresh=self._fresh,
+            reset_mask=self._reset_mask,
             random=torch.rand(self.num_envs, 8, device=self.device),
         )
         if env_ids is None:
             self._state = advanced
-            self._fresh = torch.zeros_like(self._fresh)
+            self._reset_mask = torch.zeros_like(self._reset_mask)
             self._grow()
             return
         for kept, drawn in zip(self._state, advanced, strict=True):
             kept[env_ids] = drawn[env_ids]
-        self._fresh[env_ids] = False
+        self._reset_mask[env_ids] = False
 
     def _grow(self) -> None:
         """Look at the fastest robots from time to time: reading a number makes the host wait."""

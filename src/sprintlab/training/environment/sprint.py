@@ -283,9 +283,9 @@ class SprintEnvironment:
         self._learn_grid(ends)
         self._push()
         self._jitter_delay()
-        fresh = self._restart(ends.any)
-        self._advance_commands(fresh)
-        self._observe(fresh)
+        reset_mask = self._restart(ends.any)
+        self._advance_commands(reset_mask)
+        self._observe(reset_mask)
 
     def _reward(self, body: BodyState, ends: Ends) -> None:
         above = (body.joint_position - self._stop_upper).clamp(min=0.0)
@@ -400,9 +400,9 @@ class SprintEnvironment:
         self.draws.refill()
         self.episode_length_buf.zero_()
         everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-        fresh = self._restart(everyone)
-        self._advance_commands(fresh)
-        self._observe(fresh)
+        reset_mask = self._restart(everyone)
+        self._advance_commands(reset_mask)
+        self._observe(reset_mask)
         self._log_sums.zero_()
         if self.grid is not None:
             self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
@@ -461,7 +461,7 @@ class SprintEnvironment:
 
     # --- commands and observations -----------------------------------------------------------------------
 
-    def _advance_commands(self, fresh: torch.Tensor) -> None:
+    def _advance_commands(self, reset_mask: torch.Tensor) -> None:
         before = self.commands.time_to_target
         advanced = self.settings.schedule.advance(
             self.commands,
@@ -470,13 +470,13 @@ class SprintEnvironment:
             lower=self.lower,
             upper=self.upper,
             friction=self.friction,
-            fresh=fresh,
+            reset_mask=reset_mask,
             random=self.draws["command"],
             weights=self.grid_weights,
             steady=self.steady,
         )
         if self.settings.heading_hold:
-            advanced = self._hold_heading(advanced, fresh | (advanced.time_to_target > before))
+            advanced = self._hold_heading(advanced, reset_mask | (advanced.time_to_target > before))
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
 
@@ -490,45 +490,47 @@ class SprintEnvironment:
         yaw_rate = torch.where(straight, torch.nan_to_num(back), turn)
         return commands._replace(command=torch.stack((speed, commands.command[:, 1], yaw_rate), 1))
 
-    def _hold(self, fresh: torch.Tensor, gravity: torch.Tensor) -> torch.Tensor:
+    def _hold(self, reset_mask: torch.Tensor, gravity: torch.Tensor) -> torch.Tensor:
         """Hold robots that stand as they are asked to, as the runtime does; returns those let go just now.
 
         Those have forgotten what the network saw and did. A robot begins held, unless it begins fast; one
         without an estimate has an actor without an estimator, which no runtime holds.
         """
         if self._standing is None:
-            return torch.zeros_like(fresh)
+            return torch.zeros_like(reset_mask)
         estimated = (self.estimate != 0.0).any(1)
         held = standing_share(
             self._standing,
-            torch.where(fresh, (self.running_speed.abs() < self._standing.hold_speed).float(), self.held),
+            torch.where(
+                reset_mask, (self.running_speed.abs() < self._standing.hold_speed).float(), self.held
+            ),
             command=self.commands.command,
-            velocity=torch.where(fresh[:, None], self.running_speed[:, None], self.estimate[:, :2]),
+            velocity=torch.where(reset_mask[:, None], self.running_speed[:, None], self.estimate[:, :2]),
             gravity=gravity,
             rate_hz=1.0 / POLICY_STEP,
         )
-        held = torch.where(fresh | estimated, held, torch.zeros_like(held))
-        released = (self.held > 0.0) & (held == 0.0) & ~fresh
+        held = torch.where(reset_mask | estimated, held, torch.zeros_like(held))
+        released = (self.held > 0.0) & (held == 0.0) & ~reset_mask
         self.held.copy_(held)
         self._put(self.previous_action, released, torch.zeros_like(self.previous_action))
         self._put(self.estimate, released, torch.zeros_like(self.estimate))
         return released
 
-    def _observe(self, fresh: torch.Tensor) -> None:
-        """Hold; noise, filter, frame, history for the actor; the clean truth for the critic."""
+    def _observe(self, reset_mask: torch.Tensor) -> None:
+        """Hold; noise, filter, frame, history for the actor; no noise in the critic's observation."""
         body = self.kinematics.read()
-        released = self._hold(fresh, body.gravity)
+        released = self._hold(reset_mask, body.gravity)
         parts = Proprioception(
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity
         )
         clean = torch.nan_to_num(join_proprioception(parts))
         noisy = clean + self._noise * (2 * self.draws["noise"] - 1) + self._measured_offset
-        self.filtered.copy_(self._filter.step(self.filtered, noisy, fresh))
+        self.filtered.copy_(self._filter.step(self.filtered, noisy, reset_mask))
         frame = self._frame(self.filtered)
-        self.history.copy_(update_history(self.history, frame, fresh | released))
+        self.history.copy_(update_history(self.history, frame, reset_mask | released))
         self.actor_observation.copy_(network_input(self.history))
-        truth = (body.velocity, body.height[:, None], body.contact)
-        critic = torch.nan_to_num(torch.cat((self._frame(clean), *truth), 1))
+        privileged = (body.velocity, body.height[:, None], body.contact)
+        critic = torch.nan_to_num(torch.cat((self._frame(clean), *privileged), 1))
         self.critic_observation.copy_(critic.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION))
 
     def _frame(self, proprioception: torch.Tensor) -> torch.Tensor:

@@ -248,19 +248,19 @@ class Supply:
         if self._launch is not None:
             wp.launch(**{**self._launch, "inputs": [*self._launch["inputs"], substep]})
 
-    def restart(self, fresh: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor) -> None:
-        """Give ``fresh`` environments their first charge and temperatures, ``copied`` ones their donor's.
+    def restart(self, reset_mask: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor) -> None:
+        """Give ``reset_mask`` their first charge and temperatures, ``copied`` ones their donor's.
 
         Args:
-            fresh: bool ``(n,)``.
-            copied: bool ``(n,)``, apart from ``fresh``.
+            reset_mask: bool ``(n,)``.
+            copied: bool ``(n,)``, apart from ``reset_mask``.
             donors: index ``(n,)`` of the environment that each may copy.
         """
         if self._settings.battery is not None:
-            _renew(self.state_of_charge, self._start_charge, fresh, copied, donors)
+            _renew(self.state_of_charge, self._start_charge, reset_mask, copied, donors)
         if self.heated:
-            fresh, copied = fresh[:, None], copied[:, None]
-            _renew(self.winding_temperature, self._start_temperature, fresh, copied, donors)
+            reset_mask, copied = reset_mask[:, None], copied[:, None]
+            _renew(self.winding_temperature, self._start_temperature, reset_mask, copied, donors)
 
 
 def battery_pack(battery: Battery) -> Pack:
@@ -294,6 +294,10 @@ def _drawn(interval: tuple[float, float], shape: tuple[int, ...], device: str) -
 
 
 def _renew(
-    state: torch.Tensor, first: torch.Tensor, fresh: torch.Tensor, copied: torch.Tensor, donors: torch.Tensor
+    state: torch.Tensor,
+    first: torch.Tensor,
+    reset_mask: torch.Tensor,
+    copied: torch.Tensor,
+    donors: torch.Tensor,
 ) -> None:
-    state.copy_(torch.where(fresh, first, torch.where(copied, state[donors], state)))
+    state.copy_(torch.where(reset_mask, first, torch.where(copied, state[donors], state)))

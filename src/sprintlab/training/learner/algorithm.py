@@ -92,7 +92,7 @@ class EstimatorPpo:
             self.device,
             mirrored=ppo.mirror_epochs,
         )
-        self._loudness = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
+        self._noise_scale = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
         self._mirror = Mirror(environment.observation, environment.robot, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
@@ -114,7 +114,7 @@ class EstimatorPpo:
         self.most_std.fill_(min(settings.ppo.noise_ceiling(iteration), LARGEST_STD))
         self.estimator_rate.fill_(settings.estimator.rate(settings.ppo.calm_share(iteration)))
         quiet = settings.stages.is_steady(iteration)
-        self.rollout.loudness.copy_(self._loudness if quiet else torch.ones_like(self._loudness))
+        self.rollout.noise_scale.copy_(self._noise_scale if quiet else torch.ones_like(self._noise_scale))
 
     # --- graphs ------------------------------------------------------------------------------------------
 
@@ -165,16 +165,16 @@ class EstimatorPpo:
     @torch.no_grad()
     def _act_with(self, noise: torch.Tensor) -> None:
         environment, rollout = self.environment, self.rollout
-        history, truth = environment.actor_observation, environment.critic_observation
-        perceived, estimate = self.actor.perceive(history, environment.estimate)
+        history, privileged = environment.actor_observation, environment.critic_observation
+        actor_input, estimate = self.actor.perceive(history, environment.estimate)
         environment.estimate.copy_(estimate)
-        mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
-        std = robot_noise(self.actor.std, rollout.loudness[:, 0])
+        mean, value = decide_and_value(self.actor, self.critic, actor_input, privileged, self.settings.ppo)
+        std = robot_noise(self.actor.std, rollout.noise_scale[:, 0])
         action = mean + std * noise
         values = {
             "history": history,
-            "perceived": perceived,
-            "truth": truth,
+            "actor_input": actor_input,
+            "privileged": privileged,
             "action": action,
             "mean": mean,
             "log_probability": log_probability(action, mean, std),
@@ -241,19 +241,22 @@ class EstimatorPpo:
         rollout, mirror = self.rollout, self._mirror
         history = mirror.history(rollout.history.flatten(0, 1))
         latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
-        # The frame and the filtered estimate in front of the latent are laid out like the truth.
-        known = mirror.truth(rollout.perceived[..., : rollout.truth.shape[-1]]).flatten(0, 1)
-        perceived, truth = torch.cat((known, latent), -1), mirror.truth(rollout.truth).flatten(0, 1)
-        mean, value = decide_and_value(self.actor, self.critic, perceived, truth, self.settings.ppo)
+        # Before the latent, frame and filtered estimate are laid out like the privileged observation.
+        known = mirror.privileged(rollout.actor_input[..., : rollout.privileged.shape[-1]]).flatten(0, 1)
+        actor_input, privileged = (
+            torch.cat((known, latent), -1),
+            mirror.privileged(rollout.privileged).flatten(0, 1),
+        )
+        mean, value = decide_and_value(self.actor, self.critic, actor_input, privileged, self.settings.ppo)
         action = mean + mirror.action(rollout.action - rollout.mean).flatten(0, 1)
         images = {
-            "perceived": perceived,
-            "truth": truth,
+            "actor_input": actor_input,
+            "privileged": privileged,
             "action": action,
             "mean": mean,
             "value": value,
             "log_probability": log_probability(
-                action, mean, robot_noise(self.actor.std, rollout.loudness.flatten())
+                action, mean, robot_noise(self.actor.std, rollout.noise_scale.flatten())
             ),
         }
         for name, image in images.items():
@@ -292,15 +295,15 @@ class EstimatorPpo:
     @torch.no_grad()
     def _update_normalizers(self) -> None:
         """After the update, so that its likelihood ratios compare the policies on equal inputs."""
-        known = self.rollout.truth.shape[-1]
+        known = self.rollout.privileged.shape[-1]
         pairs = (
-            (self.actor.normalizer, self.rollout.perceived[..., :known]),
-            (self.critic.normalizer, self.rollout.truth),
+            (self.actor.normalizer, self.rollout.actor_input[..., :known]),
+            (self.critic.normalizer, self.rollout.privileged),
         )
         for normalizer, values in pairs:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
-            if self.settings.ppo.mirror_epochs:  # both have the layout of the truth
-                mean, variance = self._mirror.truth.symmetric_moments(mean, variance)
+            if self.settings.ppo.mirror_epochs:  # both have the layout of the privileged observation
+                mean, variance = self._mirror.privileged.symmetric_moments(mean, variance)
             normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
 
     @torch.no_grad()

@@ -26,9 +26,9 @@ def log_probability(action: torch.Tensor, mean: torch.Tensor, std: torch.Tensor)
     return -0.5 * (scaled.square() + _LOG_TWO_PI).sum(-1) - std.log().sum(-1)
 
 
-def robot_noise(std: torch.Tensor, loudness: torch.Tensor) -> torch.Tensor:
+def robot_noise(std: torch.Tensor, noise_scale: torch.Tensor) -> torch.Tensor:
     """Deviations of the actions of robots ``(n, k)`` from the policy's ``(k,)`` and each one's share."""
-    return std * loudness.unsqueeze(-1)
+    return std * noise_scale.unsqueeze(-1)
 
 
 def loudness_of(robots: int, settings: PpoSettings) -> torch.Tensor:
@@ -85,10 +85,10 @@ class PolicyBatch(NamedTuple):
     """Transitions of a mini-batch of ``m`` samples.
 
     Attributes:
-        loudness: share of the action noise that the robot had ``(m,)``.
-        perceived: what the policy network saw ``(m, 69)``: stored, so that the likelihood ratio compares
+        noise_scale: share of the action noise that the robot had ``(m,)``.
+        actor_input: what the policy network saw ``(m, 69)``: stored, so that the likelihood ratio compares
             policies on the same input, and no gradient reaches the estimator.
-        truth: what the critic saw ``(m, 53)``.
+        privileged: what the critic saw ``(m, 53)``.
         action: taken ``(m, k)``.
         mean: of the action's distribution then ``(m, k)``.
         log_probability: of the action then ``(m,)``.
@@ -97,9 +97,9 @@ class PolicyBatch(NamedTuple):
         returns: ``(m,)``.
     """
 
-    loudness: torch.Tensor
-    perceived: torch.Tensor
-    truth: torch.Tensor
+    noise_scale: torch.Tensor
+    actor_input: torch.Tensor
+    privileged: torch.Tensor
     action: torch.Tensor
     mean: torch.Tensor
     log_probability: torch.Tensor
@@ -109,14 +109,14 @@ class PolicyBatch(NamedTuple):
 
 
 def decide_and_value(
-    actor: Actor, critic: Critic, perceived: torch.Tensor, truth: torch.Tensor, settings: PpoSettings
+    actor: Actor, critic: Critic, actor_input: torch.Tensor, privileged: torch.Tensor, settings: PpoSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Mean actions ``(m, k)`` and values ``(m,)`` in the precision of the settings.
 
     Rollout and update both call this: the likelihood ratio then compares policies, not number formats.
     """
-    with torch.autocast(truth.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
-        mean, value = actor.decide(perceived), critic(truth)
+    with torch.autocast(privileged.device.type, torch.bfloat16, enabled=settings.precision == "bfloat16"):
+        mean, value = actor.decide(actor_input), critic(privileged)
     return mean.float(), value.float()
 
 
@@ -128,8 +128,8 @@ def policy_losses(
     Entropy and divergence are those of the policy with all its noise: a few quiet robots, for whom the same
     change of the mean is many deviations, shall not set the pace.
     """
-    mean, value = decide_and_value(actor, critic, batch.perceived, batch.truth, settings)
-    noise = robot_noise(actor.std, batch.loudness)
+    mean, value = decide_and_value(actor, critic, batch.actor_input, batch.privileged, settings)
+    noise = robot_noise(actor.std, batch.noise_scale)
     ratio = torch.exp(log_probability(batch.action, mean, noise) - batch.log_probability)
     limited = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
     surrogate = torch.maximum(-batch.advantage * ratio, -batch.advantage * limited).mean()
@@ -153,14 +153,14 @@ class EstimatorBatch(NamedTuple):
 
     Attributes:
         history: ``(m, H * 45)``.
-        truth: body velocity 3, height 1, contacts 4 at the end of the history ``(m, 8)``.
+        privileged: body velocity 3, height 1, contacts 4 at the end of the history ``(m, 8)``.
         next_frame: the frame one step later ``(m, 45)``.
         valid: 1 where that frame belongs to the same episode ``(m,)``.
         noise: standard normal ``(m, z)``.
     """
 
     history: torch.Tensor
-    truth: torch.Tensor
+    privileged: torch.Tensor
     next_frame: torch.Tensor
     valid: torch.Tensor
     noise: torch.Tensor
@@ -176,9 +176,11 @@ def estimator_losses(
     standard normal, a mean over samples like the others (a sum would drown them).
     """
     encoding = actor.estimator(actor.normalized_frames(batch.history))
-    state = functional.mse_loss(encoding.raw[:, :CONTACT_START], actor.estimator.scaled_truth(batch.truth))
+    state = functional.mse_loss(
+        encoding.raw[:, :CONTACT_START], actor.estimator.scaled_privileged(batch.privileged)
+    )
     contact = functional.binary_cross_entropy_with_logits(
-        encoding.raw[:, CONTACT_START:], batch.truth[:, CONTACT_START:]
+        encoding.raw[:, CONTACT_START:], batch.privileged[:, CONTACT_START:]
     )
     target = actor.normalized_frames(batch.next_frame)
     decoded = actor.estimator.decode(encoding, batch.noise) * actor.seen

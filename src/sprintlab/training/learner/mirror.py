@@ -56,7 +56,7 @@ class Mirror:
 
     Attributes:
         history: of an observation ``(..., H * F)``.
-        truth: of a frame with the body's velocity, height and contacts after it ``(..., F + 8)``.
+        privileged: of a frame with the body's velocity, height and contacts after it ``(..., F + 8)``.
         action: of an action ``(..., joints)``.
     """
 
@@ -69,5 +69,5 @@ class Mirror:
         legs = mirror_legs(robot)
         estimate: tuple[_Part, ...] = ((range(3), _VECTOR_SIGNS), ((0,), (1.0,)), (legs, (1.0,) * len(legs)))
         self.history = Reflection(frame * observation.history_length, device)
-        self.truth = Reflection((*frame, *estimate), device)
+        self.privileged = Reflection((*frame, *estimate), device)
         self.action = Reflection((joints,), device)

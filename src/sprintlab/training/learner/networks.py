@@ -157,10 +157,10 @@ class Estimator(nn.Module):
         height = raw[:, VELOCITY_SIZE:CONTACT_START] / self.settings.height_scale + self._height
         return torch.cat((velocity, height, torch.sigmoid(raw[:, CONTACT_START:])), 1)
 
-    def scaled_truth(self, truth: torch.Tensor) -> torch.Tensor:
+    def scaled_privileged(self, privileged: torch.Tensor) -> torch.Tensor:
         """True velocity and height in training units ``(n, 4)``, from ``(n, 8)``."""
-        velocity = truth[:, :VELOCITY_SIZE] * self.settings.velocity_scale
-        height = (truth[:, VELOCITY_SIZE:CONTACT_START] - self._height) * self.settings.height_scale
+        velocity = privileged[:, :VELOCITY_SIZE] * self.settings.velocity_scale
+        height = (privileged[:, VELOCITY_SIZE:CONTACT_START] - self._height) * self.settings.height_scale
         return torch.cat((velocity, height), 1)
 
     def decode(self, encoding: Encoding, noise: torch.Tensor) -> torch.Tensor:
@@ -209,17 +209,17 @@ class Actor(nn.Module):
         estimate = previous + self._coefficient * (value - previous)
         return torch.cat((history[:, -self.frame_size :], estimate, encoding.mean), 1), estimate
 
-    def decide(self, perceived: torch.Tensor) -> torch.Tensor:
-        """Mean action ``(n, joints)`` from what was perceived ``(n, 69)``."""
+    def decide(self, actor_input: torch.Tensor) -> torch.Tensor:
+        """Mean action ``(n, joints)`` from what was actor_input ``(n, 69)``."""
         known = self.frame_size + ESTIMATE_SIZE
-        return self.policy(torch.cat((self.normalizer(perceived[:, :known]), perceived[:, known:]), 1))
+        return self.policy(torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1))
 
     def forward(
         self, observation: torch.Tensor, previous_estimate: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean action and filtered estimate: the graph that is exported."""
-        perceived, estimate = self.perceive(observation, previous_estimate)
-        return self.decide(perceived), estimate
+        actor_input, estimate = self.perceive(observation, previous_estimate)
+        return self.decide(actor_input), estimate
 
 
 class Critic(nn.Module):
@@ -231,6 +231,6 @@ class Critic(nn.Module):
         self.normalizer = Normalizer(known)
         self.value = perceptron((known, *settings.hidden, 1))
 
-    def forward(self, truth: torch.Tensor) -> torch.Tensor:
+    def forward(self, privileged: torch.Tensor) -> torch.Tensor:
         """Value ``(n,)`` of what the critic sees ``(n, 53)``."""
-        return self.value(self.normalizer(truth))[:, 0]
+        return self.value(self.normalizer(privileged))[:, 0]

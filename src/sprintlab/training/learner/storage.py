@@ -7,7 +7,7 @@ import torch
 from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
 
-MIRRORED = ("perceived", "truth", "action", "mean", "value", "log_probability")
+MIRRORED = ("actor_input", "privileged", "action", "mean", "value", "log_probability")
 """Fields that change in a mirror; the others are the same for a transition and its image."""
 
 
@@ -17,7 +17,7 @@ class Rollout:
     The column that is written is ``step``, a number on the device: writing can be captured in a graph.
 
     Attributes:
-        loudness: share of the action noise that each robot has ``(n, T)``; not written by steps.
+        noise_scale: share of the action noise that each robot has ``(n, T)``; not written by steps.
         mirrored: the mirror images of the fields that have one, by name; empty where they are not wanted.
     """
 
@@ -36,14 +36,14 @@ class Rollout:
         self.robots, self.steps, self.frame_size = robots, steps, observation.frame_size
         joints, known = observation.joints, observation.frame_size + ESTIMATE_SIZE
         self.history = zeros(observation.input_size)
-        self.perceived = zeros(known + latent)
-        self.truth = zeros(known)
+        self.actor_input = zeros(known + latent)
+        self.privileged = zeros(known)
         self.action, self.mean = zeros(joints), zeros(joints)
         self.next_frame = zeros(observation.frame_size)
         self.log_probability, self.value = zeros(), zeros()
         self.reward, self.end, self.time_out = zeros(), zeros(), zeros()
         self.advantage, self.returns = zeros(), zeros()
-        self.loudness = torch.ones(robots, steps, device=device)
+        self.noise_scale = torch.ones(robots, steps, device=device)
         self.step = torch.zeros(1, dtype=torch.long, device=device)
         self.mirrored = {name: torch.zeros_like(getattr(self, name)) for name in MIRRORED if mirrored}
 
@@ -62,7 +62,7 @@ class Rollout:
         """What the estimator learns from the robots ``first`` to ``last``: views, but for the mask."""
         return EstimatorBatch(
             history=self.history[first:last].flatten(0, 1),
-            truth=self.truth[first:last].flatten(0, 1)[:, self.frame_size :],
+            privileged=self.privileged[first:last].flatten(0, 1)[:, self.frame_size :],
             next_frame=self.next_frame[first:last].flatten(0, 1),
             valid=1.0 - self.end[first:last].flatten(0, 1),
             noise=noise,
