@@ -88,10 +88,10 @@ def _array(content: bytes, what: str) -> Array:
     if kind.kind not in "biufU" or any(size < 0 for size in shape):
         raise ValueError("no numbers and no text")
     start, count = stream.tell(), math.prod(shape)
-    if count > (most := _MOST_TEXTS if kind.kind == "U" else MOST_NUMBERS):
-        raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
     if count * kind.itemsize != len(content) - start:
         raise ValueError("its size is not that of its shape")
+    if count > (most := _MOST_TEXTS if kind.kind == "U" else MOST_NUMBERS):
+        raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
     values = (
         np.frombuffer(content, dtype=kind, offset=start) if count * kind.itemsize else np.empty(0, dtype=kind)
     )
