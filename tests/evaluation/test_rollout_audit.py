@@ -228,7 +228,7 @@ def test_what_would_take_minutes_and_all_memory_is_refused(tmp_path):
     np.savez_compressed(
         tmp_path / "a.npz", time=np.arange(400_001), joint_velocity=bytes_, joint_torque=bytes_
     )
-    with pytest.raises(SprintlabError, match=r"joint_velocity .* has 8000020 elements; at most 8000000"):
+    with pytest.raises(SprintlabError, match="8000020 numbers"):
         load_rollout(tmp_path / "a.npz")
     with pytest.raises(SprintlabError, match="8000020 numbers"):  # a log's columns come without an archive
         Rollout(time=np.arange(400_001.0), joint_velocity=bytes_, joint_torque=bytes_)

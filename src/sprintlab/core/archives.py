@@ -22,8 +22,7 @@ Array = npt.NDArray[Any]
 
 ARCHIVE_LIMIT = 512 << 20
 """Most bytes that an archive, packed or unpacked, may have."""
-MOST_NUMBERS = 8_000_000
-"""Most elements of one array, whatever their size: 11 minutes of twelve joints at 1 kHz."""
+_MOST_NUMBERS = 12_000_000  # in one array, whatever their size: each becomes one of 8 bytes
 _MOST_TEXTS = 10_000  # in one array
 _MOST_MEMBERS = 10_000
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -51,7 +50,7 @@ def read_arrays(
 
     Raises:
         SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, or with an array
-            of more than ``MOST_NUMBERS`` elements.
+            of more than twelve million elements.
     """
     content = read_bytes(path, limit, what="archive")
     try:
@@ -90,7 +89,7 @@ def _array(content: bytes, what: str) -> Array:
     start, count = stream.tell(), math.prod(shape)
     if count * kind.itemsize != len(content) - start:
         raise ValueError("its size is not that of its shape")
-    if count > (most := _MOST_TEXTS if kind.kind == "U" else MOST_NUMBERS):
+    if count > (most := _MOST_TEXTS if kind.kind == "U" else _MOST_NUMBERS):
         raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
     values = (
         np.frombuffer(content, dtype=kind, offset=start) if count * kind.itemsize else np.empty(0, dtype=kind)

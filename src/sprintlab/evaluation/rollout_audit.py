@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sprintlab.core.archives import MOST_NUMBERS, read_arrays
+from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes
@@ -43,6 +43,8 @@ MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
 LARGEST_CSV = 32 << 20
 """Largest rollout in CSV that is read [bytes]."""
+MOST_NUMBERS = 8_000_000
+"""Most numbers of a table that is audited: 11 minutes of twelve joints at 1 kHz."""
 _ROWS = 8192  # that are worked out at once
 _MOST_COLUMNS = 2000  # of a CSV
 _LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
