@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import read_text
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
@@ -27,6 +29,8 @@ from studies.paper.training_cloud import TrainingCloud, load_training_cloud
 
 DPI = 80
 CURVE_NAME = "curve.csv"
+CURVE_LIMIT = 16 << 20
+"""Largest learning curve that is read [bytes]."""
 CHEAT = "no-envelope"
 """Method shown beside the main one where there is a cloud of its training: its motors know no limits."""
 _CURVE_COLUMNS = ("seconds", "speed_p999")
@@ -321,12 +325,9 @@ def read_curve(path: Path) -> dict[str, np.ndarray]:
         SprintlabError: the file cannot be read, or a column is missing or holds no numbers.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(io.StringIO(read_text(path, CURVE_LIMIT, what="learning curve"))))
         curve = {name: np.array([float(row[name]) for row in rows]) for name in _CURVE_COLUMNS}
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise SprintlabError(f"{path} is no learning curve: {error}") from error
     if not rows:
         raise SprintlabError(f"{path} is no learning curve: it has no rows")

@@ -16,8 +16,10 @@ from typing import Any
 import msgspec
 
 from sprintlab.control import PolicyContract
+from sprintlab.control.policy import POLICY_LIMIT
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json
+from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.clock_check import check_clock
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, run_speed, search_speeds
@@ -33,6 +35,7 @@ from studies.paper.record import (
     SpeedRecord,
     SprintRecord,
     clock_record,
+    read_record,
     speed_record,
     sprint_record,
 )
@@ -182,10 +185,7 @@ def policy_digest(path: Path) -> str:
     Raises:
         SprintlabError: it cannot be read.
     """
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise SprintlabError(f"cannot read policy file {path}: {error.strerror or error}") from error
+    return hashlib.sha256(read_bytes(path, POLICY_LIMIT, what="policy file")).hexdigest()
 
 
 class _Evaluation:
@@ -268,8 +268,8 @@ class _Evaluation:
             return measure()
         path = self._cache / f"{name}.json"
         try:
-            return msgspec.json.decode(path.read_bytes(), type=kind)
-        except (OSError, msgspec.DecodeError):
+            return read_record(path, kind)
+        except SprintlabError:
             record = measure()
             atomic_write_json(path, msgspec.to_builtins(record))
             return record

@@ -9,7 +9,6 @@ slower of two in the middle). With it goes the cloud.npz of its training, for th
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +16,15 @@ import tyro
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
-from studies.paper.gallery import CURVE_NAME
+from sprintlab.core.reading import parse_json, read_bytes, read_text
+from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
 from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, find_runs
 
 LOG_NAME = "log.jsonl"
 KEPT = ("run.toml", "run.json", EVALUATION_NAME)
+COPY_LIMIT, LOG_LIMIT = 64 << 20, 64 << 20
+"""Largest files that are copied or thinned [bytes]."""
 CURVE_ROWS = 100
 """About so many rows of a learning curve are kept: whole, a run's has 350 kB."""
 
@@ -97,7 +99,8 @@ def _copy_small_files(run: Run, folder: Path) -> None:
             _copy(run.folder / name, folder / name)
     if (run.folder / CURVE_NAME).is_file():
         atomic_write_text(
-            folder / CURVE_NAME, _thinned((run.folder / CURVE_NAME).read_text(encoding="utf-8"))
+            folder / CURVE_NAME,
+            _thinned(read_text(_own(run.folder / CURVE_NAME), CURVE_LIMIT, what="learning curve")),
         )
     elif (run.folder / LOG_NAME).is_file():
         atomic_write_text(folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME)))
@@ -105,7 +108,7 @@ def _copy_small_files(run: Run, folder: Path) -> None:
 
 def _thinned(curve: str) -> str:
     """About ``CURVE_ROWS`` rows and the last; a curve that was thinned before stays as it is."""
-    header, *rows = curve.splitlines(keepends=True)
+    header, *rows = curve.splitlines(keepends=True) or [""]
     step = max(1, len(rows) // CURVE_ROWS)
     return "".join([header, *rows[: len(rows) - 1 : step], *rows[-1:]])
 
@@ -115,14 +118,20 @@ def _curve(log: Path) -> str:
     from sprintlab.training.runs.sweep import curve_text
 
     try:
-        return curve_text([json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()])
-    except (OSError, ValueError) as error:
+        return curve_text(
+            [parse_json(line) for line in read_text(_own(log), LOG_LIMIT, what="log").splitlines()]
+        )
+    except (TypeError, ValueError, AttributeError) as error:
         raise SprintlabError(f"{log} is no training log: {error}") from error
 
 
 def _copy(source: Path, target: Path) -> Path:
-    try:
-        atomic_write_bytes(target, source.read_bytes())
-    except OSError as error:
-        raise SprintlabError(f"cannot copy {source}: {error.strerror or error}") from error
+    atomic_write_bytes(target, read_bytes(_own(source), COPY_LIMIT))
     return target
+
+
+def _own(source: Path) -> Path:
+    """A file of the run itself: what a link points to may be anything, and would be published."""
+    if source.is_symlink():
+        raise SprintlabError(f"{source} is a link: only files of the run itself are published")
+    return source

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
+from msgspec import Meta
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.clock_check import ClockCheck
 from sprintlab.evaluation.estimates import merge_bands
@@ -23,14 +25,22 @@ HARMLESS_LOSS = 0.05
 COLLAPSE_SPEED = 2.0
 """A policy that holds less than this has learnt no running: it counts as collapsed [m/s]."""
 
+RECORD_LIMIT = 4 << 20
+"""Largest record that is read [bytes]; those of the study have 0.1 MB."""
+_LARGEST = 1e12  # of any number
+
 Number = float | None
 Numbers = tuple[Number, ...]
+Count = Annotated[int, Meta(ge=0)]
+# These stand on a page and on a terminal, which obey some signs instead of showing them.
+MethodName = Annotated[str, Meta(pattern=r"\A[\w.+-]{1,60}\Z")]
+ItemName = Annotated[str, Meta(pattern=r"\A[\w' -]{1,80}\Z")]
 
 
 class AuditEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One item of the exploit audit; ``value`` is ``null`` where it is not defined."""
 
-    name: str
+    name: ItemName
     value: Number
     unit: str
     threshold: float
@@ -70,8 +80,8 @@ class SpeedRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """
 
     top_speed: float
-    trials: int
-    falls: int
+    trials: Count
+    falls: Count
     passed: bool
     held_speed: Number
     peak_speed: Number
@@ -84,6 +94,10 @@ class SpeedRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     envelope_share: Numbers
     audit: AuditRecord
     estimate: tuple[EstimateBand, ...] = ()
+
+    def __post_init__(self) -> None:
+        if any(band.samples < 1 for band in self.estimate):
+            raise ValueError("a band of the estimate has no samples")
 
 
 class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -183,8 +197,8 @@ class ClockEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     rate: float
     jitter: float
-    trials: int
-    completed: int
+    trials: Count
+    completed: Count
     held_speed: Number
     stride_frequency: Number
     clock_distance: Number
@@ -200,14 +214,15 @@ class ClockRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """
 
     top_speed: float
-    entries: tuple[ClockEntry, ...]
+    entries: Annotated[tuple[ClockEntry, ...], Meta(min_length=1)]
     followed: Number
 
     @property
     def greatest_loss(self) -> float:
         """Share of the held speed that the worst other clock costs; ``nan`` where nobody completes."""
         own, *others = (number(entry.held_speed) for entry in self.entries)
-        return 1.0 - min(others) / own if all(math.isfinite(held) for held in others) else math.nan
+        known = own > 0.0 and others and all(math.isfinite(held) for held in others)
+        return 1.0 - min(others) / own if known else math.nan
 
     @property
     def harmless(self) -> bool:
@@ -241,8 +256,8 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """
 
     format_version: int = FORMAT_VERSION
-    method: str
-    seed: int
+    method: MethodName
+    seed: Count
     actuator_model: str
     training: dict[str, str]
     policy_sha256: str
@@ -258,6 +273,10 @@ class EvaluationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     sprint: SprintRecord | None
     sprint_self_paced: SprintRecord | None
     clock: ClockRecord | None = None
+
+    def __post_init__(self) -> None:
+        if not self.training.get("environment_steps", "0").isdecimal():
+            raise ValueError("environment_steps is no whole number")
 
     @property
     def credible(self) -> bool:
@@ -370,15 +389,31 @@ def write_evaluation(path: Path, record: EvaluationRecord) -> None:
     atomic_write_bytes(path, msgspec.json.encode(record) + b"\n")
 
 
-def read_evaluation(path: Path) -> EvaluationRecord:
-    """Inverse of ``write_evaluation``.
+Record = TypeVar("Record")
+
+
+def read_record(path: Path, kind: type[Record]) -> Record:
+    """A record from its JSON file.
 
     Raises:
-        SprintlabError: the file is missing, no evaluation, or of another format.
+        SprintlabError: the file is missing, no regular file, too large, another record, or of another format;
+            or a number is beyond ``1e12``.
     """
+    content = read_bytes(path, RECORD_LIMIT, what="record")
     try:
-        return msgspec.json.decode(path.read_bytes(), type=EvaluationRecord)
-    except OSError as error:
-        raise SprintlabError(f"cannot read {path}: {error.strerror or error}") from error
-    except msgspec.DecodeError as error:
-        raise SprintlabError(f"{path} is no evaluation of this version: {error}") from error
+        _check_numbers(msgspec.json.decode(content))
+        return msgspec.json.decode(content, type=kind)
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        raise SprintlabError(f"{path} is no record of this version: {error}") from error
+
+
+def _check_numbers(value: Any) -> None:
+    if isinstance(value, int | float) and abs(value) > _LARGEST:
+        raise ValueError(f"a number is beyond {_LARGEST:g}")
+    for each in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_numbers(each)
+
+
+def read_evaluation(path: Path) -> EvaluationRecord:
+    """Inverse of ``write_evaluation``; errors as in ``read_record``."""
+    return read_record(path, EvaluationRecord)

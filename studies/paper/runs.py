@@ -16,7 +16,7 @@ POLICY_NAME = "policy.onnx"
 EVALUATION_NAME = "evaluation.json"
 CHECKPOINT_NAME = "checkpoint.pt"
 CLOUD_NAME = "cloud.npz"
-_SEED = re.compile(r"seed-(\d+)")
+_SEED, _METHOD = re.compile(r"seed-(\d{1,9})"), re.compile(r"[\w.+-]{1,60}")  # they stand on a page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ def find_runs(folder: Path) -> list[Run]:
     """Every run below a folder, the paper's methods first and in its order.
 
     Raises:
-        SprintlabError: the folder does not exist or holds no runs.
+        SprintlabError: the folder does not exist or holds no runs, or a method's name has other signs.
     """
     if not folder.is_dir():
         raise SprintlabError(f"there is no folder {folder}")
@@ -69,6 +69,11 @@ def find_runs(folder: Path) -> list[Run]:
     ]
     if not runs:
         raise SprintlabError(f"{folder} holds no runs; they are expected as {folder}/<method>/seed-<number>/")
+    for run in runs:
+        if not _METHOD.fullmatch(run.method):
+            raise SprintlabError(
+                f"{run.folder.parent}: a method's name has letters, digits, _, ., + and - only"
+            )
     return sorted(runs, key=lambda run: (*_place(run.method), run.seed))
 
 

@@ -18,7 +18,7 @@ from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from studies.paper.plan import RESULTS
-from studies.paper.record import SearchRecord, speed_record
+from studies.paper.record import SearchRecord, read_record, speed_record
 from studies.paper.runs import Run, find_runs
 
 if TYPE_CHECKING:
@@ -176,8 +176,8 @@ def moved_policy(policy: Path, robot: RobotDescription, folder: Path) -> Path:
 def read_variant(path: Path) -> VariantRecord | None:
     """What was found in a variant; ``None`` where nothing is, or nothing of this version."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=VariantRecord)
-    except (OSError, msgspec.DecodeError):
+        return read_record(path, VariantRecord)
+    except SprintlabError:
         return None
 
 

@@ -171,3 +171,19 @@ def test_the_page_shows_the_script_that_is_tested():
     assert body.strip() in page
     public = {name for name in sl.__all__ if name[0].islower()}
     assert all(f"sl.{name}" in page for name in public)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1\n", "no row of numbers"),
+        ('{"reward": "x"}\n', "no row of numbers"),
+        ("{}\n" * 100_001, "100000 lines"),
+    ],
+)
+def test_a_trainings_log_holds_rows_of_numbers_and_not_too_many(tmp_path, text, said):
+    from sprintlab.api.training import Training
+
+    (tmp_path / "log.jsonl").write_text(text)
+    with pytest.raises(SprintlabError, match=said):
+        Training(folder=tmp_path).log()

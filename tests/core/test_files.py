@@ -258,6 +258,42 @@ def test_a_failure_gives_the_folder_free(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+HOLDER = """
+import os, sys
+from sprintlab.core.files import reserved_directory
+with reserved_directory(sys.argv[1]):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_the_name_that_a_killed_process_held_is_free_again(tmp_path):
+    pytest.importorskip("fcntl")
+    command = [sys.executable, "-c", HOLDER, str(tmp_path / "race")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(SprintlabError, match="exists already"), reserved_directory(tmp_path / "race"):
+            pass
+        holder.kill()
+    with reserved_directory(tmp_path / "race"), atomic_directory(tmp_path / "race") as folder:
+        (folder / "result.json").write_text("{}")
+    assert (tmp_path / "race" / "result.json").read_text() == "{}"
+
+
+@pytest.mark.parametrize("kind", ["file", "filled", "link"])
+def test_a_name_under_which_something_lies_is_not_free(tmp_path, kind):
+    (tmp_path / "empty").mkdir()
+    race = tmp_path / "race"
+    if kind == "link":
+        race.symlink_to("empty")
+    else:
+        (race if kind == "file" else race / "log").parent.mkdir(exist_ok=True)
+        (race if kind == "file" else race / "log").write_text("mine")
+    with pytest.raises(SprintlabError, match="exists already"), reserved_directory(race):
+        pass
+    assert os.path.lexists(race) and (tmp_path / "empty").is_dir()
+
+
 FILLER = """
 import os, sys, time
 from sprintlab.core.files import atomic_directory

@@ -184,3 +184,18 @@ def test_shape_that_claims_40_gigabytes(tmp_path):
         archive.writestr("a.npy", header + text.ljust(117) + b"\n" + bytes(40))
     with pytest.raises(SprintlabError, match="no npz archive"):
         read_arrays(tmp_path / "a.npz", ("a",))
+
+
+def test_an_array_that_would_take_many_times_its_size_is_refused(tmp_path):
+    """Eight bytes a number, whatever the file's numbers have, and some tables of them."""
+    np.savez_compressed(tmp_path / "a.npz", a=np.zeros((12_000_001, 1), "u1"), b=np.zeros(10_001, "U1"))
+    for name, said in (("a", "12000001 elements; at most 12000000"), ("b", "10001 elements; at most 10000")):
+        with pytest.raises(SprintlabError, match=said):
+            read_arrays(tmp_path / "a.npz", (name,))
+
+
+def test_json_that_would_be_parsed_for_long_is_refused(tmp_path):
+    """Whole numbers of one digit take longest: 64 MB of them 9 s."""
+    (tmp_path / "a.json").write_text(f"[{'1,' * (4 << 20)}1]")
+    with pytest.raises(SprintlabError, match="is larger than 8 MB"):
+        read_json(tmp_path / "a.json")

@@ -261,7 +261,17 @@ def test_a_broken_or_strange_file_is_refused_by_name(standing_policy, robot, tmp
 
 
 @pytest.mark.parametrize(
-    "change", [{"upright": "yes"}, {"fall_reason": []}, {"held_speed_m_s": "fast"}, None]
+    "change",
+    [
+        {"upright": "yes"},
+        {"fall_reason": []},
+        {"held_speed_m_s": "fast"},
+        {"held_speed_m_s": True},
+        {"held_speed_m_s": 1.7e308},
+        {"time_s": -1e7},
+        {"without": "held_speed_m_s"},
+        None,
+    ],
 )
 def test_a_sprint_with_impossible_numbers_is_refused(tmp_path, change):
     piece = {"group": "all", "seed": 1, "upright": True, "left_lane": False, "fall_reason": ""}
@@ -273,7 +283,9 @@ def test_a_sprint_with_impossible_numbers_is_refused(tmp_path, change):
     if change is None:
         os.mkfifo(path)
     else:
-        path.write_text(json.dumps(piece | change))
+        piece |= change
+        piece.pop(piece.get("without"), None)
+        path.write_text(json.dumps(piece))
     with pytest.raises(SprintlabError, match="remove it"):
         study._read(tmp_path, "all", 1)
 

@@ -194,8 +194,10 @@ def test_as_many_motors_as_joints(rollout, robot):
         ({"joint_names": ["one"]}, "one for each of 2"),
         ({"joint_names": ["one", "x" * 100_000]}, "at most 100 characters"),
         ({"joint_velocity": np.zeros((9, 201)), "joint_torque": np.zeros((9, 201))}, "at most 200"),
+        ({"foot_contact": np.eye(9), "foot_velocity": np.zeros((9, 2, 2))}, "samples, feet"),
+        ({"foot_contact": np.zeros((9, 201))}, "at most 200 feet"),
     ],
-    ids=["torque", "longdouble", "time", "too-few-names", "long-name", "joints"],
+    ids=["torque", "longdouble", "time", "too-few-names", "long-name", "joints", "other-feet", "many-feet"],
 )
 def test_what_no_robot_records_is_refused(tmp_path, change, match, recwarn):
     sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
@@ -218,3 +220,29 @@ def test_time_may_be_that_of_the_calendar(tmp_path):
     np.savez(tmp_path / "a.npz", time=1.76e9 + 0.002 * np.arange(9.0), **sound)
     rollout = load_rollout(tmp_path / "a.npz")
     assert rollout.time[-1] - rollout.time[0] == pytest.approx(0.016, abs=1e-6)
+
+
+def test_what_would_take_minutes_and_all_memory_is_refused(tmp_path):
+    """Small when packed: eight million bytes would become as many numbers, and twenty arrays of them."""
+    bytes_ = np.zeros((400_001, 20), "u1")
+    np.savez_compressed(
+        tmp_path / "a.npz", time=np.arange(400_001), joint_velocity=bytes_, joint_torque=bytes_
+    )
+    with pytest.raises(SprintlabError, match="8000020 numbers"):
+        load_rollout(tmp_path / "a.npz")
+    with pytest.raises(SprintlabError, match="8000020 numbers"):  # a log's columns come without an archive
+        Rollout(time=np.arange(400_001.0), joint_velocity=bytes_, joint_torque=bytes_)
+
+
+def test_the_way_of_many_short_stances_is_that_of_each():
+    """Stances of one sample and of three, one cut off at either end."""
+    contact = np.array([1, 0, 1, 0, 1, 1, 1, 0, 0, 1.0])[:, None]
+    rollout = Rollout(
+        time=np.arange(10.0),
+        joint_velocity=np.ones((10, 1)),
+        joint_torque=np.ones((10, 1)),
+        foot_contact=contact,
+        foot_velocity=np.arange(10.0)[:, None, None] * np.array([1.0, 0.0]),
+    )
+    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    assert (verdict.slip, verdict.stance) == pytest.approx(((2 + 4 + 5 + 6) / 2, 2.0))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import PmsmParameters, load_motor, save_motor, stack_motors
+from sprintlab.motors import PmsmParameters, load_motor, load_supply, save_motor, stack_motors
 
 GOOD = """[motor]
 pole_pairs = 21
@@ -97,3 +97,23 @@ def test_binary_file_is_refused(tmp_path):
 def test_missing_file_is_refused(tmp_path):
     with pytest.raises(SprintlabError, match="cannot read"):
         load_motor(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("table", "field", "value"),
+    [
+        ("heat", "heat_capacity", "5e-324"),
+        ("heat", "thermal_resistance", "1e308"),
+        ("i2t", "continuous_current", "1e308"),
+        ("i2t", "peak_duration", "5e-324"),
+        ("battery", "capacity", "5e-324"),
+        ("battery", "voltage_table", "[1.0, 1e308]"),
+    ],
+)
+def test_numbers_of_a_supply_at_which_arithmetic_ends_are_refused(tmp_path, table, field, value):
+    """They were positive and finite; what was worked out from them was not."""
+    needed = {"i2t": "continuous_current = 20.0\npeak_duration = 2.0\n", "battery": "charge_table = [0, 1]\n"}
+    lines = [line for line in needed.get(table, "").splitlines() if not line.startswith(field)]
+    (tmp_path / "supply.toml").write_text("\n".join([f"[{table}]", *lines, f"{field} = {value}"]))
+    with pytest.raises(InvalidValueError, match=f"{field} = .* must lie in"):
+        load_supply(tmp_path / "supply.toml")

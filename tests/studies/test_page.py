@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
+from dataclasses import fields
 
 import msgspec
 import pytest
@@ -25,6 +27,7 @@ from sprintlab.control import load_policy
 from sprintlab.control.contract import check_contract
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.results import EstimateBand
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import load_robot, robot_fingerprint
 
@@ -70,6 +73,8 @@ def record(method: str, seed: int, held: float) -> EvaluationRecord:
     )
 
 
+ITEM = {"name": "stance", "value": 1.0, "unit": "s", "threshold": 1.0, "passed": True}
+BAND = dict.fromkeys((field.name for field in fields(EstimateBand)), 0.0) | {"samples": 0}
 SPEEDS = {
     "sprint": (12.0, 12.2, 12.4, 12.3, 12.1),
     "simplified-dc": (11.0, 11.1, 11.2, 11.3, 11.4),
@@ -194,3 +199,47 @@ def test_a_variant_is_evaluated_with_its_robot_and_drive(name, policy) -> None:
     assert found.variant == name and len(found.raw.speeds) == 1 and found.raw.speeds[0].trials == 1
     assert found.protocol["plant"]["motor_model"] == VARIANTS[name].motor_model
     assert found.robot_fingerprint == robot_fingerprint(load_robot(VARIANTS[name].robot))
+
+
+def _forged(found, *path_and_value):
+    *path, last, value = path_and_value
+    for name in path:
+        found = found[name]
+    found[last] = value
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("training", "environment_steps", "many"), "environment_steps is no whole number"),
+        (("method", "<script>alert(1)</script>"), "method"),
+        (("method", "a\x1b[2J"), "method"),
+        (("seed", -1), "seed"),
+        (("raw", "speeds", 0, "held_speed", 1.7e308), "beyond 1e"),
+        (("raw", "speeds", 0, "audit", "items", [dict(ITEM, name="<img src=x>")]), "name"),
+        (("raw", "speeds", 0, "estimate", [BAND]), "no samples"),
+        (("clock", {"top_speed": 1.0, "entries": [], "followed": None}), "entries"),
+        (("machine", "x" * (5 << 20)), "larger than 4 MB"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_strangers_evaluation_puts_nothing_on_the_page(tmp_path, change, said):
+    place = tmp_path / "sprint" / "seed-0" / "evaluation.json"
+    write_evaluation(place, record("sprint", 0, 12.0))
+    content = json.loads(place.read_bytes())
+    _forged(content, *change)
+    place.write_text(json.dumps(content))
+    with pytest.raises(SprintlabError, match=said):
+        page_text(tmp_path)
+
+
+def test_a_folder_whose_name_is_markup_is_refused(tmp_path):
+    write_evaluation(tmp_path / "<b>" / "seed-0" / "evaluation.json", record("sprint", 0, 12.0))
+    with pytest.raises(SprintlabError, match="a method's name"):
+        page_text(tmp_path)
+
+
+def test_a_pipe_in_place_of_a_variant_is_not_waited_for(tmp_path):
+    write_evaluation(tmp_path / "sprint" / "seed-0" / "evaluation.json", record("sprint", 0, 12.0))
+    os.mkfifo(tmp_path / "sprint" / "seed-0" / "drake.json")
+    assert "sprint" in page_text(tmp_path)

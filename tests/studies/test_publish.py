@@ -121,3 +121,25 @@ def test_a_run_of_train_gets_its_curve_from_its_log(runs, tmp_path):
     (run / "log.jsonl").write_text("{")
     with pytest.raises(SprintlabError, match=r"log\.jsonl is no training log"):
         publish(options)
+
+
+@pytest.mark.parametrize("name", ["run.toml", "curve.csv", "policy.onnx"])
+def test_what_a_link_points_to_is_not_published(runs, tmp_path, name):
+    (tmp_path / "secret").write_text("mine")
+    link = runs / "sprint" / "seed-2" / name
+    link.unlink(missing_ok=True)
+    link.symlink_to(tmp_path / "secret")
+    with pytest.raises(SprintlabError, match="is a link"):
+        publish(Publish(runs=runs, results=tmp_path / "results"))
+
+
+@pytest.mark.parametrize("text", ["", "seconds,speed_p999\n" + "9" * 140_000, "seconds,speed_p999\n\xff"])
+def test_a_curve_that_is_none_ends_in_no_traceback(runs, tmp_path, text):
+    path = runs / "sprint" / "seed-0" / "curve.csv"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(SprintlabError, match="learning curve"):
+        read_curve(path)
+    try:
+        publish(Publish(runs=runs, results=tmp_path / "results"))
+    except SprintlabError as refused:
+        assert "learning curve" in str(refused)

@@ -15,13 +15,14 @@ from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import JSON_LIMIT, parse_json, read_text
+from sprintlab.core.reading import parse_json, read_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.training.settings import TrainingSettings
 
+_LOG_LIMIT, _MOST_ITERATIONS = 64 << 20, 100_000
 NEEDED = ("torch", "warp", "mujoco_warp")
 MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
 
@@ -51,9 +52,12 @@ class Training(Drawn):
         """
         path = self.folder / "log.jsonl"
         try:
-            return [parse_json(line) for line in read_text(path, JSON_LIMIT, what="log").splitlines()]
+            rows = [parse_json(line) for line in _lines(path)]
         except ValueError as error:
             raise SprintlabError(f"{path} cannot be read: {error}") from error
+        if not all(isinstance(row, dict) and _numbers_only(row) for row in rows):
+            raise SprintlabError(f"{path} cannot be read: a line is no row of numbers")
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """The last row of the log, with the folder and the number of iterations."""
@@ -89,6 +93,17 @@ class Training(Drawn):
             SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
         """
         return export(self.checkpoint, self.policy if output is None else output)
+
+
+def _lines(path: Path) -> list[str]:
+    lines = read_text(path, _LOG_LIMIT, what="log").splitlines()
+    if len(lines) > _MOST_ITERATIONS:
+        raise SprintlabError(f"{path} has more than {_MOST_ITERATIONS} lines, the most that is read")
+    return lines
+
+
+def _numbers_only(row: Mapping[str, Any]) -> bool:
+    return all(isinstance(value, int | float) for value in row.values())
 
 
 def method(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import struct
 import tokenize
@@ -21,6 +22,8 @@ Array = npt.NDArray[Any]
 
 ARCHIVE_LIMIT = 512 << 20
 """Most bytes that an archive, packed or unpacked, may have."""
+_MOST_NUMBERS = 12_000_000  # in one array, whatever their size: each becomes one of 8 bytes
+_MOST_TEXTS = 10_000  # in one array
 _MOST_MEMBERS = 10_000
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (
@@ -46,7 +49,8 @@ def read_arrays(
         limit: most bytes that the file, and all arrays that are taken from it, may have.
 
     Raises:
-        SprintlabError: missing, no regular file, no archive, damaged, or larger than ``limit``.
+        SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, or with an array
+            of more than twelve million elements.
     """
     content = read_bytes(path, limit, what="archive")
     try:
@@ -61,13 +65,16 @@ def read_arrays(
                 raise SprintlabError(
                     f"{printable(path)} unpacks to more than {limit >> 20} MB, the most that is read"
                 )
-            return {name: _array(archive.read(entry)) for name, entry in taken.items()}
+            return {
+                name: _array(archive.read(entry), f"{name} of {printable(path)}")
+                for name, entry in taken.items()
+            }
     except _DAMAGED as error:
         raise SprintlabError(f"{printable(path)} is {wanted}") from error
 
 
-def _array(content: bytes) -> Array:
-    """One member; raises ``ValueError`` and others where it is none."""
+def _array(content: bytes, what: str) -> Array:
+    """One member; raises ``ValueError`` and others where it is none, ``SprintlabError`` for a long one."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version == (1, 0):
@@ -79,11 +86,12 @@ def _array(content: bytes) -> Array:
     shape, fortran, kind = header
     if kind.kind not in "biufU" or any(size < 0 for size in shape):
         raise ValueError("no numbers and no text")
-    rest = content[stream.tell() :]
-    count = 1
-    for size in shape:
-        count *= size
-    if count * kind.itemsize != len(rest):
+    start, count = stream.tell(), math.prod(shape)
+    if count * kind.itemsize != len(content) - start:
         raise ValueError("its size is not that of its shape")
-    values = np.frombuffer(rest, dtype=kind) if rest else np.empty(0, dtype=kind)
+    if count > (most := _MOST_TEXTS if kind.kind == "U" else _MOST_NUMBERS):
+        raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
+    values = (
+        np.frombuffer(content, dtype=kind, offset=start) if count * kind.itemsize else np.empty(0, dtype=kind)
+    )
     return values.reshape(shape, order="F" if fortran else "C").copy()

@@ -209,7 +209,8 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
     """Hold a folder's name, as an empty folder, while what will fill it is worked out.
 
     Of two that ask for the same name at the same time only one gets it. An error in the block gives the
-    name free again, unless something was put into the folder.
+    name free again, unless something was put into the folder. An empty folder that nobody holds, such as a
+    process that was killed leaves, counts as free (not on Windows).
 
     Raises:
         SprintlabError: the folder exists already, or the disk refuses.
@@ -217,7 +218,7 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
     target = _place(path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.mkdir()
+        held = _reserve(target)
     except FileExistsError as error:
         raise SprintlabError(f"{target} exists already; choose another folder for the results") from error
     except OSError as error:
@@ -228,6 +229,25 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
         with suppress(OSError):
             target.rmdir()
         raise
+    finally:
+        _unlock(held)
+
+
+def _reserve(target: Path) -> int | None:
+    """Make and hold a folder, or hold an empty one that nobody holds; else ``FileExistsError``."""
+    beside = _lock(target.parent, wait=True)  # nobody takes what another one has made and not held yet
+    try:
+        try:
+            target.mkdir()
+        except FileExistsError:
+            plain = target.is_dir() and not target.is_symlink()
+            held = _lock(target, wait=False) if plain and not any(target.iterdir()) else None
+            if held is None:
+                raise
+            return held
+        return _lock(target, wait=False)
+    finally:
+        _unlock(beside)
 
 
 _HERE, _EXCHANGE = -100, 2  # AT_FDCWD, RENAME_EXCHANGE

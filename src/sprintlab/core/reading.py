@@ -24,7 +24,7 @@ else:
 
 TEXT_LIMIT = 256 << 10
 """Largest table (TOML) that is read [bytes]."""
-JSON_LIMIT = 64 << 20
+JSON_LIMIT = 8 << 20
 """Largest JSON file that is read [bytes]."""
 _DEEPEST = 40  # tables within tables
 _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits

@@ -43,11 +43,13 @@ MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""
 LARGEST_CSV = 32 << 20
 """Largest rollout in CSV that is read [bytes]."""
+MOST_NUMBERS = 8_000_000
+"""Most numbers of a table that is audited: 11 minutes of twelve joints at 1 kHz."""
+_ROWS = 8192  # that are worked out at once
 _MOST_COLUMNS = 2000  # of a CSV
 _LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 _MOST_JOINTS, _LONGEST_NAME = 200, 100
 
-_PER_SAMPLE = ("time",)
 _TABLES = (
     "joint_velocity",
     "joint_torque",
@@ -56,6 +58,7 @@ _TABLES = (
     "foot_contact",
     "foot_velocity",
 )
+_READ = ("time", *(name for name in _TABLES if name != "joint_position"))  # positions are not asked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +88,7 @@ class Rollout:
     foot_velocity: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        _check_sizes(vars(self))
         _check_numbers("time", self.time)
         count = len(self.time)
         if self.time.ndim != 1 or count < 2 or not np.all(np.diff(self.time) > 0.0):
@@ -99,7 +103,20 @@ class Rollout:
         if self.joint_velocity.shape != self.joint_torque.shape:
             shapes = f"{self.joint_velocity.shape} and {self.joint_torque.shape}"
             raise InvalidValueError("joint_velocity, joint_torque", shapes, "equal shapes")
+        self._check_feet()
         self._check_names()
+
+    def _check_feet(self) -> None:
+        contact, velocity = self.foot_contact, self.foot_velocity
+        if contact is not None and (contact.ndim != 2 or contact.shape[1] > _MOST_JOINTS):
+            raise InvalidValueError(
+                "foot_contact", f"shape {contact.shape}", f"(samples, feet), at most {_MOST_JOINTS} feet"
+            )
+        if contact is not None and velocity is not None and velocity.shape[:-1] != contact.shape:
+            shapes = f"{contact.shape} and {velocity.shape}"
+            raise InvalidValueError(
+                "foot_contact, foot_velocity", shapes, "(samples, feet), (samples, feet, 2)"
+            )
 
     def _check_names(self) -> None:
         joints = self.joint_velocity.shape[1]
@@ -117,6 +134,15 @@ class Rollout:
         """Names of the joints, one a column."""
         joints = self.joint_velocity.shape[1]
         return self.joint_names or tuple(f"joint {index}" for index in range(joints))
+
+
+def _check_sizes(arrays: Mapping[str, Any]) -> None:
+    """Refuse what takes longer than 10 s and more than a few gigabytes, before it is copied."""
+    for name, values in arrays.items():
+        if np.size(values) > MOST_NUMBERS:
+            raise InvalidValueError(
+                name, f"{np.size(values)} numbers", f"at most {MOST_NUMBERS}: take a part of it"
+            )
 
 
 def _check_numbers(name: str, values: FloatArray) -> None:
@@ -246,31 +272,32 @@ def joint_envelope(
     motor: PmsmParameters, gear: Gear, bus_voltage: float, velocity: FloatArray, model: Any
 ) -> tuple[FloatArray, FloatArray]:
     """Least and greatest torque on the joints at joint velocities, saturation and gear in, same shape."""
-    limits = torque_limits(motor, motor_speed(gear, velocity), bus_voltage, model=model)
-    lower, upper = (
-        np.asarray(joint_torque(gear, saturate(motor, limit), velocity), dtype=float) for limit in limits
-    )
+    lower, upper = np.empty(velocity.shape), np.empty(velocity.shape)
+    for start in range(0, len(velocity), _ROWS):  # in pieces that stay in the cache
+        rows = slice(start, start + _ROWS)
+        part = velocity[rows]
+        limits = torque_limits(motor, motor_speed(gear, part), bus_voltage, model=model)
+        lower[rows], upper[rows] = (joint_torque(gear, saturate(motor, limit), part) for limit in limits)
     return lower, upper
 
 
-def _stances(contact: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First sample and the one after the last of every whole stance of one foot."""
+def _stances(contact: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """First samples and the ones after the last of every whole stance of one foot."""
     change = np.flatnonzero(np.diff(contact.astype(np.int8)))
     down, up = change[~contact[change]] + 1, change[contact[change]] + 1
     up = up[up > down[0]] if len(down) else up[:0]
-    return list(zip(down.tolist(), up.tolist(), strict=False))
+    return down[: len(up)], up
 
 
 def _median_stance(rollout: Rollout) -> float | None:
     """Median duration of a stance [s]; ``None`` where no whole one was recorded."""
     if rollout.foot_contact is None:
         return None
-    spans = [
-        rollout.time[end] - rollout.time[start]
-        for foot in (rollout.foot_contact != 0.0).T
-        for start, end in _stances(foot)
-    ]
-    return float(np.median(spans)) if spans else None
+    stances = [_stances(foot) for foot in (rollout.foot_contact != 0.0).T]
+    spans = np.concatenate(
+        [rollout.time[:0], *(rollout.time[up] - rollout.time[down] for down, up in stances)]
+    )
+    return float(np.median(spans)) if len(spans) else None
 
 
 def _slip(rollout: Rollout) -> float | None:
@@ -279,12 +306,13 @@ def _slip(rollout: Rollout) -> float | None:
         return None
     step = np.diff(rollout.time, append=rollout.time[-1])
     way = np.linalg.norm(rollout.foot_velocity[..., :2], axis=-1) * step[:, None]
-    ways = [
-        way[start:end, foot].sum()
-        for foot in range(way.shape[1])
-        for start, end in _stances(rollout.foot_contact[:, foot] != 0.0)
-    ]
-    return float(np.mean(ways)) if ways else None
+    total, count = 0.0, 0
+    for foot in range(way.shape[1]):
+        down, up = _stances(rollout.foot_contact[:, foot] != 0.0)
+        if len(up):  # sums from each touchdown to the lift-off, between them those of the flights
+            total += float(np.add.reduceat(way[:, foot], np.stack((down, up), axis=1).ravel())[::2].sum())
+            count += len(up)
+    return total / count if count else None
 
 
 # --- files --------------------------------------------------------------------------------------------------
@@ -303,7 +331,7 @@ def load_rollout(path: str | Path) -> Rollout:
     """
     path = Path(path)
     if path.suffix.lower() == ".npz":
-        arrays = read_arrays(path, (*_PER_SAMPLE, *_TABLES, "joint_names"), wanted="no rollout (NPZ)")
+        arrays = read_arrays(path, (*_READ, "joint_names"), wanted="no rollout (NPZ)")
         names = tuple(map(str, arrays.pop("joint_names", np.array([]))))
         return rollout_of(arrays, names)
     if path.suffix.lower() == ".csv":
@@ -321,6 +349,7 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
     if missing:
         given = ", ".join(sorted(arrays)) or "none"
         raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
+    _check_sizes(arrays)
     try:
         with np.errstate(over="ignore"):  # what becomes infinite is refused
             found = {n: np.asarray(arrays[n], dtype=float) for n in arrays if n != "joint_position"}

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.core.checks import check_finite, check_positive, check_range
+from sprintlab.core.checks import check_finite, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, Floats, as_arrays, as_values
 
@@ -53,7 +53,7 @@ class Battery:
         """Refuse packs that cannot be."""
         check_range("battery.series_cells", self.series_cells, 1, 500)
         check_range("battery.internal_resistance", self.internal_resistance, 0.0, 10.0, "ohm")
-        check_positive("battery.capacity", self.capacity, "A h")
+        check_range("battery.capacity", self.capacity, 1e-3, 1e6, "A h")
         check_range("battery.regeneration_limit", self.regeneration_limit, 0.0, 1e5, "A")
         self._check_tables()
 
@@ -70,7 +70,8 @@ class Battery:
             )
         if (charge[0], charge[-1]) != (0.0, 1.0):
             raise InvalidValueError("battery.charge_table", charge, "must reach from 0 to 1")
-        check_positive("battery.voltage_table", voltage[0], "V")
+        check_range("battery.voltage_table", voltage[0], 1e-3, 1e3, "V")
+        check_range("battery.voltage_table", voltage[-1], 1e-3, 1e3, "V")
 
 
 def open_circuit_voltage(battery: Battery, state_of_charge: Array) -> Array:

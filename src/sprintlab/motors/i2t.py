@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import cast
 
-from sprintlab.core.checks import check_positive
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.drive import DriveOutput, drive_torque
@@ -42,13 +42,13 @@ class I2tLimit:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        check_positive("i2t.continuous_current", self.continuous_current, "A")
+        check_range("i2t.continuous_current", self.continuous_current, 1e-3, 1e5, "A")
         given = {name: getattr(self, name) for name in ("peak_duration", "time_constant")}
         given = {name: value for name, value in given.items() if value is not None}
         if len(given) != 1:
             raise InvalidValueError("i2t", sorted(given), "give peak_duration or time_constant, one of them")
         for name, value in given.items():
-            check_positive(f"i2t.{name}", value, "s")
+            check_range(f"i2t.{name}", value, 1e-3, 1e6, "s")
 
 
 def i2t_time_constant(limit: I2tLimit, motor: PmsmParameters) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.motors.arrays import Array, as_arrays
 from sprintlab.motors.parameters import PmsmParameters
 
@@ -21,6 +21,7 @@ _LEAST_RESISTANCE = (
     0.1  # floors of the factors, far outside any motor's life, so that nothing divides by zero
 )
 _LEAST_FLUX = 0.05
+_CAPACITIES, _RESISTANCES = (1e-3, 1e9), (1e-6, 1e6)  # [J/K], [K/W]: beyond, arithmetic ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +51,8 @@ class WindingHeat:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        check_positive("heat.heat_capacity", self.heat_capacity, "J/K")
-        check_positive("heat.thermal_resistance", self.thermal_resistance, "K/W")
+        check_range("heat.heat_capacity", self.heat_capacity, *_CAPACITIES, "J/K")
+        check_range("heat.thermal_resistance", self.thermal_resistance, *_RESISTANCES, "K/W")
         check_range("heat.ambient_temperature", self.ambient_temperature, -60.0, 150.0, "degC")
         check_range("heat.reference_temperature", self.reference_temperature, -60.0, 150.0, "degC")
         check_range("heat.flux_coefficient", self.flux_coefficient, -0.01, 0.0, "1/K")
@@ -81,8 +82,9 @@ class HousedHeat(WindingHeat):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         super().__post_init__()
-        check_positive("heat.housing_heat_capacity", self.housing_heat_capacity, "J/K")
-        check_positive("heat.housing_thermal_resistance", self.housing_thermal_resistance, "K/W")
+        check_range("heat.housing_heat_capacity", self.housing_heat_capacity, *_CAPACITIES, "J/K")
+        resistance = self.housing_thermal_resistance
+        check_range("heat.housing_thermal_resistance", resistance, *_RESISTANCES, "K/W")
 
 
 def warmed_with_housing(

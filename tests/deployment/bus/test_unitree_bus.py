@@ -329,3 +329,33 @@ def test_a_command_of_another_sender_is_a_joint_command(ends, command_at):
     interface.send(command_at(3, 2))
     command = endpoint.receive_command()
     assert isinstance(command, JointCommand) and np.isfinite(command.target_position).all()
+
+
+def test_of_robots_that_saw_nobody_in_the_same_moment_one_stays(address, monkeypatch):
+    """Two that publish states at once would be one robot to a controller, with the joints of both."""
+    from sprintlab.deployment.bus import unitree_bus
+
+    open_endpoint(address).close()  # a process joins a domain once, and not in several threads
+    together = threading.Barrier(3)
+    publishers = unitree_bus.UnitreeEndpoint._publishers
+
+    def seen(end, channel):
+        found = publishers(end, channel)
+        if not getattr(end, "_writers", None):
+            together.wait(60.0)
+        return found
+
+    monkeypatch.setattr(unitree_bus.UnitreeEndpoint, "_publishers", seen)
+
+    def start(_):
+        try:
+            return open_endpoint(address)
+        except BusError as error:
+            assert "a robot is there already" in str(error)
+            return None
+
+    with ThreadPoolExecutor(3) as threads:
+        found = [end for end in threads.map(start, range(3)) if end is not None]
+    for end in found:
+        end.close()
+    assert len(found) == 1

@@ -331,7 +331,7 @@ def test_a_damaged_evaluation_is_refused(tmp_path):
     with pytest.raises(SprintlabError, match="cannot read"):
         read_evaluation(path)
     path.write_text('{"format_version": 1}')
-    with pytest.raises(SprintlabError, match="no evaluation of this version"):
+    with pytest.raises(SprintlabError, match="no record of this version"):
         read_evaluation(path)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import PmsmParameters
 from sprintlab.workbench.identification import Bench, identify
 
@@ -234,3 +234,9 @@ def test_a_gear_is_not_blamed_where_the_bench_only_drives():
     found = fitted(bench(current, torque, speed, power=power + random.normal(0.0, 1.0, len(current))))
     assert not said(found, "gear_efficiency") and not said(found, "nan")
     assert said(found, "follow")
+
+
+def test_more_rows_than_are_fitted_within_ten_seconds_are_refused():
+    current = np.linspace(-30.0, 30.0, 40_001)
+    with pytest.raises(SprintlabError, match="40001 rows, and at most 40000 are fitted"):
+        fitted(bench(current, 0.1 * current, np.linspace(1.0, 90.0, 40_001)))

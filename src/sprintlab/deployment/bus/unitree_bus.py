@@ -251,11 +251,22 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
     def __init__(self, address: BusAddress) -> None:
         UnitreeRobotEnd.__init__(self)
         self._join(address)
-        time.sleep(_SETTLING)
-        if self._publishers(STATE):
+        self._readers, self._writers = {}, {}
+        try:
+            time.sleep(_SETTLING)
+            self._refuse_others(self._publishers(STATE))
+            self._readers = {COMMAND: self._reader(COMMAND, _READING)}
+            self._writers = {STATE: self._writer(STATE)}
+            time.sleep(_SETTLING)  # of robots that saw nobody in the same moment the lowest key stays
+            key = self._writers[STATE].guid
+            self._refuse_others({other for other in self._publishers(STATE) if other < key})
+        except BaseException:
+            self.close()
+            raise
+
+    def _refuse_others(self, others: set[uuid.UUID]) -> None:
+        if others:
             raise BusError("a robot is there already: something publishes rt/lowstate")
-        self._readers = {COMMAND: self._reader(COMMAND, _READING)}
-        self._writers = {STATE: self._writer(STATE)}
 
     @property
     def ready(self) -> bool:

@@ -28,12 +28,12 @@ Progress = Callable[[int, int], None]
 
 _RECORD_RATE = 100.0  # enough for speeds and falls, and cheaper than the audit's 500 Hz [Hz]
 _IDENTITY = "study.json"
-_NUMBER_OR_NONE = (int, float, type(None))
+_LARGEST = 1e6  # [s], [m/s]: sums of more could be infinite
 _KINDS: dict[str, Any] = {
     **dict.fromkeys(("upright", "left_lane"), bool),
     "fall_reason": str,
-    **dict.fromkeys(("time_s", "held_speed_m_s"), _NUMBER_OR_NONE),
 }
+_NUMBERS = ("time_s", "held_speed_m_s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,9 +177,19 @@ def _read(folder: Path, group: str, seed: int) -> Piece | None:
     except SprintlabError as error:
         raise SprintlabError(f"{error}; remove it and run again") from error
     ours = isinstance(piece, dict) and (piece.get("group"), piece.get("seed")) == (group, seed)
-    if not ours or not all(isinstance(piece.get(name), kinds) for name, kinds in _KINDS.items()):
+    if not ours or not _is_sprint(piece):
         raise SprintlabError(f"{path} is no sprint of this study; remove it and run again")
     return piece
+
+
+def _is_sprint(piece: Piece) -> bool:
+    kinds = all(isinstance(piece.get(name), kind) for name, kind in _KINDS.items())
+    return kinds and all(name in piece and _is_number(piece[name]) for name in _NUMBERS)
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value is None or (number and abs(value) <= _LARGEST)
 
 
 def _piece(group: str, seed: int, request: TrialRequest, result: TrialResult | SprintResult) -> Piece:

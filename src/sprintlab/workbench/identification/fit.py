@@ -65,7 +65,8 @@ OUTLIER_DISTANCE = 5.0
 """Residual in units of the noise, of rows that read about the same, beyond which a row is set aside."""
 
 _ROUNDS = 4
-_MOST_STEPS = 500  # of one round; fits that converge take some twenty
+_MOST_ROWS = 40_000  # that are fitted: more takes longer than 10 s, and tells no more
+_MOST_STEPS = 100  # of one round; fits that converge take some twenty
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
@@ -100,8 +101,8 @@ def identify(
         also: of ``OPTIONAL_UNITS``, fitted too: the sensors' zeros, a gear's efficiency, the rotor's inertia.
 
     Raises:
-        SprintlabError: too few rows, speeds or currents, or units and signs that contradict each other; or
-            SciPy, which the extra ``analysis`` brings, is not installed.
+        SprintlabError: too few rows, speeds or currents, too many rows, or units and signs that contradict
+            each other; or SciPy, which the extra ``analysis`` brings, is not installed.
         InvalidValueError: a setting is not allowed.
     """
     require_package("scipy", extra="analysis", use="identifying a motor")
@@ -112,6 +113,11 @@ def identify(
         check_choice("also", name, tuple(OPTIONAL_UNITS))
     if "rotor_inertia" in also and bench.acceleration is None:
         raise SprintlabError("rotor_inertia needs accelerations: a log with times and speeds")
+    if bench.size > _MOST_ROWS:
+        raise SprintlabError(
+            f"the bench has {bench.size} rows, and at most {_MOST_ROWS} are fitted: leave out some, or give "
+            "a log its column 'time [s]', so that windows of it are averaged"
+        )
     bench, standing = _without_noise_of_standing(bench)
     if peak_current is not None:
         check_positive("peak_current", peak_current, "A")
