@@ -81,7 +81,7 @@ def test_a_folder_without_runs_and_a_damaged_record_are_refused(call, tmp_path):
     run.mkdir(parents=True)
     (run / "evaluation.json").write_text("{}")
     outcome = call("table", tmp_path, "--recorded")
-    assert outcome.status == 2 and "no evaluation of this version" in outcome.err
+    assert outcome.status == 2 and "no record of this version" in outcome.err
 
 
 def test_figures_refuse_an_unknown_policy_and_speed(call, runs, tmp_path):
