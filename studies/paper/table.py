@@ -177,7 +177,6 @@ TABLE_COLUMNS = (
     "paper: speed",
     "ours: most held",
     "sprint faster",
-    "ours: at the highest v*",
     "paper: J_norm",
     "ours: J_norm",
     "100 m",
@@ -198,7 +197,6 @@ def table_cells(row: MethodRow) -> tuple[str, ...]:
         "-" if paper is None else _paper_text(paper.max_velocity, 1),
         velocity_text(row, row.most_held),
         "-" if row.method == REFERENCE_METHOD else row.reference_faster.text(2),
-        row.max_velocity.text(2),
         "-" if paper is None else _paper_text(paper.normalized_cost, 3),
         row.normalized_cost.text(3),
         row.sprint_time.text(2),
@@ -274,6 +272,7 @@ def _by_speed(speeds: Mapping[str, float]) -> str:
 
 DETAIL_COLUMNS = (
     "method",
+    "held at the highest v*",
     "peak 0.5 s",
     "J",
     "J at the common speed",
@@ -292,6 +291,7 @@ def detail_cells(row: MethodRow) -> tuple[str, ...]:
     """What stands behind a row, as text under ``DETAIL_COLUMNS``."""
     return (
         row.method,
+        row.max_velocity.text(2),
         row.peak_speed.text(2),
         row.angular_cost.text(2),
         row.common_cost.text(2),
