@@ -6,6 +6,7 @@ as fast with either.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -15,9 +16,10 @@ import msgspec
 import tyro
 
 from sprintlab.cli.output import progress_bar
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from studies.paper.plan import RESULTS
-from studies.paper.record import Number, plain, read_evaluation
+from studies.paper.record import ItemName, MethodName, Number, plain, read_evaluation, read_record
 from studies.paper.runs import Run, find_runs
 
 if TYPE_CHECKING:
@@ -43,13 +45,13 @@ class OwnMotorRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             joints: hind hips, hind knees.
     """
 
-    motor_model: str
+    motor_model: MethodName
     policy_sha256: str
     date: str
     top_speed: float
     held_speed_own: Number
     held_speed_refined: Number
-    impossible: dict[str, float]
+    impossible: dict[ItemName, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +122,6 @@ def own_motor_records(runs: Iterable[Run]) -> dict[str, OwnMotorRecord]:
     """Method to what was found for its kept policy, where it was."""
     found: dict[str, OwnMotorRecord] = {}
     for run in runs:
-        try:
-            found[run.method] = msgspec.json.decode((run.folder / FILE).read_bytes(), type=OwnMotorRecord)
-        except (OSError, msgspec.DecodeError):
-            continue
+        with suppress(SprintlabError):
+            found[run.method] = read_record(run.folder / FILE, OwnMotorRecord)
     return found

@@ -10,8 +10,9 @@ from dataclasses import fields
 import msgspec
 import pytest
 from studies.paper.answers import verdict
+from studies.paper.own_motor import OwnMotorRecord, own_motor
 from studies.paper.page import page_text
-from studies.paper.plan import Training, study_trainings
+from studies.paper.plan import RESULTS, Training, study_trainings
 from studies.paper.record import (
     AuditRecord,
     EvaluationRecord,
@@ -19,6 +20,7 @@ from studies.paper.record import (
     SpeedRecord,
     write_evaluation,
 )
+from studies.paper.runs import Run
 from studies.paper.statistics import Interval
 from studies.paper.table import DETAIL_COLUMNS, detail_cells, method_rows, switches
 from studies.paper.variants import VARIANTS, VariantRecord, evaluate_variant, moved_policy
@@ -243,3 +245,35 @@ def test_a_pipe_in_place_of_a_variant_is_not_waited_for(tmp_path):
     write_evaluation(tmp_path / "sprint" / "seed-0" / "evaluation.json", record("sprint", 0, 12.0))
     os.mkfifo(tmp_path / "sprint" / "seed-0" / "drake.json")
     assert "sprint" in page_text(tmp_path)
+
+
+@pytest.mark.usefixtures("short_trials")
+def test_a_policy_runs_with_the_motor_of_its_training_and_with_the_real_one(tmp_path) -> None:
+    committed = RESULTS / "no-envelope" / "seed-0"
+    place = tmp_path / "no-envelope" / "seed-0"
+    place.mkdir(parents=True)
+    (place / "policy.onnx").write_bytes((committed / "policy.onnx").read_bytes())
+    write_evaluation(place / "evaluation.json", record("no-envelope", 0, 2.0))
+    run = Run(method="no-envelope", seed=0, folder=place)
+    found = own_motor(run, load_robot("bp2"))
+    assert found is not None and (found.motor_model, found.top_speed) == ("square", 2.0)
+    assert set(found.impossible) == {"hind hips", "hind knees"}
+    assert all(0.0 <= share < 0.5 for share in found.impossible.values())
+    kept = RESULTS / "sprint" / "seed-1"
+    assert own_motor(Run(method="sprint", seed=1, folder=kept), load_robot("bp2")) is None
+
+
+def test_the_page_tells_what_a_policy_asks_of_a_motor_that_it_never_had(results) -> None:
+    found = OwnMotorRecord(
+        motor_model="simplified-dc", policy_sha256="", date="", top_speed=11.0, held_speed_own=11.2,
+        held_speed_refined=11.1, impossible={"hind hips": 0.0, "hind knees": 0.0155},
+    )  # fmt: skip
+    path = results / "simplified-dc" / "seed-2" / "own-motor.json"
+    path.write_bytes(msgspec.json.encode(found))
+    text = page_text(results)
+    assert (
+        "`simplified-dc` asks for it 1.6 % of the time" in text
+        and "| 11.20 | 11.10 | 0.0 % | 1.6 % |" in text
+    )
+    path.write_bytes(msgspec.json.encode(found).replace(b"hind hips", b"<script>"))
+    assert "asks for it" not in page_text(results)
