@@ -74,7 +74,7 @@ def read_arrays(
 
 
 def _array(content: bytes, what: str) -> Array:
-    """One member; raises ``ValueError`` and others where it is none, ``SprintlabError`` for a long one."""
+    """One member; raises ``ValueError`` and others where it is damaged, ``SprintlabError`` for a long one."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version == (1, 0):
