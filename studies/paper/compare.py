@@ -164,19 +164,24 @@ def train_missing(folder: Path, seeds: int, minutes: float) -> None:
     """
     from sprintlab.api.training import require_training
     from sprintlab.core.checks import check_range
+    from sprintlab.training.settings import PpoSettings, TrainingSettings
     from studies.paper.paper import PAPER_TABLE
+    from studies.paper.plan import PRECISION
     from studies.paper.runs import Run
 
     check_range("seeds", seeds, 1, 1000)
     require_training()
     from sprintlab.training.runs.run import TrainOptions, train
 
+    settings = TrainingSettings(ppo=PpoSettings(precision=PRECISION))
+
     for method in PAPER_TABLE:
         for seed in range(seeds):
             run = Run(method=method, seed=seed, folder=folder / method / f"seed-{seed}")
             if not (run.policy.exists() or run.checkpoint.exists()):
                 stderr_console().print(f"training {method}, seed {seed}")
-                train(TrainOptions(method=method, output=run.folder, seed=seed, minutes=minutes))
+                options = {"method": method, "seed": seed, "minutes": minutes, "settings": settings}
+                train(TrainOptions(output=run.folder, **options))
 
 
 def export_missing(runs: Sequence[Run]) -> None:

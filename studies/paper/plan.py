@@ -15,6 +15,8 @@ from studies.paper.runs import CHECKPOINT_NAME, EVALUATION_NAME, POLICY_NAME
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"
 PAPER_PRESET = "paper"
+PRECISION = "bfloat16"
+"""Of the networks' products in every training of the study (``ppo.precision``): all must share it."""
 NETWORK_FILE, STRIDES_FILE = "studies/paper/actuator_network.npz", "studies/paper/strides.npz"
 
 
@@ -44,7 +46,7 @@ class Training:
         method = ALL_METHODS[self.method]
         words = ["sprintlab", "train", self.method, "--seed", str(self.seed)]
         words += [] if self.preset == "sprintlab" else ["--preset", self.preset]
-        words += ["--output", str(self.folder(root))]
+        words += ["--ppo.precision", PRECISION, "--output", str(self.folder(root))]
         words += ["--simulation.actuator-network", NETWORK_FILE] if method.network else []
         strides = ["prior:stride-prior", "--prior.file", STRIDES_FILE]
         return [*words, *strides] if method.prior else words

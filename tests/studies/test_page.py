@@ -20,7 +20,7 @@ from studies.paper.record import (
     SpeedRecord,
     write_evaluation,
 )
-from studies.paper.runs import Run
+from studies.paper.runs import Run, find_runs
 from studies.paper.statistics import Interval
 from studies.paper.table import DETAIL_COLUMNS, detail_cells, method_rows, switches
 from studies.paper.variants import VARIANTS, VariantRecord, evaluate_variant, moved_policy
@@ -180,6 +180,7 @@ def test_a_line_of_the_plan_is_what_the_trainer_reads(method, tmp_path) -> None:
     options = parse_training(words[2:])
     settings = options.full_settings()
     assert (settings.method, settings.seed, options.preset) == (method, 2, preset)
+    assert settings.ppo.precision == "bfloat16"
     assert (settings.simulation.actuator_network is None) == (method != "actuator-network")
     assert (settings.prior is None) == (method != "stride-prior")
 
@@ -277,3 +278,14 @@ def test_the_page_tells_what_a_policy_asks_of_a_motor_that_it_never_had(results)
     )
     path.write_bytes(msgspec.json.encode(found).replace(b"hind hips", b"<script>"))
     assert "asks for it" not in page_text(results)
+
+
+def test_the_committed_runs_are_what_the_plan_trains() -> None:
+    """Seeds that come later must share every setting with those that are there."""
+    pytest.importorskip("mujoco_warp")
+    from sprintlab.cli.train import parse_training
+
+    for run in find_runs(RESULTS):
+        words = Training(method=run.method, seed=run.seed).words(run.folder)
+        digest = parse_training(words[2:]).full_settings().digest()
+        assert digest in (run.folder / "run.toml").read_text(encoding="utf-8"), run
