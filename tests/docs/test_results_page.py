@@ -21,8 +21,8 @@ def result_tables(load_script):
 
 def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_tables):
     tables, races = result_tables.tables(), result_tables.policy_results("result.json")
-    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"{{ (\w+) }}", page)) == set(tables)
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    assert set(re.findall(r"{{ (\w+) }}", pages)) == set(tables)
     assert set(races) == set(result_tables.policy_results("robustness.json")) == set(shipped_policies())
     summary, audit = tables["policy_summary"].splitlines()[2:], tables["policy_audit"].splitlines()
     for column, (row, (name, race)) in enumerate(zip(summary, races.items(), strict=True), start=2):
@@ -33,6 +33,14 @@ def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_t
         for item, line in zip(items, audit[-len(items) :], strict=True):
             cells = line.split("|")
             assert cells[1].strip().startswith(item["name"]) and ("**" in cells[column]) != item["passed"]
+
+
+def test_every_reward_term_that_is_not_the_papers_has_its_reason(result_tables, monkeypatch):
+    table = result_tables.reward_departures()
+    assert "| foot force | - | -0.5, then -4 |" in table and "| collision | -1, then 0 | -1 |" in table
+    monkeypatch.delitem(result_tables.WHY_NOT_THE_PAPERS, "progress")
+    with pytest.raises(ValueError, match="progress"):
+        result_tables.reward_departures()
 
 
 @pytest.mark.parametrize("name", shipped_policies())
