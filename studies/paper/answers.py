@@ -27,6 +27,7 @@ class Evidence:
         variants: speeds of the kept policies on other editions, in Drake, with flux weakening.
         comparators: names of other papers' methods.
         own_motors: method to its kept policy with the motor that it was trained with, and the real one.
+        literal_own_motors: the same of the trainings with the paper's preset.
     """
 
     rows: Rows
@@ -34,6 +35,7 @@ class Evidence:
     variants: Speeds
     comparators: tuple[str, ...]
     own_motors: Mapping[str, OwnMotorRecord]
+    literal_own_motors: Mapping[str, OwnMotorRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +122,7 @@ def answers(evidence: Evidence) -> list[Answer]:
 
 def _d_axis(known: Evidence) -> str:
     text = comparison(known.rows, "simplified-dc") + _asked_for(known.own_motors)
+    text += _to_the_letter(known, "simplified-dc", _asked_for(known.literal_own_motors))
     for name in ("bp2-weak", "bp2-strong"):
         ours, theirs = (
             known.variants.get(method, {}).get(name, math.nan)
@@ -133,6 +136,13 @@ def _d_axis(known: Evidence) -> str:
         else:
             text += f" Not evaluated yet on the {VARIANTS[name].title}."
     return text
+
+
+def _to_the_letter(known: Evidence, other: str, more: str = "") -> str:
+    """The same comparison with the paper's reward table; that it is not trained where it is not."""
+    if not {REFERENCE_METHOD, other} <= set(known.literal):
+        return " With the paper's reward to the letter it is not trained yet."
+    return f" With the paper's reward to the letter {comparison(known.literal, other)}{more}"
 
 
 def _asked_for(own_motors: Mapping[str, OwnMotorRecord]) -> str:
@@ -157,7 +167,8 @@ def _scheduling(known: Evidence) -> str:
         for row in pair
         if row is not None
     ]
-    return f"For speed: {text} For sureness: {'; '.join(sure)}." if sure else text
+    text = f"For speed: {text} For sureness: {'; '.join(sure)}." if sure else text
+    return text + _to_the_letter(known, "uniform-commands")
 
 
 def _collapse(known: Evidence) -> str:

@@ -142,6 +142,7 @@ def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
         variants=variant_speeds(find_runs(results)) if grouped else {},
         comparators=tuple(COMPARATORS),
         own_motors=own_motor_records(find_runs(results)) if grouped else {},
+        literal_own_motors=own_motor_records(find_runs(results / PAPER_PRESET)) if literal else {},
     )
 
 

@@ -106,6 +106,20 @@ def results(tmp_path):
     return folder
 
 
+def test_the_papers_reward_answers_beside_ours_as_soon_as_it_is_trained(results) -> None:
+    before = page_text(results)
+    assert before.count("With the paper's reward to the letter it is not trained yet.") == 2
+    for method, held in (("sprint", 11.5), ("simplified-dc", 9.2)):
+        folder = results / "paper" / method / "seed-0"
+        write_evaluation(folder / "evaluation.json", record(method, 0, held))
+    after = page_text(results)
+    assert (
+        "With the paper's reward to the letter `sprint` holds 11.50 m/s, `simplified-dc` 9.20: +25.0 %"
+        in after
+    )
+    assert after.count("With the paper's reward to the letter it is not trained yet.") == 1
+
+
 def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None:
     text = page_text(results, ["![learning](figures/learning.png)"], ["![estimate](figures/estimate.png)"])
     first = text.split("\n\n")[2]
