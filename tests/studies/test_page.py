@@ -117,7 +117,7 @@ def test_the_papers_reward_answers_beside_ours_as_soon_as_it_is_trained(results)
         "With the paper's reward to the letter `sprint` holds 11.50 m/s, `simplified-dc` 9.20: +25.0 %"
         in after
     )
-    assert after.count("With the paper's reward to the letter it is not trained yet.") == 1
+    assert after.count(f"{letter} it is not trained yet.") == 1
 
 
 def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None:
