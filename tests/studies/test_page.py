@@ -113,10 +113,8 @@ def test_the_papers_reward_answers_beside_ours_as_soon_as_it_is_trained(results)
         folder = results / "paper" / method / "seed-0"
         write_evaluation(folder / "evaluation.json", record(method, 0, held))
     after = page_text(results)
-    assert (
-        "With the paper's reward to the letter `sprint` holds 11.50 m/s, `simplified-dc` 9.20: +25.0 %"
-        in after
-    )
+    letter = "With the paper's reward to the letter"
+    assert f"{letter} `sprint` holds 11.50 m/s, `simplified-dc` 9.20: +25.0 %" in after
     assert after.count(f"{letter} it is not trained yet.") == 1
 
 
