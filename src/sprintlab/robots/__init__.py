@@ -8,8 +8,6 @@ from sprintlab.robots.description import (
     RobotDescription,
     SoftStop,
     joint_kind,
-    mirror_joints,
-    mirror_legs,
     neighbouring_legs,
     robot_fingerprint,
 )
@@ -66,8 +64,6 @@ __all__ = [
     "leg_signs",
     "load_robot",
     "load_robot_file",
-    "mirror_joints",
-    "mirror_legs",
     "neighbouring_legs",
     "pair_parameters",
     "parameter_table",

@@ -300,23 +300,6 @@ def neighbouring_legs(robot: RobotDescription) -> tuple[tuple[int, int], ...]:
     )
 
 
-def mirror_legs(robot: RobotDescription) -> tuple[int, ...]:
-    """Index of the leg on the other side, per leg: FL and FR, RL and RR."""
-    other = {"L": "R", "R": "L"}
-    return tuple(robot.leg_names.index(name[:-1] + other[name[-1]]) for name in robot.leg_names)
-
-
-def mirror_joints(robot: RobotDescription) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Joints when left and right are exchanged: whose value each takes ``(joints,)``, and with which sign.
-
-    Abduction turns about x and changes its sign; hip, knee and waist turn about y and keep it.
-    """
-    order = np.arange(len(robot.joint_names))
-    order[robot.leg_joints] = robot.leg_joints[list(mirror_legs(robot))]
-    signs = tuple(-1.0 if joint_kind(name) == "abad" else 1.0 for name in robot.joint_names)
-    return tuple(order.tolist()), signs
-
-
 def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 
