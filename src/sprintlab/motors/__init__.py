@@ -39,7 +39,7 @@ from sprintlab.motors.i2t import (
     i2t_time_constant,
     squared_current,
 )
-from sprintlab.motors.parameters import MotorValues, PmsmParameters, motor_like, stack_motors
+from sprintlab.motors.parameters import MotorValues, PmsmParameters, motor_like, single, stack_motors
 from sprintlab.motors.power import copper_loss, electrical_power
 from sprintlab.motors.saturation import desaturate, saturate
 from sprintlab.motors.supply_files import SupplyFile, load_supply, save_supply
@@ -109,6 +109,7 @@ __all__ = [
     "save_supply",
     "shaft_torque",
     "shared_bus_voltage",
+    "single",
     "squared_current",
     "stack_motors",
     "torque_limits",

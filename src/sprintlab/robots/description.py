@@ -284,6 +284,11 @@ class RobotDescription:
         return ("trunk",) if self.waist is None else ("trunk", "rear_trunk")
 
 
+def point_inertia(position: FloatArray) -> FloatArray:
+    """Inertia ``(3, 3)`` of a unit point mass at ``position`` about the origin [m^2]."""
+    return float(position @ position) * np.eye(3) - np.outer(position, position)
+
+
 def joint_kind(name: str) -> str:
     """``abad``, ``hip``, ``knee`` or ``waist``, of a joint's name."""
     return name.rpartition("_")[2]
