@@ -6,6 +6,7 @@ from sprintlab.plant.ground import Ground, RoughGround
 from sprintlab.plant.plant import (
     ENGINES,
     BaseState,
+    BlindRecorder,
     JointDrive,
     MotionRecorder,
     Plant,
@@ -18,6 +19,7 @@ __all__ = [
     "DRAKE_TIMESTEP",
     "ENGINES",
     "BaseState",
+    "BlindRecorder",
     "Ground",
     "JointDrive",
     "MotionRecorder",

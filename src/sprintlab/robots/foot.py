@@ -5,9 +5,7 @@ two numbers are those of a drop test: the leg's effective mass hits the floor wi
 is force over deflection where the deflection is greatest (the dashpot gives nothing there), ``restitution``
 is speed after over speed before.
 
-Why these numbers. Stiffness: a rubber hemisphere of 30 mm radius and a modulus of 1.2 to 5 MPa (Shore A 35 to
-65) pressed with 1 kN, 2.8 body weights of BP2, deflects 7.5 to 19 mm after Hertz: 51 to 133 kN/m.
-Restitution: the square root of the rebound resilience, from 4 % (damping rubber) to 36 % (common compounds).
+The bands are those of rubber pads, after Hertz and from rebound resilience: ``docs/evaluation.md``.
 
 In MuJoCo a contact's stiffness and damping are per unit of the regularization ``R``, which is ``(1 - d) / d``
 times the inverse mass at the foot for an impedance ``d``, and ``1 / R`` acts as a mass that the contact adds
