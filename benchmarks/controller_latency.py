@@ -22,11 +22,10 @@ import os
 import platform
 import sys
 import time
-from datetime import datetime, timezone
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from harness import circumstances
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -72,12 +71,12 @@ def measure(minutes: float, speed: float, urgent: bool) -> dict[str, Any]:
     results = context.Queue()
     robot = context.Process(target=be_a_robot, args=(address, urgent, results))
     robot.start()
-    started, load = datetime.now(timezone.utc), os.getloadavg()
+    load = os.getloadavg()
     report, controller = drive(address, minutes, speed, urgent)
     simulated = results.get(timeout=60.0)
     robot.join(timeout=10.0)
     return {
-        **circumstances(started, load),
+        **surroundings(load),
         "real_time_asked_for": urgent,
         "speed": speed,
         "faults": {fault.value: count for fault, count in controller.fault_counts.items()},
@@ -96,23 +95,21 @@ def measure(minutes: float, speed: float, urgent: bool) -> dict[str, Any]:
     }
 
 
-def circumstances(started: datetime, load: tuple[float, float, float]) -> dict[str, Any]:
-    """When, on what and beside how much other work."""
+def surroundings(load: tuple[float, float, float]) -> dict[str, Any]:
+    """When, with what, on what and beside how much other work."""
     policy = shipped_policy()
     return {
-        "date": started.isoformat(timespec="seconds"),
+        **circumstances(PACKAGES),
         "policy": {"name": policy.stem, "sha256": hashlib.sha256(policy.read_bytes()).hexdigest()},
         "processor": processor(),
         "cores": len(os.sched_getaffinity(0)),
-        "python": platform.python_version(),
-        "packages": {name: metadata.version(name) for name in PACKAGES},
         "load_average": {"start": load, "end": os.getloadavg()},
     }
 
 
 def measure_in_one_process(minutes: float, speed: float, urgent: bool, cores: int) -> dict[str, Any]:
     """Steps of a run on some cores, the robot simulated between them; everything that was measured."""
-    started, load = datetime.now(timezone.utc), os.getloadavg()
+    load = os.getloadavg()
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     policy, robot = _policy_and_robot()
     world = SimulatedWorld(robot, SimulatorOptions())
@@ -125,7 +122,7 @@ def measure_in_one_process(minutes: float, speed: float, urgent: bool, cores: in
             step(world, controller, report)
     report.end = controller.stop_reason or controller.mode.value
     return {
-        **circumstances(started, load),
+        **surroundings(load),
         "real_time_asked_for": urgent,
         "speed": speed,
         "faults": {fault.value: count for fault, count in controller.fault_counts.items()},

@@ -12,6 +12,7 @@ from itertools import product
 
 import mujoco
 import numpy as np
+from foot_drop import drop_test, expected_drop
 
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.evaluation.trial import TrialRequest, run_trial
@@ -20,9 +21,7 @@ from sprintlab.robots import (
     DRAG_AREA,
     FootContact,
     build_model,
-    drop_test,
     effective_leg_mass,
-    expected_drop,
     load_robot,
 )
 from sprintlab.training.environment.simulation import training_model

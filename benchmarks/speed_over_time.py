@@ -35,8 +35,8 @@ from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, style_axis, them
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
 from sprintlab.robots import load_robot
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.export import export_checkpoint
-from sprintlab.training.runs.runner import read_checkpoint
 
 GOAL = (180.0, 10.0)
 """Training time [s] and held speed [m/s]."""

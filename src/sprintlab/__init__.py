@@ -15,87 +15,58 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to import than all of this
 if TYPE_CHECKING:
-    from sprintlab.api.actuators import Actuators, actuators
-    from sprintlab.api.doctor import Examination, doctor
-    from sprintlab.api.drive import DriveOptions
-    from sprintlab.api.envelopes import Envelope, envelope
-    from sprintlab.api.evaluations import Evaluation, evaluate
-    from sprintlab.api.grounds import Grounds, ground
-    from sprintlab.api.identification import IdentifiedMotor, identify_motor
-    from sprintlab.api.learning import Learning, learning
-    from sprintlab.api.limits import Limit, limit
-    from sprintlab.api.live import play
-    from sprintlab.api.motors import ChosenMotor, chosen_motor
-    from sprintlab.api.policies import load_policy, policies
-    from sprintlab.api.races import Race, race
-    from sprintlab.api.replay import ReplayPage, replay
-    from sprintlab.api.robot_runs import DrivenRun, RobotRun
-    from sprintlab.api.robot_simulations import RobotSimulation, SimulatedRun
-    from sprintlab.api.robustness import Robustness, robustness
-    from sprintlab.api.rollouts import AuditedRollout, audit_rollout
-    from sprintlab.api.run_reports import RunReport, report_run
-    from sprintlab.api.search import SearchOptions
-    from sprintlab.api.steering import Lap, Turning, lap, turning
-    from sprintlab.api.training import Training, export, method, train
-    from sprintlab.core.errors import SprintlabError
-    from sprintlab.motors import torque_limits
-    from sprintlab.robots import load_robot, robot_names
-    from sprintlab.training.settings import TrainingSettings
+    from sprintlab.api.actuators import Actuators as Actuators
+    from sprintlab.api.actuators import actuators as actuators
+    from sprintlab.api.doctor import Examination as Examination
+    from sprintlab.api.doctor import doctor as doctor
+    from sprintlab.api.drive import DriveOptions as DriveOptions
+    from sprintlab.api.envelopes import Envelope as Envelope
+    from sprintlab.api.envelopes import envelope as envelope
+    from sprintlab.api.evaluations import Evaluation as Evaluation
+    from sprintlab.api.evaluations import evaluate as evaluate
+    from sprintlab.api.grounds import Grounds as Grounds
+    from sprintlab.api.grounds import ground as ground
+    from sprintlab.api.identification import IdentifiedMotor as IdentifiedMotor
+    from sprintlab.api.identification import identify_motor as identify_motor
+    from sprintlab.api.learning import Learning as Learning
+    from sprintlab.api.learning import learning as learning
+    from sprintlab.api.limits import Limit as Limit
+    from sprintlab.api.limits import limit as limit
+    from sprintlab.api.live import play as play
+    from sprintlab.api.motors import ChosenMotor as ChosenMotor
+    from sprintlab.api.motors import chosen_motor as chosen_motor
+    from sprintlab.api.policies import load_policy as load_policy
+    from sprintlab.api.policies import policies as policies
+    from sprintlab.api.races import Race as Race
+    from sprintlab.api.races import race as race
+    from sprintlab.api.replay import ReplayPage as ReplayPage
+    from sprintlab.api.replay import replay as replay
+    from sprintlab.api.robot_runs import DrivenRun as DrivenRun
+    from sprintlab.api.robot_runs import RobotRun as RobotRun
+    from sprintlab.api.robot_simulations import RobotSimulation as RobotSimulation
+    from sprintlab.api.robot_simulations import SimulatedRun as SimulatedRun
+    from sprintlab.api.robustness import Robustness as Robustness
+    from sprintlab.api.robustness import robustness as robustness
+    from sprintlab.api.rollouts import AuditedRollout as AuditedRollout
+    from sprintlab.api.rollouts import audit_rollout as audit_rollout
+    from sprintlab.api.run_reports import RunReport as RunReport
+    from sprintlab.api.run_reports import report_run as report_run
+    from sprintlab.api.search import SearchOptions as SearchOptions
+    from sprintlab.api.steering import Lap as Lap
+    from sprintlab.api.steering import Turning as Turning
+    from sprintlab.api.steering import lap as lap
+    from sprintlab.api.steering import turning as turning
+    from sprintlab.api.training import Training as Training
+    from sprintlab.api.training import export as export
+    from sprintlab.api.training import method as method
+    from sprintlab.api.training import train as train
+    from sprintlab.core.errors import SprintlabError as SprintlabError
+    from sprintlab.motors import torque_limits as torque_limits
+    from sprintlab.robots import load_robot as load_robot
+    from sprintlab.robots import robot_names as robot_names
+    from sprintlab.training.settings import TrainingSettings as TrainingSettings
 
 __version__ = "0.1.0"
-
-__all__ = [
-    "Actuators",
-    "AuditedRollout",
-    "ChosenMotor",
-    "DriveOptions",
-    "DrivenRun",
-    "Envelope",
-    "Evaluation",
-    "Examination",
-    "Grounds",
-    "IdentifiedMotor",
-    "Lap",
-    "Learning",
-    "Limit",
-    "Race",
-    "ReplayPage",
-    "RobotRun",
-    "RobotSimulation",
-    "Robustness",
-    "RunReport",
-    "SearchOptions",
-    "SimulatedRun",
-    "SprintlabError",
-    "Training",
-    "TrainingSettings",
-    "Turning",
-    "actuators",
-    "audit_rollout",
-    "chosen_motor",
-    "doctor",
-    "envelope",
-    "evaluate",
-    "export",
-    "ground",
-    "identify_motor",
-    "lap",
-    "learning",
-    "limit",
-    "load_policy",
-    "load_robot",
-    "method",
-    "play",
-    "policies",
-    "race",
-    "replay",
-    "report_run",
-    "robot_names",
-    "robustness",
-    "torque_limits",
-    "train",
-    "turning",
-]
 
 _HOMES = {
     name: home
@@ -130,6 +101,7 @@ _HOMES = {
     for name in names.split()
 }
 """Where each public name lives, below this package."""
+__all__ = sorted(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll] (checkers take the names above)
 
 
 def __getattr__(name: str) -> object:

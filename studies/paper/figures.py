@@ -23,6 +23,7 @@ from sprintlab.core.theme import (
     style_axis,
     themed_figure,
 )
+from sprintlab.core.thinning import moving_average
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.figures import on_envelope, recorded
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
@@ -225,7 +226,8 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
     trajectory = recorded(trial)
     axis.plot(trajectory.time, trajectory.command[:, 0], color=theme.command, linewidth=1.1, linestyle="--")
     axis.plot(trajectory.time, trajectory.velocity[:, 0], color=theme.speed, linewidth=0.5, alpha=0.4)
-    axis.plot(trajectory.time, _smooth(trajectory), color=theme.speed, linewidth=1.7)
+    speed = moving_average(trajectory.velocity[:, 0], trajectory.time, _SMOOTHING)
+    axis.plot(trajectory.time, speed, color=theme.speed, linewidth=1.7)
     axis.set_xlabel("time [s]")
     if trial.fall_time is not None:
         axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.4)
@@ -257,14 +259,6 @@ def _note(axis: Axes, text: str, theme: Theme) -> None:
 def _remark(axis: Axes, text: str, theme: Theme) -> None:
     """A remark in the middle of the lower edge, inside the axes."""
     axis.text(0.5, 0.06, text, color=theme.foreground, fontsize=8.5, ha="center", transform=axis.transAxes)
-
-
-def _smooth(trajectory: Trajectory) -> Array:
-    """Forward speed, moving average over about a stride ``(T,)`` [m/s]."""
-    width = max(1, round(_SMOOTHING / float(trajectory.time[1] - trajectory.time[0])))
-    width, speed = min(width, len(trajectory.time)), trajectory.velocity[:, 0]
-    kernel = np.ones(width)
-    return np.convolve(speed, kernel, "same") / np.convolve(np.ones_like(speed), kernel, "same")
 
 
 @dataclass(frozen=True, kw_only=True)

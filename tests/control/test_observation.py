@@ -3,7 +3,6 @@ import pytest
 
 from sprintlab.control import (
     MEASURED_TERMS,
-    OBSERVATION_TERMS,
     ObservationLayout,
     Proprioception,
     fill_history,
@@ -168,11 +167,3 @@ def test_sizes_follow_from_the_number_of_joints():
     measured = join_proprioception(Proprioception(*(parts[term.name] for term in MEASURED_TERMS)))
     again = split_proprioception(measured)
     assert [part.shape[-1] for part in again] == [3, 3, 13, 13]
-
-
-def test_mirror_signs_agree_with_mirrored_vectors():
-    """Exchanging left and right turns y over: polar vectors flip y, rotations flip x and z."""
-    signs = {term.name: term.mirror for term in OBSERVATION_TERMS}
-    flip = np.diag([1.0, -1.0, 1.0])
-    np.testing.assert_array_equal(signs["projected_gravity"], np.diag(flip))
-    np.testing.assert_array_equal(signs["angular_velocity"], np.linalg.det(flip) * np.diag(flip))

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.evaluation.recorder import Recorder, check_trajectory
+from sprintlab.evaluation.recorder import Recorder
+from sprintlab.evaluation.results import require_finite
 from sprintlab.motors import drive_torque
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 
@@ -165,8 +166,8 @@ def test_a_state_that_is_not_finite_is_an_error_with_its_time(make_plant, robot)
 def test_a_trajectory_with_nan_names_array_and_time(make_trajectory):
     height = np.full(2000, 0.5)
     height[1000] = np.nan
-    with pytest.raises(SimulationError, match=r"height is not finite from 2\.000 s"):
-        check_trajectory(make_trajectory(height=height))
+    with pytest.raises(SimulationError, match=r"height at 2\.000 s"):
+        require_finite(make_trajectory(height=height))
 
 
 @pytest.mark.parametrize(

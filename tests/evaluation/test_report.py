@@ -27,7 +27,14 @@ from sprintlab.evaluation.report_text import (
     setup_rows,
     summary,
 )
-from sprintlab.evaluation.results import AuditItem, AuditReport, RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.results import (
+    AuditItem,
+    AuditReport,
+    RaceResult,
+    SpeedResult,
+    SprintResult,
+    require_finite,
+)
 from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions, TrialSettings
 
@@ -157,7 +164,7 @@ def test_nan_is_refused_with_name_and_time(trial):
     broken = trial.trajectory.joint_velocity.copy()
     broken[250, 3] = np.inf
     with pytest.raises(SimulationError, match=r"joint_velocity at 0\.500 s"):
-        figures.require_finite(replace(trial.trajectory, joint_velocity=broken))
+        require_finite(replace(trial.trajectory, joint_velocity=broken))
 
 
 def test_the_completed_trial_is_drawn(race, trial):

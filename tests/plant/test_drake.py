@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 import pytest
+from benchmarks.foot_drop import DROP_SPEEDS, drop_model, expected_drop
 
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.core.errors import SprintlabError
@@ -13,12 +14,9 @@ from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.plant import PlantOptions, TrialSettings, check_engine, on_engine, open_plant
 from sprintlab.robots import ModelOptions, RobotDescription, build_model, load_robot, robot_spec
 from sprintlab.robots.foot import (
-    DROP_SPEEDS,
     DropOutcome,
     FootContact,
-    drop_model,
     drop_outcome,
-    expected_drop,
 )
 
 pytest.importorskip("pydrake", reason="the second engine needs drake: pip install 'sprintlab[drake]'")

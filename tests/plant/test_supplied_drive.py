@@ -29,7 +29,7 @@ from sprintlab.motors import (
     warmed,
     warmed_with_housing,
 )
-from sprintlab.plant import Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
+from sprintlab.plant import BlindRecorder, Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
@@ -156,7 +156,7 @@ def test_the_plant_uses_them_only_where_asked(standing_targets):
     plant = Plant(ROBOT, options, TrialSettings())
     assert plant.supply is not None
     assert plant.supply.state_of_charge == 0.5
-    plant.advance(standing_targets, 200, _Blind())
+    plant.advance(standing_targets, 200, BlindRecorder())
     assert plant.supply.bus_voltage < float(open_circuit_voltage(Battery(), 0.5))
     assert plant.supply.state_of_charge < 0.5
     winding = plant.supply.winding_temperature
@@ -170,18 +170,10 @@ def standing_targets():
     return np.asarray(ROBOT.default_pose, dtype=float)
 
 
-class _Blind:
-    def sample(self, data, drive, targets):
-        pass
-
-    def watch_step(self, data):
-        pass
-
-
 def test_a_robot_that_stands_heats_its_knees(standing_targets):
     limit = I2tLimit(continuous_current=10.0, time_constant=0.5)
     plant = Plant(ROBOT, PlantOptions(i2t=limit), TrialSettings())
-    plant.advance(standing_targets, 200, _Blind())
+    plant.advance(standing_targets, 200, BlindRecorder())
     level = plant.supply.i2t_level
     assert 0.0 < level[::3].max() < level[2::3].min() <= 1.0
     assert [remark.split()[0] for remark in plant.options.remarks] == ["drives"]

@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from benchmarks.foot_drop import drop_test, expected_drop
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots import (
@@ -14,9 +15,7 @@ from sprintlab.robots import (
     air_drag,
     build_model,
     contact_law,
-    drop_test,
     effective_leg_mass,
-    expected_drop,
     load_robot,
     set_friction,
 )

@@ -6,7 +6,7 @@ import pytest
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
-from sprintlab.robots import ModelOptions, build_model, load_robot, load_robot_file, mirror_joints
+from sprintlab.robots import ModelOptions, build_model, load_robot, load_robot_file
 from sprintlab.robots.loader import robot_table_path
 from sprintlab.robots.table import read_table
 
@@ -24,8 +24,6 @@ def standing() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 def test_the_waist_is_the_last_joint_and_bends_in_the_sagittal_plane() -> None:
     assert WAIST.joint_names == (*BP2.joint_names, "waist") and WAIST.waist == 12 and BP2.waist is None
-    order, signs = mirror_joints(WAIST)
-    assert order[12] == 12 and signs[12] == 1.0
     assert WAIST.leg_joints.tolist() == np.arange(12).reshape(4, 3).tolist()
 
 

@@ -78,6 +78,19 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
     assert generator.random_sample() == np.random.RandomState(3).random_sample()
 
 
+def test_a_setting_that_is_gone_is_read_where_it_did_nothing(tmp_path: Path) -> None:
+    given = state()
+    settings = given["settings"]
+    for value in (False, True):
+        older = UnknownSettings(
+            "sprintlab.training.settings:PpoSettings", {**vars(settings.ppo), "mirror_epochs": value}
+        )
+        write_checkpoint({**given, "ppo": older}, tmp_path / f"{value}.pt")
+    assert read_checkpoint(tmp_path / "False.pt")["ppo"] == settings.ppo
+    with pytest.raises(SprintlabError, match="mirror_epochs"):
+        read_checkpoint(tmp_path / "True.pt")
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_every_flipped_bit_is_noticed(path: Path, seed: int) -> None:
     content = bytearray(path.read_bytes())

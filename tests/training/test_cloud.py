@@ -19,9 +19,10 @@ from sprintlab.motors import torque_limits
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.runs import cloud, run
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.cloud import record_cloud, write_cloud
 from sprintlab.training.runs.run import TrainOptions, train
-from sprintlab.training.runs.runner import Runner, read_checkpoint
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import (
     PpoSettings,
     RandomizationSettings,

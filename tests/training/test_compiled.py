@@ -27,7 +27,7 @@ from sprintlab.training.settings import PpoSettings, SimulationSettings, StrideP
 
 SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=4),
-    ppo=PpoSettings(steps=2, epochs=1, mini_batches=1, hidden=(16, 8), mirror_epochs=True),
+    ppo=PpoSettings(steps=2, epochs=1, mini_batches=1, hidden=(16, 8)),
 )
 
 
@@ -85,7 +85,6 @@ def test_the_losses_are_one_piece_each(learner: EstimatorPpo) -> None:
     traced(learner._note_losses)(parts)
     traced(learner._limit_std)()
     traced(learner._update_normalizers)()
-    traced(learner._reflect_rollout)()
     history = rollout.estimator_batch(0, 4, noise)
     traced(estimator_losses)(learner.actor, history, settings.estimator)
     traced(generalized_advantages)(

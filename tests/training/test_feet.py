@@ -4,14 +4,13 @@ import mujoco_warp
 import numpy as np
 import pytest
 import warp as wp
+from benchmarks.foot_drop import drop_model, expected_drop
 
 from sprintlab.robots import (
     FootContact,
     air_drag,
     contact_law,
-    drop_model,
     drop_outcome,
-    expected_drop,
     load_robot,
 )
 from sprintlab.training.environment.feet import contact_laws

@@ -25,11 +25,11 @@ from sprintlab.commands import CommandGrid, UniformSchedule
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.runs import export
-from sprintlab.training.runs.checkpoint import write_checkpoint
+from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.figures import grid_figure, learning_figures, robot_speeds, speed_figure
 from sprintlab.training.runs.progress import Board, clock, time_to_go
 from sprintlab.training.runs.run import TrainOptions, train
-from sprintlab.training.runs.runner import Runner, read_checkpoint
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 TINY = TrainingSettings(

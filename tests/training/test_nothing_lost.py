@@ -26,9 +26,10 @@ from sprintlab.cli.main import main
 from sprintlab.cli.train import parse_training
 from sprintlab.core import files
 from sprintlab.core.errors import SprintlabError
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.guard import exclusive
 from sprintlab.training.runs.run import TrainOptions, train
-from sprintlab.training.runs.runner import Runner, read_checkpoint
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 ITERATIONS = 24

@@ -67,6 +67,18 @@ def test_what_is_written_is_read_back_as_the_same_run(tmp_path: Path, options: T
     assert read_run_file(written(tmp_path, again)).full_settings() == settings
 
 
+def test_a_setting_that_is_gone_may_stand_where_it_did_nothing(tmp_path: Path) -> None:
+    """The study's runs name it, and their policies' hash counts it."""
+    runs = sorted((Path(__file__).parents[2] / "studies" / "paper" / "results").glob("*/seed-*/run.toml"))
+    for path in runs:
+        text = path.read_text(encoding="utf-8")
+        assert "mirror_epochs = false" in text
+        assert read_run_file(path).full_settings().digest() in text
+    assert len(runs) == 10
+    with pytest.raises(InvalidValueError, match=r"ppo\.mirror_epochs = True"):
+        read_run_file(written_text(tmp_path, "[ppo]\nmirror_epochs = true\n"))
+
+
 def test_what_is_typed_beside_a_file_wins_and_the_names_are_the_same(tmp_path: Path) -> None:
     text = 'method = "baseline"\nseed = 4\nrobot = "go1"\n[ppo]\nsteps = 16\nlearning_rate = 1\n'
     path = written_text(tmp_path, text)

@@ -20,11 +20,11 @@ from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import write_checkpoint
+from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runs.run_file import read_run_file
-from sprintlab.training.runs.runner import Runner, read_checkpoint
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, RewardWeight, SimulationSettings, TrainingSettings
 
 SETTINGS = TrainingSettings(

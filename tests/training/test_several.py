@@ -24,8 +24,9 @@ from torch.distributed import run as torchrun
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.run import TrainOptions, open_run, train
-from sprintlab.training.runs.runner import Runner, read_checkpoint
+from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, TrainingSettings
 
 PROGRAM = """

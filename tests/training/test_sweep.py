@@ -142,7 +142,7 @@ def test_what_does_not_fit_a_setting_that_is_none_is_refused(name: str, value: A
     "overrides",
     [
         {},
-        {"ppo.calm_iterations": [100, 200], "heading_hold": False, "ppo.mirror_epochs": True},
+        {"ppo.calm_iterations": [100, 200], "heading_hold": False},
         {"ppo.calm_iterations": None},
         {"simulation.battery": {}, "ppo.epochs": 2},
         {"simulation.battery.capacity": 9.0, "simulation.heat": {"ambient_temperature": 30.0}},

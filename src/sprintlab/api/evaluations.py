@@ -197,6 +197,7 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     from sprintlab.evaluation.quantities import json_ready
 
     best, fastest = result.best, result.fastest
+    mean = (lambda name: None) if best is None else best.mean
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
     clean = [rows[speed.top_speed] for speed in result.passed if rows[speed.top_speed]["audit_passed"]]
     return json_ready(
@@ -204,9 +205,9 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "max_velocity_m_s": result.max_velocity,
             "peak_speed_m_s": result.peak_speed,
             "J_rad2_s": result.angular_cost,
-            "J_per_second_rad2_s2": None if best is None else best.mean("angular_cost_rate"),
-            "hold_acceleration_m_s2": None if best is None else best.mean("hold_acceleration"),
-            "over_speed_share": None if best is None else best.mean("over_speed_share"),
+            "J_per_second_rad2_s2": mean("angular_cost_rate"),
+            "hold_acceleration_m_s2": mean("hold_acceleration"),
+            "over_speed_share": mean("over_speed_share"),
             "J_common_rad2_s": result.angular_cost_common,
             "common_speed_m_s": None if result.common is None else result.common.top_speed,
             "top_speed_command_m_s": None if best is None else best.top_speed,
@@ -216,10 +217,10 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
             "fastest": None if fastest is None else rows[fastest.top_speed],
             "fastest_with_audit_passed": max(clean, key=lambda row: row["held_speed_m_s"], default=None),
             "estimate": [] if best is None else [asdict(band) for band in best_estimates(best)],
-            "cost_of_transport": None if best is None else best.mean("cost_of_transport"),
-            "stride_frequency_Hz": None if best is None else best.mean("stride_frequency"),
-            "stance_s": None if best is None else best.mean("stance_time"),
-            "duty": None if best is None else best.mean("mean_duty"),
+            "cost_of_transport": mean("cost_of_transport"),
+            "stride_frequency_Hz": mean("stride_frequency"),
+            "stance_s": mean("stance_time"),
+            "duty": mean("mean_duty"),
             "speeds": list(rows.values()),
         }
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +100,8 @@ def chosen_motor(
     else:
         motor, gear, voltage, name, joints = _from_robot(source, joint)
     voltage = bus_voltage or voltage
-    gear = _replaced_gear(gear, gear_ratio, gear_efficiency)
+    given = {"ratio": gear_ratio, "efficiency": gear_efficiency}
+    gear = replace(gear, **{name: value for name, value in given.items() if value is not None})
     geared = f", gear {gear.ratio:g}" if gear.ratio != 1.0 else ""
     return ChosenMotor(
         drive=JointDrive(motor=motor, gear=gear, bus_voltage=voltage),
@@ -111,14 +112,14 @@ def chosen_motor(
 
 def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
     from sprintlab.core.reading import read_toml
-    from sprintlab.motors import Gear, load_motor
+    from sprintlab.motors import Gear, load_motor, single
 
     if "datasheet" in read_toml(source, what="motor file"):
         return _from_datasheet(source)
     motor = load_motor(source)
     if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
         raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
-    return _single(motor, 0), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
+    return single(motor), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
 
 
 def _from_datasheet(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
@@ -139,7 +140,7 @@ def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
 
 
 def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
-    from sprintlab.motors import library_motors
+    from sprintlab.motors import library_motors, single
     from sprintlab.robots import joint_kind, load_robot, robot_names
 
     if source not in robot_names() and not {"/", "\\"} & set(source):
@@ -151,24 +152,5 @@ def _from_robot(source: str, joint: str) -> tuple[Any, Any, float, str, tuple[in
         kinds = dict.fromkeys(map(joint_kind, robot.joint_names))
         raise InvalidValueError("joint", joint, "choose one of " + ", ".join([*kinds, *robot.joint_names]))
     first = chosen[0]
-    motor, gear = _single(robot.motors, first), _single(robot.gear, first)
+    motor, gear = single(robot.motors, first), single(robot.gear, first)
     return motor, gear, float(robot.bus_voltage), f"{source} {joint} motor", tuple(chosen)
-
-
-def _single(table: Any, index: int) -> Any:
-    """The element at ``index`` of a dataclass of arrays, with one plain number a field."""
-    import numpy as np
-
-    columns = {item.name: np.atleast_1d(getattr(table, item.name)) for item in fields(table)}
-    return type(table)(
-        **{name: float(column[min(index, len(column) - 1)]) for name, column in columns.items()}
-    )
-
-
-def _replaced_gear(gear: Any, ratio: float | None, efficiency: float | None) -> Any:
-    from sprintlab.motors import Gear
-
-    return Gear(
-        ratio=gear.ratio if ratio is None else ratio,
-        efficiency=gear.efficiency if efficiency is None else efficiency,
-    )

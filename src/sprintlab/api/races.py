@@ -192,7 +192,7 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     from sprintlab.api.replay import write_race_replay
     from sprintlab.evaluation.race_files import write_race
 
-    files = write_race(
+    video_message = write_race(
         target,
         found.result,
         found.policy,
@@ -203,7 +203,7 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     )
     progress("writing the replay")
     write_race_replay(target, found.robot)
-    return replace(found, folder=target, video_message=files.video_message)
+    return replace(found, folder=target, video_message=video_message)
 
 
 def command_line() -> str:

@@ -1,58 +1,38 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
-from sprintlab.commands.clock import command_start, race_clock
-from sprintlab.commands.comparators import CurriculumSchedule, RampedSchedule
-from sprintlab.commands.curricula import BoxGrid, Curriculum, PredictionGrid, ProgressGrid
-from sprintlab.commands.grid import CommandGrid, GridBins, TargetOutcome
-from sprintlab.commands.growth import RangeGrowth, StageBlend, fastest_speed, ranked_speeds
-from sprintlab.commands.heading import heading_angle, heading_command, wrap_angle
-from sprintlab.commands.profiles import Phase, SpeedProfile, SprintProfile, self_paced
-from sprintlab.commands.schedules import (
-    AdaptiveSchedule,
-    FixedAccelerationSchedule,
-    Schedule,
-    TargetSampling,
-    UniformSchedule,
-    check_schedule,
-)
-from sprintlab.commands.state import CommandState, initial_state, limit_yaw_rate
-from sprintlab.commands.track import KERB_DISTANCE, LANE_WIDTH, PathPoint, Track, path_yaw_rate
-
-__all__ = [
-    "KERB_DISTANCE",
-    "LANE_WIDTH",
-    "AdaptiveSchedule",
-    "BoxGrid",
-    "CommandGrid",
-    "CommandState",
-    "Curriculum",
-    "CurriculumSchedule",
-    "FixedAccelerationSchedule",
-    "GridBins",
-    "PathPoint",
-    "Phase",
-    "PredictionGrid",
-    "ProgressGrid",
-    "RampedSchedule",
-    "RangeGrowth",
-    "Schedule",
-    "SpeedProfile",
-    "SprintProfile",
-    "StageBlend",
-    "TargetOutcome",
-    "TargetSampling",
-    "Track",
-    "UniformSchedule",
-    "check_schedule",
-    "command_start",
-    "fastest_speed",
-    "heading_angle",
-    "heading_command",
-    "initial_state",
-    "limit_yaw_rate",
-    "path_yaw_rate",
-    "race_clock",
-    "ranked_speeds",
-    "self_paced",
-    "wrap_angle",
-]
+from sprintlab.commands.clock import command_start as command_start
+from sprintlab.commands.clock import race_clock as race_clock
+from sprintlab.commands.comparators import CurriculumSchedule as CurriculumSchedule
+from sprintlab.commands.comparators import RampedSchedule as RampedSchedule
+from sprintlab.commands.curricula import BoxGrid as BoxGrid
+from sprintlab.commands.curricula import Curriculum as Curriculum
+from sprintlab.commands.curricula import PredictionGrid as PredictionGrid
+from sprintlab.commands.curricula import ProgressGrid as ProgressGrid
+from sprintlab.commands.grid import CommandGrid as CommandGrid
+from sprintlab.commands.grid import GridBins as GridBins
+from sprintlab.commands.grid import TargetOutcome as TargetOutcome
+from sprintlab.commands.growth import RangeGrowth as RangeGrowth
+from sprintlab.commands.growth import StageBlend as StageBlend
+from sprintlab.commands.growth import fastest_speed as fastest_speed
+from sprintlab.commands.growth import ranked_speeds as ranked_speeds
+from sprintlab.commands.heading import heading_angle as heading_angle
+from sprintlab.commands.heading import heading_command as heading_command
+from sprintlab.commands.heading import wrap_angle as wrap_angle
+from sprintlab.commands.profiles import Phase as Phase
+from sprintlab.commands.profiles import SpeedProfile as SpeedProfile
+from sprintlab.commands.profiles import SprintProfile as SprintProfile
+from sprintlab.commands.profiles import self_paced as self_paced
+from sprintlab.commands.schedules import AdaptiveSchedule as AdaptiveSchedule
+from sprintlab.commands.schedules import FixedAccelerationSchedule as FixedAccelerationSchedule
+from sprintlab.commands.schedules import Schedule as Schedule
+from sprintlab.commands.schedules import TargetSampling as TargetSampling
+from sprintlab.commands.schedules import UniformSchedule as UniformSchedule
+from sprintlab.commands.schedules import check_schedule as check_schedule
+from sprintlab.commands.state import CommandState as CommandState
+from sprintlab.commands.state import initial_state as initial_state
+from sprintlab.commands.state import limit_yaw_rate as limit_yaw_rate
+from sprintlab.commands.track import KERB_DISTANCE as KERB_DISTANCE
+from sprintlab.commands.track import LANE_WIDTH as LANE_WIDTH
+from sprintlab.commands.track import PathPoint as PathPoint
+from sprintlab.commands.track import Track as Track
+from sprintlab.commands.track import path_yaw_rate as path_yaw_rate

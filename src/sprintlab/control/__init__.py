@@ -1,84 +1,40 @@
 """What stands between a policy and the joints: observation, filters, action mapping, policy contract."""
 
-from sprintlab.control.action import joint_targets, pd_torque
-from sprintlab.control.contract import (
-    CONTRACT_KEY,
-    ESTIMATE_TERMS,
-    MOTOR_RATE_HZ,
-    POLICY_RATE_HZ,
-    EstimateTerm,
-    PolicyContract,
-    TrainingRecord,
-    check_contract,
-    decode_contract,
-    encode_contract,
-    make_contract,
-)
-from sprintlab.control.filters import LowPass, low_pass, low_pass_coefficient
-from sprintlab.control.observation import (
-    MEASURED_TERMS,
-    OBSERVATION_TERMS,
-    Observation,
-    ObservationLayout,
-    ObservationTerm,
-    Proprioception,
-    fill_history,
-    join_proprioception,
-    network_input,
-    observation_frame,
-    projected_gravity,
-    push_history,
-    split_proprioception,
-    update_history,
-)
-from sprintlab.control.policy import (
-    ESTIMATE_SIZE,
-    Decision,
-    Measurement,
-    Policy,
-    PolicyRuntime,
-    load_policy,
-    shipped_policies,
-    shipped_policy,
-)
-
-__all__ = [
-    "CONTRACT_KEY",
-    "ESTIMATE_SIZE",
-    "ESTIMATE_TERMS",
-    "MEASURED_TERMS",
-    "MOTOR_RATE_HZ",
-    "OBSERVATION_TERMS",
-    "POLICY_RATE_HZ",
-    "Decision",
-    "EstimateTerm",
-    "LowPass",
-    "Measurement",
-    "Observation",
-    "ObservationLayout",
-    "ObservationTerm",
-    "Policy",
-    "PolicyContract",
-    "PolicyRuntime",
-    "Proprioception",
-    "TrainingRecord",
-    "check_contract",
-    "decode_contract",
-    "encode_contract",
-    "fill_history",
-    "join_proprioception",
-    "joint_targets",
-    "load_policy",
-    "low_pass",
-    "low_pass_coefficient",
-    "make_contract",
-    "network_input",
-    "observation_frame",
-    "pd_torque",
-    "projected_gravity",
-    "push_history",
-    "shipped_policies",
-    "shipped_policy",
-    "split_proprioception",
-    "update_history",
-]
+from sprintlab.control.action import joint_targets as joint_targets
+from sprintlab.control.action import pd_torque as pd_torque
+from sprintlab.control.contract import CONTRACT_KEY as CONTRACT_KEY
+from sprintlab.control.contract import ESTIMATE_TERMS as ESTIMATE_TERMS
+from sprintlab.control.contract import MOTOR_RATE_HZ as MOTOR_RATE_HZ
+from sprintlab.control.contract import POLICY_RATE_HZ as POLICY_RATE_HZ
+from sprintlab.control.contract import EstimateTerm as EstimateTerm
+from sprintlab.control.contract import PolicyContract as PolicyContract
+from sprintlab.control.contract import TrainingRecord as TrainingRecord
+from sprintlab.control.contract import check_contract as check_contract
+from sprintlab.control.contract import decode_contract as decode_contract
+from sprintlab.control.contract import encode_contract as encode_contract
+from sprintlab.control.contract import make_contract as make_contract
+from sprintlab.control.filters import LowPass as LowPass
+from sprintlab.control.filters import low_pass as low_pass
+from sprintlab.control.filters import low_pass_coefficient as low_pass_coefficient
+from sprintlab.control.observation import MEASURED_TERMS as MEASURED_TERMS
+from sprintlab.control.observation import OBSERVATION_TERMS as OBSERVATION_TERMS
+from sprintlab.control.observation import Observation as Observation
+from sprintlab.control.observation import ObservationLayout as ObservationLayout
+from sprintlab.control.observation import ObservationTerm as ObservationTerm
+from sprintlab.control.observation import Proprioception as Proprioception
+from sprintlab.control.observation import fill_history as fill_history
+from sprintlab.control.observation import join_proprioception as join_proprioception
+from sprintlab.control.observation import network_input as network_input
+from sprintlab.control.observation import observation_frame as observation_frame
+from sprintlab.control.observation import projected_gravity as projected_gravity
+from sprintlab.control.observation import push_history as push_history
+from sprintlab.control.observation import split_proprioception as split_proprioception
+from sprintlab.control.observation import update_history as update_history
+from sprintlab.control.policy import ESTIMATE_SIZE as ESTIMATE_SIZE
+from sprintlab.control.policy import Decision as Decision
+from sprintlab.control.policy import Measurement as Measurement
+from sprintlab.control.policy import Policy as Policy
+from sprintlab.control.policy import PolicyRuntime as PolicyRuntime
+from sprintlab.control.policy import load_policy as load_policy
+from sprintlab.control.policy import shipped_policies as shipped_policies
+from sprintlab.control.policy import shipped_policy as shipped_policy

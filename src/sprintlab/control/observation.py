@@ -13,11 +13,10 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
 _LARGEST_SCALE = 1e6  # what a sensor can show stays finite in 32 bits
-_VECTOR, _ROTATION = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
 
 
 class TermSpecification(NamedTuple):
-    """One term of the observation: contract, buffers, networks, mirror and draws derive from it."""
+    """One term of the observation: contract, buffers, networks and draws derive from it."""
 
     name: str
     """As in the contract, and as the argument of ``observation_frame``."""
@@ -25,17 +24,15 @@ class TermSpecification(NamedTuple):
     """Numbers; ``None``: one per joint."""
     noise: str | None
     """Amplitude in the training's randomization; ``None``: not measured, so neither noisy nor filtered."""
-    mirror: tuple[float, ...] | None
-    """Signs when left and right are exchanged; ``None``: joints change places, with the robot's signs."""
 
 
 OBSERVATION_TERMS = (
-    TermSpecification("angular_velocity", 3, "angular_velocity_noise", _ROTATION),
-    TermSpecification("projected_gravity", 3, "gravity_noise", _VECTOR),
-    TermSpecification("command", 3, None, (1.0, -1.0, -1.0)),
-    TermSpecification("joint_position", None, "joint_position_noise", None),
-    TermSpecification("joint_velocity", None, "joint_velocity_noise", None),
-    TermSpecification("previous_action", None, None, None),
+    TermSpecification("angular_velocity", 3, "angular_velocity_noise"),
+    TermSpecification("projected_gravity", 3, "gravity_noise"),
+    TermSpecification("command", 3, None),
+    TermSpecification("joint_position", None, "joint_position_noise"),
+    TermSpecification("joint_velocity", None, "joint_velocity_noise"),
+    TermSpecification("previous_action", None, None),
 )
 """The observation, in the order of the frame. Command: forward, sideways speed, yaw rate."""
 MEASURED_TERMS = tuple(term for term in OBSERVATION_TERMS if term.noise is not None)

@@ -1,4 +1,4 @@
-"""Less to draw of long records, with nothing lost that a picture can show.
+"""Less to draw of long records, with nothing lost that a picture can show, and curves without their noise.
 
 Short records stay as they are: the pictures of a race do not change.
 """
@@ -73,3 +73,10 @@ def _places(values: Array, count: int) -> Array:
     """In which of so many equal parts of their range values are."""
     low, high = values.min(), values.max()
     return np.minimum((values - low) * (count / max(high - low, 1e-12)), count - 1).astype(np.intp)
+
+
+def moving_average(values: Array, time: Array, window: float) -> Array:
+    """Centred moving average that keeps the length; the ends average over what is there."""
+    width = max(1, min(len(values), round(window / float(time[1] - time[0]))))
+    kernel = np.ones(width)
+    return np.convolve(values, kernel, "same") / np.convolve(np.ones(len(values)), kernel, "same")

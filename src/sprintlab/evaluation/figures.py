@@ -25,9 +25,9 @@ from sprintlab.core.theme import (
     style_axis,
     themed_figure,
 )
-from sprintlab.core.thinning import thinned_cloud, thinned_curve
+from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
 from sprintlab.evaluation.metrics import copper_losses
-from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult
+from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
 
@@ -39,21 +39,6 @@ POWER_WINDOW = 0.2  # seconds of the moving average of power, about one stride
 ON_LIMIT_MARGIN = 1e-3  # share of the peak torque within which a sample counts as on the envelope
 
 _SPLIT = 10.0  # [m] way between the times that the figure of a sprint tells
-
-
-def require_finite(trajectory: Trajectory) -> None:
-    """Refuse a trajectory that holds NaN or infinity.
-
-    Raises:
-        SimulationError: names the first array, and the first sample's time where that is known.
-    """
-    for name, values in trajectory.arrays().items():
-        finite = np.isfinite(values)
-        if not finite.all():
-            sample = int(np.argmin(finite.reshape(len(values), -1).all(axis=1)))
-            moment = trajectory.time[sample]
-            when = f"at {moment:.3f} s" if np.isfinite(moment) else f"in sample {sample}"
-            raise SimulationError(f"the trajectory holds a value that is no finite number: {name} {when}")
 
 
 def recorded(trial: TrialResult) -> Trajectory:
@@ -290,38 +275,26 @@ def _sprint_label(sprint: SprintResult) -> str:
 
 
 def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
-    """Speeds ``(n, joints)`` that cover the cloud and the limits of the three models on them."""
-    top = 1.08 * np.maximum(
-        np.abs(speed).max(axis=0), np.asarray(no_load_speed(robot.motors, robot.bus_voltage))
-    )
+    """Speeds ``(n, joints)`` that cover the cloud, and the limits of the three models on them.
+
+    NaN, which is not drawn, where no current fits the voltage.
+    """
+    motors, bus_voltage = robot.motors, robot.bus_voltage
+    top = 1.08 * np.maximum(np.abs(speed).max(axis=0), np.asarray(no_load_speed(motors, bus_voltage)))
     grid = np.linspace(-1.0, 1.0, 401)[:, None] * top
-    return {"speed": grid, **_limits_of_models(robot.motors, grid, robot.bus_voltage)}
-
-
-def _limits_of_models(motor: Any, speed: Array, bus_voltage: float) -> dict[str, Any]:
-    """Lower and upper limit of each model; NaN, which is not drawn, where no current fits the voltage."""
-    curves: dict[str, Any] = {}
-    beyond = np.asarray(voltage_infeasible(motor, speed, bus_voltage))
+    curves: dict[str, Any] = {"speed": grid}
     for model in ("refined", "simplified-dc", "square"):
-        hidden = beyond if model == "refined" else np.zeros_like(beyond)
-        limits = torque_limits(motor, speed, bus_voltage, model=model)
-        curves[model] = tuple(np.where(hidden, np.nan, np.asarray(limit)) for limit in limits)
+        curves[model] = np.array(torque_limits(motors, grid, bus_voltage, model=model))
+    curves["refined"][:, np.asarray(voltage_infeasible(motors, grid, bus_voltage))] = np.nan
     return curves
 
 
 def _draw_envelope(axis: Axes, curves: dict[str, Any], joint: int, theme: Theme) -> None:
-    chosen = {
-        model: (curves[model][0][:, joint], curves[model][1][:, joint])
-        for model in ("refined", "simplified-dc", "square")
-    }
-    _draw_limits(axis, curves["speed"][:, joint], chosen, theme)
-
-
-def _draw_limits(axis: Axes, speed: Array, curves: dict[str, Any], theme: Theme) -> None:
+    speed = curves["speed"][:, joint]
     for model, style in (("square", ":"), ("simplified-dc", "--")):
-        for limit in curves[model]:
+        for limit in curves[model][..., joint]:
             axis.plot(speed, limit, color=theme.muted, linewidth=0.9, linestyle=style, zorder=1)
-    lower, upper = curves["refined"]
+    lower, upper = curves["refined"][..., joint]
     axis.fill_between(speed, lower, upper, color=theme.envelope, linewidth=0, zorder=0)
     for limit in (lower, upper):
         axis.plot(speed, limit, color=theme.foreground, linewidth=1.1, zorder=3)
@@ -340,18 +313,14 @@ def _draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: 
         )
 
 
-def _envelope_handles(theme: Theme) -> list[Any]:
-    return [
+def _envelope_legend(figure: Figure, theme: Theme) -> None:
+    handles: list[Any] = [
         Patch(
             facecolor=theme.envelope, edgecolor=theme.foreground, label="refined (d-axis voltage included)"
         ),
         Line2D([], [], color=theme.muted, linestyle="--", label="v_d = 0"),
         Line2D([], [], color=theme.muted, linestyle=":", label="square"),
     ]
-
-
-def _envelope_legend(figure: Figure, theme: Theme) -> None:
-    handles = _envelope_handles(theme)
     for colour, label in ((theme.inside, "inside"), (theme.on_limit, "on the envelope")):
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, linestyle="", label=label))
     figure_legend(figure, theme, handles)
@@ -382,13 +351,6 @@ def _cumulative_cost(trajectory: Trajectory) -> Array:
     squares = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
     steps = 0.5 * (squares[1:] + squares[:-1]) * np.diff(trajectory.time)
     return np.concatenate(([0.0], np.cumsum(steps)))
-
-
-def moving_average(values: Array, time: Array, window: float) -> Array:
-    """Centred moving average that keeps the length; the ends average over what is there."""
-    width = max(1, min(len(values), round(window / float(time[1] - time[0]))))
-    kernel = np.ones(width)
-    return np.convolve(values, kernel, "same") / np.convolve(np.ones_like(values), kernel, "same")
 
 
 def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: Array, theme: Theme) -> None:

@@ -15,11 +15,9 @@ from sprintlab.core.checks import check_range
 from sprintlab.evaluation.metrics import bus_power
 from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import TrialResult
-from sprintlab.evaluation.trial import TrialRequest, run_course
+from sprintlab.evaluation.trial import SprintCourse, TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
-
-_SLOWEST_USEFUL_SHARE = 0.5  # a lap slower than this share of its command is given up
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +71,7 @@ class LapResult:
         )
 
 
-class LapCourse:
+class LapCourse(SprintCourse):
     """Rise and hold until the lap is run, then brake and stand for a second; follows the track.
 
     The distance counts along the track, so cutting a bend gains what it gains in a race: nothing beyond the
@@ -81,31 +79,13 @@ class LapCourse:
     """
 
     def __init__(self, track: Track, top_speed: float) -> None:
-        self.track = track
-        self.profile = SprintProfile(top_speed=top_speed)
-        self.finish_time: float | None = None
-        self._tracker = _Progress(track)
+        profile = SprintProfile(top_speed=top_speed)
+        super().__init__(profile, track.length, rest=profile.stand, slowest_share=0.5)
+        self.track, self._tracker = track, _Progress(track)
 
-    @property
-    def latest_finish(self) -> float:
-        """Who has not run the lap by now has failed [s]."""
-        slowest = self.track.length / (_SLOWEST_USEFUL_SHARE * self.profile.top_speed)
-        return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
-
-    @property
-    def longest(self) -> float:
-        """The run lasts no longer [s]."""
-        return self.profile.end_time(self.latest_finish) + self.profile.stand
-
-    def speed(self, time: float, base: BaseState) -> float | None:
-        """Commanded speed [m/s]; ``None`` at the end. Asked once in every policy step."""
-        progress = self._tracker.advance(base.distance, base.lateral_offset)
-        if self.finish_time is None and progress >= self.track.length:
-            self.finish_time = time
-        end = self.latest_finish
-        if self.finish_time is not None:
-            end = self.profile.end_time(self.finish_time) + self.profile.stand
-        return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
+    def way(self, base: BaseState) -> float:
+        """Along the track [m]."""
+        return self._tracker.advance(base.distance, base.lateral_offset)
 
     def steer(self, base: BaseState, speed: float) -> float:
         """Yaw-rate command [rad/s] along the track."""

@@ -171,7 +171,7 @@ class TrialPool:
         """
         results: list[TrialResult] = []
         falls = 0
-        with closing(self._run(requests)) as finished:
+        with closing(self.stream(requests)) as finished:
             for result in finished:
                 results.append(result.trial if isinstance(result, SprintResult) else result)
                 falls += not results[-1].completed
@@ -185,7 +185,7 @@ class TrialPool:
         Raises:
             SimulationError: a trial left the realm of finite numbers, or a worker process died.
         """
-        return list(self._run(requests))
+        return list(self.stream(requests))
 
     def map(self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]) -> Iterator[R]:
         """Results of ``work(policy, robot, item)`` in the order of the items, each as soon as it is there.
@@ -202,9 +202,6 @@ class TrialPool:
 
     def stream(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
         """As ``run``, each result as soon as it and those before it are there."""
-        yield from self._run(requests)
-
-    def _run(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
         assert self._processes is not None
         yield from self._processes.run(self._file, self.robot, requests)
 

@@ -6,7 +6,6 @@ import hashlib
 import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from sprintlab.core.files import (
 )
 from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.report import Picture, make_pictures, render_report, representative
-from sprintlab.evaluation.results import RaceResult, Trajectory, TrialResult
+from sprintlab.evaluation.results import RaceResult, Trajectory
 from sprintlab.evaluation.video import render_video
 from sprintlab.robots import RobotDescription, load_robot
 
@@ -32,21 +31,6 @@ Progress = Callable[[str], None]
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 VIDEO_LEFT_OUT = "no video: it was not asked for"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RaceFiles:
-    """What a race left behind.
-
-    Attributes:
-        folder: the result folder.
-        result: the numbers.
-        video_message: one line that says why there is no video; empty when there is one.
-    """
-
-    folder: Path
-    result: RaceResult
-    video_message: str
 
 
 def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
@@ -66,8 +50,8 @@ def write_race(
     video: bool = True,
     command_line: str = "",
     progress: Progress = lambda _: None,
-) -> RaceFiles:
-    """Write the report of a race.
+) -> str:
+    """Write the report of a race; returns one line that says why it has no video, empty where it has one.
 
     Args:
         target: where to write, kept free by ``reserved_directory``.
@@ -83,8 +67,7 @@ def write_race(
     """
     facts = race_facts(policy, load_policy(policy).contract, command_line)
     with atomic_directory(target) as temporary:
-        message = _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
-    return RaceFiles(folder=target, result=result, video_message=message)
+        return _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
 
 
 def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dict[str, str]:
@@ -127,20 +110,17 @@ def _fill(
     progress: Progress,
 ) -> str:
     """Write everything into the folder; return why there is no video, or an empty string."""
-    sprint = result.sprint.trial
-    save_trajectory(folder / "trajectory.npz", recorded(sprint))
+    sprint, recording = result.sprint.trial, folder / "trajectory.npz"
+    save_trajectory(recording, recorded(sprint))
     with ThreadPoolExecutor(1) as background:
-        rendering = background.submit(_film, folder, sprint, robot_name) if video else None
+        shot = (recording, folder / "sprint.mp4", robot_name, sprint.hold_interval)
+        rendering = background.submit(render_video, *shot) if video else None
         save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
         pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
         progress("rendering the video")
         message = rendering.result() if rendering else VIDEO_LEFT_OUT
     _write_pages(folder, result, robot, pictures, facts, message)
     return message
-
-
-def _film(folder: Path, sprint: TrialResult, robot_name: str) -> str:
-    return render_video(folder / "trajectory.npz", folder / "sprint.mp4", robot_name, sprint.hold_interval)
 
 
 def _write_pages(

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.control import ESTIMATE_SIZE
-from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.geometry import leg_distance
-from sprintlab.evaluation.results import Trajectory
+from sprintlab.evaluation.results import Trajectory, require_finite
 from sprintlab.motors import DriveOutput
 from sprintlab.plant import RoughGround, SupplyState, foot_table
 from sprintlab.robots import RobotDescription
@@ -161,7 +160,7 @@ class Recorder:
         """
         raw = {name: values[: self._count] for name, values in self._raw.items()}
         trajectory = Trajectory(**_copied(raw), **self._base(raw), **self._joints(raw), **self._contacts(raw))
-        check_trajectory(trajectory)
+        require_finite(trajectory)
         return trajectory
 
     def _joints(self, raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
@@ -262,16 +261,3 @@ def _lowest_point_velocity(raw: dict[str, FloatArray], radius: float) -> FloatAr
     lever = point - raw["center_of_mass"][:, None, :]
     rotation, translation = raw["shank_velocity"][..., :3], raw["shank_velocity"][..., 3:]
     return translation + np.cross(rotation, lever)
-
-
-def check_trajectory(trajectory: Trajectory) -> None:
-    """Refuse a trajectory that holds values that are not finite.
-
-    Raises:
-        SimulationError: names the array and the time of the first such value.
-    """
-    for name, values in trajectory.arrays().items():
-        bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-        if bad.any():
-            moment = trajectory.time[int(bad.argmax())]
-            raise SimulationError(f"the trajectory's {name} is not finite from {moment:.3f} s on")

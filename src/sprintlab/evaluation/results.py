@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.quantities import json_ready, quantity_numbers
 from sprintlab.plant import TrialSettings
 
@@ -105,6 +106,21 @@ class Trajectory:
         """Every array that there is by its name, for ``numpy.savez_compressed``."""
         named = {item.name: getattr(self, item.name) for item in fields(self)}
         return {name: values for name, values in named.items() if values is not None}
+
+
+def require_finite(trajectory: Trajectory) -> None:
+    """Refuse a trajectory that holds NaN or infinity.
+
+    Raises:
+        SimulationError: names the first array, and the first sample's time where that is known.
+    """
+    for name, values in trajectory.arrays().items():
+        finite = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        if not finite.all():
+            sample = int(np.argmin(finite))
+            moment = trajectory.time[sample]
+            when = f"at {moment:.3f} s" if np.isfinite(moment) else f"in sample {sample}"
+            raise SimulationError(f"the trajectory holds a value that is no finite number: {name} {when}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,7 +355,8 @@ class SpeedResult:
             A float, or an array ``(joints,)`` or ``(legs,)`` for the per-joint and per-foot fields.
         """
         values = np.array([getattr(trial.metrics, name) for trial in self.completed], dtype=float)
-        return float("nan") if values.size == 0 else _scalar(values.mean(axis=0))
+        mean = values.mean(axis=0) if values.size else math.nan
+        return float(mean) if np.ndim(mean) == 0 else mean
 
     @property
     def held_steady(self) -> bool | None:
@@ -576,8 +593,3 @@ def _step_summary(check: StepSizeCheck) -> dict[str, Any]:
         "coarse_completed": check.coarse.completed,
         "fine_completed": check.fine.completed,
     }
-
-
-def _scalar(value: Any) -> Any:
-    """A 0-d array as a float, anything else as it is."""
-    return float(value) if np.ndim(value) == 0 else value

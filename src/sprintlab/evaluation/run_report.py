@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sprintlab.control import Policy
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
-from sprintlab.core.thinning import thinned_curve
+from sprintlab.core.thinning import moving_average, thinned_curve
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import QUANTITIES, json_ready, number, quantity_numbers
@@ -112,7 +112,7 @@ def simulate_commands(
 
 def sampled_speed(trajectory: Trajectory, time: FloatArray) -> FloatArray:
     """Forward speed of a trajectory at given times, mean of 0.1 s as a receiver sees it [m/s]."""
-    smooth = figures.moving_average(trajectory.velocity[:, 0], trajectory.time, 0.1)
+    smooth = moving_average(trajectory.velocity[:, 0], trajectory.time, 0.1)
     return np.interp(time, trajectory.time, smooth)
 
 
@@ -124,7 +124,7 @@ def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Them
     speed.plot(*command, color=theme.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
-        smooth = figures.moving_average(motion.velocity[:, 0], motion.time, 0.1)
+        smooth = moving_average(motion.velocity[:, 0], motion.time, 0.1)
         simulated = thinned_curve(motion.time, smooth)
         speed.plot(*simulated, color=theme.second, linewidth=1.4, label="simulation, 0.1 s mean")
         simulated = thinned_curve(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0])

@@ -28,9 +28,6 @@ from sprintlab.evaluation.results import (
 from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
-_REST = 2.0  # after a sprint the command stays zero for so long, the last second of which tells a stop [s]
-_SLOWEST_USEFUL_SHARE = 0.25  # a sprint slower than this share of its command is given up
-
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRequest:
@@ -105,29 +102,45 @@ class _ProfileCourse:
 
 
 @dataclass
-class _SprintCourse:
-    """Rise and hold until the distance is run, then brake and stand for 2 s."""
+class SprintCourse:
+    """Rise and hold until the distance is run, then brake and stand.
+
+    Attributes:
+        profile: of the command.
+        distance: to run [m].
+        rest: the command stays zero for so long; its last second tells a stop [s].
+        slowest_share: who is slower than this share of the command is given up.
+        finish_time: when the distance was run [s].
+    """
 
     profile: SprintProfile
     distance: float
+    rest: float = 2.0
+    slowest_share: float = 0.25
     finish_time: float | None = None
 
     @property
     def latest_finish(self) -> float:
         """Who has not run the distance by now has failed [s]."""
-        slowest = self.distance / (_SLOWEST_USEFUL_SHARE * self.profile.top_speed)
+        slowest = self.distance / (self.slowest_share * self.profile.top_speed)
         return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
 
     @property
     def longest(self) -> float:
-        return self.profile.end_time(self.latest_finish) + _REST
+        """The run lasts no longer [s]."""
+        return self.profile.end_time(self.latest_finish) + self.rest
+
+    def way(self, base: BaseState) -> float:
+        """How much of the distance is run [m]; asked once in every policy step."""
+        return base.distance
 
     def speed(self, time: float, base: BaseState) -> float | None:
-        if self.finish_time is None and base.distance >= self.distance:
+        """Commanded speed [m/s]; ``None`` at the end. Asked once in every policy step."""
+        way, end = self.way(base), self.latest_finish
+        if self.finish_time is None and way >= self.distance:
             self.finish_time = time
-        end = self.latest_finish
         if self.finish_time is not None:
-            end = self.profile.end_time(self.finish_time) + _REST
+            end = self.profile.end_time(self.finish_time) + self.rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
 
 
@@ -165,7 +178,7 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     """
     distance = request.distance or 100.0
     profile = SprintProfile(top_speed=request.top_speed)
-    run = _simulate(policy, robot, request, _SprintCourse(profile, distance))
+    run = _simulate(policy, robot, request, SprintCourse(profile, distance))
     start, finish = _start_and_finish(run.trajectory, distance)
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(run.trajectory.time[-1])

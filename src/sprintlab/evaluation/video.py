@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sprintlab.commands import race_clock
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
+from sprintlab.core.thinning import moving_average
 
 Array = NDArray[Any]
 
@@ -219,9 +220,9 @@ class _Scene:
         self.time, self.qpos = trajectory["time"], trajectory["qpos"]
         self.finish = min(int(np.searchsorted(self.time, hold[1])), len(self.time) - 1)
         self.clock = race_clock(self.time, trajectory["command"], hold[1])
-        step = float(self.time[1] - self.time[0])
-        self.speed = _smooth(trajectory["velocity"][:, 0], HUD_SPEED_WINDOW / step)
-        self.centre = np.stack([_smooth(self.qpos[:, i], CAMERA_SMOOTHING / step) for i in range(3)], axis=1)
+        self.speed = moving_average(trajectory["velocity"][:, 0], self.time, HUD_SPEED_WINDOW)
+        base = self.qpos[:, :3].T
+        self.centre = np.stack([moving_average(way, self.time, CAMERA_SMOOTHING) for way in base], axis=1)
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self.camera.distance, self.camera.elevation = 2.5, -12.0
@@ -293,12 +294,6 @@ def _fonts(height: int) -> tuple[Any, Any]:
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     large = ImageFont.truetype(str(folder / "DejaVuSans-Bold.ttf"), height // 13)
     return large, ImageFont.truetype(str(folder / "DejaVuSans.ttf"), height // 22)
-
-
-def _smooth(values: Array, width: float) -> Array:
-    """Centred moving average over ``width`` samples; the ends average over what is there."""
-    kernel = np.ones(max(1, min(len(values), round(width))))
-    return np.convolve(values, kernel, "same") / np.convolve(np.ones(len(values)), kernel, "same")
 
 
 def _main() -> None:

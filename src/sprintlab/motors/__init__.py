@@ -1,119 +1,63 @@
 """Permanent-magnet motors: what torque they can give at which speed, from their parameters alone."""
 
-from sprintlab.motors.actuator_library import LibraryMotor, LibraryValue, library_motors, load_library_motor
-from sprintlab.motors.arrays import Array
-from sprintlab.motors.battery import (
-    Battery,
-    battery_current,
-    discharged,
-    loaded_voltage,
-    open_circuit_voltage,
-    shared_bus_voltage,
-)
-from sprintlab.motors.drive import DriveOutput, drive_torque
-from sprintlab.motors.envelope import (
-    MOTOR_MODELS,
-    MotorModel,
-    critical_speed,
-    no_load_speed,
-    prepared_torque_limits,
-    torque_limits,
-    voltage_infeasible,
-)
-from sprintlab.motors.files import load_motor, save_motor
-from sprintlab.motors.flux_weakening import DqCurrents, dq_currents, mtpv_currents, weakening_current
-from sprintlab.motors.gear import (
-    TURNING_SPEED,
-    Gear,
-    joint_torque,
-    motor_speed,
-    reflected_inertia,
-    shaft_torque,
-)
-from sprintlab.motors.i2t import (
-    I2tLimit,
-    i2t_current,
-    i2t_decay,
-    i2t_drive,
-    i2t_level,
-    i2t_time_constant,
-    squared_current,
-)
-from sprintlab.motors.parameters import MotorValues, PmsmParameters, motor_like, stack_motors
-from sprintlab.motors.power import copper_loss, electrical_power
-from sprintlab.motors.saturation import desaturate, saturate
-from sprintlab.motors.supply_files import SupplyFile, load_supply, save_supply
-from sprintlab.motors.thermal import (
-    COPPER_COEFFICIENT,
-    HousedHeat,
-    WindingHeat,
-    flux_factor,
-    heated_motor,
-    resistance_factor,
-    warmed,
-    warmed_with_housing,
-)
-from sprintlab.motors.voltage import VOLTAGE_UTILIZATION, phase_voltage_limit
-
-__all__ = [
-    "COPPER_COEFFICIENT",
-    "MOTOR_MODELS",
-    "TURNING_SPEED",
-    "VOLTAGE_UTILIZATION",
-    "Array",
-    "Battery",
-    "DqCurrents",
-    "DriveOutput",
-    "Gear",
-    "HousedHeat",
-    "I2tLimit",
-    "LibraryMotor",
-    "LibraryValue",
-    "MotorModel",
-    "MotorValues",
-    "PmsmParameters",
-    "SupplyFile",
-    "WindingHeat",
-    "battery_current",
-    "copper_loss",
-    "critical_speed",
-    "desaturate",
-    "discharged",
-    "dq_currents",
-    "drive_torque",
-    "electrical_power",
-    "flux_factor",
-    "heated_motor",
-    "i2t_current",
-    "i2t_decay",
-    "i2t_drive",
-    "i2t_level",
-    "i2t_time_constant",
-    "joint_torque",
-    "library_motors",
-    "load_library_motor",
-    "load_motor",
-    "load_supply",
-    "loaded_voltage",
-    "motor_like",
-    "motor_speed",
-    "mtpv_currents",
-    "no_load_speed",
-    "open_circuit_voltage",
-    "phase_voltage_limit",
-    "prepared_torque_limits",
-    "reflected_inertia",
-    "resistance_factor",
-    "saturate",
-    "save_motor",
-    "save_supply",
-    "shaft_torque",
-    "shared_bus_voltage",
-    "squared_current",
-    "stack_motors",
-    "torque_limits",
-    "voltage_infeasible",
-    "warmed",
-    "warmed_with_housing",
-    "weakening_current",
-]
+from sprintlab.motors.actuator_library import LibraryMotor as LibraryMotor
+from sprintlab.motors.actuator_library import LibraryValue as LibraryValue
+from sprintlab.motors.actuator_library import library_motors as library_motors
+from sprintlab.motors.actuator_library import load_library_motor as load_library_motor
+from sprintlab.motors.arrays import Array as Array
+from sprintlab.motors.battery import Battery as Battery
+from sprintlab.motors.battery import battery_current as battery_current
+from sprintlab.motors.battery import discharged as discharged
+from sprintlab.motors.battery import loaded_voltage as loaded_voltage
+from sprintlab.motors.battery import open_circuit_voltage as open_circuit_voltage
+from sprintlab.motors.battery import shared_bus_voltage as shared_bus_voltage
+from sprintlab.motors.drive import DriveOutput as DriveOutput
+from sprintlab.motors.drive import drive_torque as drive_torque
+from sprintlab.motors.envelope import MOTOR_MODELS as MOTOR_MODELS
+from sprintlab.motors.envelope import MotorModel as MotorModel
+from sprintlab.motors.envelope import critical_speed as critical_speed
+from sprintlab.motors.envelope import no_load_speed as no_load_speed
+from sprintlab.motors.envelope import prepared_torque_limits as prepared_torque_limits
+from sprintlab.motors.envelope import torque_limits as torque_limits
+from sprintlab.motors.envelope import voltage_infeasible as voltage_infeasible
+from sprintlab.motors.files import load_motor as load_motor
+from sprintlab.motors.files import save_motor as save_motor
+from sprintlab.motors.flux_weakening import DqCurrents as DqCurrents
+from sprintlab.motors.flux_weakening import dq_currents as dq_currents
+from sprintlab.motors.flux_weakening import mtpv_currents as mtpv_currents
+from sprintlab.motors.flux_weakening import weakening_current as weakening_current
+from sprintlab.motors.gear import TURNING_SPEED as TURNING_SPEED
+from sprintlab.motors.gear import Gear as Gear
+from sprintlab.motors.gear import joint_torque as joint_torque
+from sprintlab.motors.gear import motor_speed as motor_speed
+from sprintlab.motors.gear import reflected_inertia as reflected_inertia
+from sprintlab.motors.gear import shaft_torque as shaft_torque
+from sprintlab.motors.i2t import I2tLimit as I2tLimit
+from sprintlab.motors.i2t import i2t_current as i2t_current
+from sprintlab.motors.i2t import i2t_decay as i2t_decay
+from sprintlab.motors.i2t import i2t_drive as i2t_drive
+from sprintlab.motors.i2t import i2t_level as i2t_level
+from sprintlab.motors.i2t import i2t_time_constant as i2t_time_constant
+from sprintlab.motors.i2t import squared_current as squared_current
+from sprintlab.motors.parameters import MotorValues as MotorValues
+from sprintlab.motors.parameters import PmsmParameters as PmsmParameters
+from sprintlab.motors.parameters import motor_like as motor_like
+from sprintlab.motors.parameters import single as single
+from sprintlab.motors.parameters import stack_motors as stack_motors
+from sprintlab.motors.power import copper_loss as copper_loss
+from sprintlab.motors.power import electrical_power as electrical_power
+from sprintlab.motors.saturation import desaturate as desaturate
+from sprintlab.motors.saturation import saturate as saturate
+from sprintlab.motors.supply_files import SupplyFile as SupplyFile
+from sprintlab.motors.supply_files import load_supply as load_supply
+from sprintlab.motors.supply_files import save_supply as save_supply
+from sprintlab.motors.thermal import COPPER_COEFFICIENT as COPPER_COEFFICIENT
+from sprintlab.motors.thermal import HousedHeat as HousedHeat
+from sprintlab.motors.thermal import WindingHeat as WindingHeat
+from sprintlab.motors.thermal import flux_factor as flux_factor
+from sprintlab.motors.thermal import heated_motor as heated_motor
+from sprintlab.motors.thermal import resistance_factor as resistance_factor
+from sprintlab.motors.thermal import warmed as warmed
+from sprintlab.motors.thermal import warmed_with_housing as warmed_with_housing
+from sprintlab.motors.voltage import VOLTAGE_UTILIZATION as VOLTAGE_UTILIZATION
+from sprintlab.motors.voltage import phase_voltage_limit as phase_voltage_limit

@@ -3,14 +3,8 @@
 For a surface machine (L_d = L_q = L) the voltage limit ``v_d^2 + v_q^2 <= V^2`` is a disk in the
 (i_d, i_q) plane, with centre ``c = -w psi / Z^2 (w L, R)``, radius ``V / Z`` and ``Z^2 = R^2 + (w L)^2``;
 the current limit is a disk of radius ``I`` about the origin. The admissible currents are what the two disks
-share, and the torque ``1.5 N psi i_q`` is their height. Highest torque at a speed:
-
-- ``(0, I)``, the top of the current disk, where the voltage allows it: maximum torque per ampere (MTPA);
-- the top of the voltage disk, where the current allows it: maximum torque per volt (MTPV);
-- else the crossing of the two circles with the larger ``i_q``.
-
-Between the limits the drive takes the least current for a torque: ``i_d = 0`` where the voltage allows it,
-else the point of the voltage circle that is nearest to it.
+share, and the torque ``1.5 N psi i_q`` is their height: ``docs/motor-law.md`` says which point gives most.
+Between the limits the drive takes the least current for a torque.
 
 Morimoto, Takeda, Hirasa, Taniguchi, "Expansion of operating limits for permanent magnet motor by current
 vector control considering inverter capacity", IEEE Trans. Ind. Appl. 26(5), 1990; here with the resistance.
@@ -155,15 +149,8 @@ def flux_weakening_critical_speed(motor: PmsmParameters, torque: Array, bus_volt
         Mechanical speed [rad/s], not negative. Infinity for no torque where the current limit reaches the
         point to which the voltage disk shrinks (``I >= psi / L``) and the voltage holds it there.
     """
-    xp, (torque, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
-        torque,
-        motor.pole_pairs,
-        motor.stator_resistance,
-        motor.q_axis_inductance,
-        motor.flux_linkage,
-        motor.peak_torque,
-        phase_voltage_limit(bus_voltage),
-    )
+    xp, (torque, *values) = _with_motor(torque, motor, bus_voltage)
+    pole_pairs, resistance, inductance, flux, peak, voltage = values
     constant = 1.5 * pole_pairs * flux
     quadrature, limit = torque / constant, peak / constant
 
@@ -205,16 +192,15 @@ def _around_highest(
     return xp.maximum(best - step, low), xp.minimum(best + step, high)
 
 
+def _with_motor(value: Array, motor: PmsmParameters, bus_voltage: Array) -> tuple[Any, list[Array]]:
+    """``value``, the motor's numbers but its inertia and saturation, and the voltage limit in one library."""
+    windings = (motor.stator_resistance, motor.q_axis_inductance, motor.flux_linkage, motor.peak_torque)
+    return as_arrays(value, motor.pole_pairs, *windings, phase_voltage_limit(bus_voltage))
+
+
 def _current_plane(motor: PmsmParameters, speed: Array, bus_voltage: Array) -> _CurrentPlane:
-    xp, (speed, pole_pairs, resistance, inductance, flux, peak, voltage) = as_arrays(
-        speed,
-        motor.pole_pairs,
-        motor.stator_resistance,
-        motor.q_axis_inductance,
-        motor.flux_linkage,
-        motor.peak_torque,
-        phase_voltage_limit(bus_voltage),
-    )
+    xp, (speed, *values) = _with_motor(speed, motor, bus_voltage)
+    pole_pairs, resistance, inductance, flux, peak, voltage = values
     constant = 1.5 * pole_pairs * flux
     limit = peak / constant
     electrical_speed = pole_pairs * speed

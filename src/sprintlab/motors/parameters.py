@@ -109,6 +109,14 @@ def stack_motors(motors: Sequence[PmsmParameters]) -> PmsmParameters:
     )
 
 
+def single(parts: Any, index: int = 0) -> Any:
+    """One of several motors or gears side by side: the same class with one number a field."""
+    columns = {item.name: np.atleast_1d(getattr(parts, item.name)) for item in fields(parts)}
+    return type(parts)(
+        **{name: column[min(index, len(column) - 1)].item() for name, column in columns.items()}
+    )
+
+
 def motor_like(motor: PmsmParameters, reference: Array) -> PmsmParameters:
     """The same motor with every field in the library, floating type and device of ``reference``.
 

@@ -1,35 +1,20 @@
 """The simulated robot that evaluation measures and deployment drives: MuJoCo C, true motor limits."""
 
-from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
-from sprintlab.plant.engines import DRAKE_TIMESTEP, check_engine, on_engine, open_plant
-from sprintlab.plant.ground import Ground, RoughGround
-from sprintlab.plant.plant import (
-    ENGINES,
-    BaseState,
-    JointDrive,
-    MotionRecorder,
-    Plant,
-    PlantOptions,
-    foot_table,
-)
-from sprintlab.plant.settings import TrialSettings
-
-__all__ = [
-    "DRAKE_TIMESTEP",
-    "ENGINES",
-    "BaseState",
-    "Ground",
-    "JointDrive",
-    "MotionRecorder",
-    "Plant",
-    "PlantOptions",
-    "PreparedDrive",
-    "RoughGround",
-    "SuppliedDrive",
-    "SupplyState",
-    "TrialSettings",
-    "check_engine",
-    "foot_table",
-    "on_engine",
-    "open_plant",
-]
+from sprintlab.plant.drive import PreparedDrive as PreparedDrive
+from sprintlab.plant.drive import SuppliedDrive as SuppliedDrive
+from sprintlab.plant.drive import SupplyState as SupplyState
+from sprintlab.plant.engines import DRAKE_TIMESTEP as DRAKE_TIMESTEP
+from sprintlab.plant.engines import check_engine as check_engine
+from sprintlab.plant.engines import on_engine as on_engine
+from sprintlab.plant.engines import open_plant as open_plant
+from sprintlab.plant.ground import Ground as Ground
+from sprintlab.plant.ground import RoughGround as RoughGround
+from sprintlab.plant.plant import ENGINES as ENGINES
+from sprintlab.plant.plant import BaseState as BaseState
+from sprintlab.plant.plant import BlindRecorder as BlindRecorder
+from sprintlab.plant.plant import JointDrive as JointDrive
+from sprintlab.plant.plant import MotionRecorder as MotionRecorder
+from sprintlab.plant.plant import Plant as Plant
+from sprintlab.plant.plant import PlantOptions as PlantOptions
+from sprintlab.plant.plant import foot_table as foot_table
+from sprintlab.plant.settings import TrialSettings as TrialSettings

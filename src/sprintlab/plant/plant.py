@@ -189,6 +189,16 @@ class MotionRecorder(Protocol):
         ...
 
 
+class BlindRecorder:
+    """Records nothing."""
+
+    def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
+        """Look away."""
+
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Look away."""
+
+
 class JointDrive(Protocol):
     """Twelve motors: what they give of what is asked for."""
 

@@ -1,81 +1,38 @@
 """Robots: numbers with their sources, and the MuJoCo models compiled from them."""
 
-from sprintlab.robots.air import AIR_DENSITY, DRAG_AREA, DRAG_AREA_BAND, air_drag
-from sprintlab.robots.description import (
-    KneeSpring,
-    Link,
-    Mechanics,
-    RobotDescription,
-    SoftStop,
-    joint_kind,
-    mirror_joints,
-    mirror_legs,
-    neighbouring_legs,
-    robot_fingerprint,
-)
-from sprintlab.robots.foot import (
-    NOMINAL_FOOT,
-    RESTITUTION_BAND,
-    STIFFNESS_BAND,
-    ContactLaw,
-    DropOutcome,
-    FootContact,
-    contact_law,
-    drop_model,
-    drop_outcome,
-    drop_test,
-    effective_leg_mass,
-    expected_drop,
-    friction_ratio,
-    pair_parameters,
-    set_foot_contact,
-    set_friction,
-)
-from sprintlab.robots.loader import load_robot, load_robot_file, parameter_table, robot_names
-from sprintlab.robots.model import ModelOptions, build_model, leg_signs, robot_spec, shank_with_foot
-from sprintlab.robots.stops import soft_stop_torque
-from sprintlab.robots.table import ParameterRow
-
-__all__ = [
-    "AIR_DENSITY",
-    "DRAG_AREA",
-    "DRAG_AREA_BAND",
-    "NOMINAL_FOOT",
-    "RESTITUTION_BAND",
-    "STIFFNESS_BAND",
-    "ContactLaw",
-    "DropOutcome",
-    "FootContact",
-    "KneeSpring",
-    "Link",
-    "Mechanics",
-    "ModelOptions",
-    "ParameterRow",
-    "RobotDescription",
-    "SoftStop",
-    "air_drag",
-    "build_model",
-    "contact_law",
-    "drop_model",
-    "drop_outcome",
-    "drop_test",
-    "effective_leg_mass",
-    "expected_drop",
-    "friction_ratio",
-    "joint_kind",
-    "leg_signs",
-    "load_robot",
-    "load_robot_file",
-    "mirror_joints",
-    "mirror_legs",
-    "neighbouring_legs",
-    "pair_parameters",
-    "parameter_table",
-    "robot_fingerprint",
-    "robot_names",
-    "robot_spec",
-    "set_foot_contact",
-    "set_friction",
-    "shank_with_foot",
-    "soft_stop_torque",
-]
+from sprintlab.robots.air import AIR_DENSITY as AIR_DENSITY
+from sprintlab.robots.air import DRAG_AREA as DRAG_AREA
+from sprintlab.robots.air import DRAG_AREA_BAND as DRAG_AREA_BAND
+from sprintlab.robots.air import air_drag as air_drag
+from sprintlab.robots.description import KneeSpring as KneeSpring
+from sprintlab.robots.description import Link as Link
+from sprintlab.robots.description import Mechanics as Mechanics
+from sprintlab.robots.description import RobotDescription as RobotDescription
+from sprintlab.robots.description import SoftStop as SoftStop
+from sprintlab.robots.description import joint_kind as joint_kind
+from sprintlab.robots.description import neighbouring_legs as neighbouring_legs
+from sprintlab.robots.description import robot_fingerprint as robot_fingerprint
+from sprintlab.robots.foot import NOMINAL_FOOT as NOMINAL_FOOT
+from sprintlab.robots.foot import RESTITUTION_BAND as RESTITUTION_BAND
+from sprintlab.robots.foot import STIFFNESS_BAND as STIFFNESS_BAND
+from sprintlab.robots.foot import ContactLaw as ContactLaw
+from sprintlab.robots.foot import DropOutcome as DropOutcome
+from sprintlab.robots.foot import FootContact as FootContact
+from sprintlab.robots.foot import contact_law as contact_law
+from sprintlab.robots.foot import drop_outcome as drop_outcome
+from sprintlab.robots.foot import effective_leg_mass as effective_leg_mass
+from sprintlab.robots.foot import friction_ratio as friction_ratio
+from sprintlab.robots.foot import pair_parameters as pair_parameters
+from sprintlab.robots.foot import set_foot_contact as set_foot_contact
+from sprintlab.robots.foot import set_friction as set_friction
+from sprintlab.robots.loader import load_robot as load_robot
+from sprintlab.robots.loader import load_robot_file as load_robot_file
+from sprintlab.robots.loader import parameter_table as parameter_table
+from sprintlab.robots.loader import robot_names as robot_names
+from sprintlab.robots.model import ModelOptions as ModelOptions
+from sprintlab.robots.model import build_model as build_model
+from sprintlab.robots.model import leg_signs as leg_signs
+from sprintlab.robots.model import robot_spec as robot_spec
+from sprintlab.robots.model import shank_with_foot as shank_with_foot
+from sprintlab.robots.stops import soft_stop_torque as soft_stop_torque
+from sprintlab.robots.table import ParameterRow as ParameterRow

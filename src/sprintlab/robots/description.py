@@ -284,6 +284,11 @@ class RobotDescription:
         return ("trunk",) if self.waist is None else ("trunk", "rear_trunk")
 
 
+def point_inertia(position: FloatArray) -> FloatArray:
+    """Inertia ``(3, 3)`` of a unit point mass at ``position`` about the origin [m^2]."""
+    return float(position @ position) * np.eye(3) - np.outer(position, position)
+
+
 def joint_kind(name: str) -> str:
     """``abad``, ``hip``, ``knee`` or ``waist``, of a joint's name."""
     return name.rpartition("_")[2]
@@ -298,23 +303,6 @@ def neighbouring_legs(robot: RobotDescription) -> tuple[tuple[int, int], ...]:
         for second, other in legs[first + 1 :]
         if sum(a != b for a, b in zip(one, other, strict=True)) == 1
     )
-
-
-def mirror_legs(robot: RobotDescription) -> tuple[int, ...]:
-    """Index of the leg on the other side, per leg: FL and FR, RL and RR."""
-    other = {"L": "R", "R": "L"}
-    return tuple(robot.leg_names.index(name[:-1] + other[name[-1]]) for name in robot.leg_names)
-
-
-def mirror_joints(robot: RobotDescription) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Joints when left and right are exchanged: whose value each takes ``(joints,)``, and with which sign.
-
-    Abduction turns about x and changes its sign; hip, knee and waist turn about y and keep it.
-    """
-    order = np.arange(len(robot.joint_names))
-    order[robot.leg_joints] = robot.leg_joints[list(mirror_legs(robot))]
-    signs = tuple(-1.0 if joint_kind(name) == "abad" else 1.0 for name in robot.joint_names)
-    return tuple(order.tolist()), signs
 
 
 def robot_fingerprint(robot: RobotDescription) -> str:

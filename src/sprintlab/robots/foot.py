@@ -5,9 +5,7 @@ two numbers are those of a drop test: the leg's effective mass hits the floor wi
 is force over deflection where the deflection is greatest (the dashpot gives nothing there), ``restitution``
 is speed after over speed before.
 
-Why these numbers. Stiffness: a rubber hemisphere of 30 mm radius and a modulus of 1.2 to 5 MPa (Shore A 35 to
-65) pressed with 1 kN, 2.8 body weights of BP2, deflects 7.5 to 19 mm after Hertz: 51 to 133 kN/m.
-Restitution: the square root of the rebound resilience, from 4 % (damping rubber) to 36 % (common compounds).
+The bands are those of rubber pads, after Hertz and from rebound resilience: ``docs/evaluation.md``.
 
 In MuJoCo a contact's stiffness and damping are per unit of the regularization ``R``, which is ``(1 - d) / d``
 times the inverse mass at the foot for an impedance ``d``, and ``1 / R`` acts as a mass that the contact adds
@@ -39,8 +37,6 @@ STIFFNESS_BAND = (40e3, 160e3)
 """Of a foot pad that its maker has not stated [N/m]: the range above, a fifth more to either side."""
 RESTITUTION_BAND = (0.2, 0.6)
 """Restitution of a foot pad that its maker has not stated [-]."""
-DROP_SPEEDS = (2.0, 4.0)
-"""Speeds of the drop test [m/s]."""
 
 _FRICTION_MASS = 10.0  # [kg] added along the ground: much more than a foot's, so that it does not creep
 _FRICTION_RATE = 0.9  # of the slip that a time step may take away; 1 is all of it
@@ -118,24 +114,6 @@ class ContactLaw:
     stiffness: float | FloatArray
     damping: float | FloatArray
     added_mass: float | FloatArray
-
-
-def expected_drop(foot: FootContact, mass: float, speed: float) -> DropOutcome:
-    """The drop test in closed form, for any engine to be held against (no gravity, exact integration).
-
-    Args:
-        foot: the pad.
-        mass: that falls [kg].
-        speed: of the fall [m/s].
-    """
-    ratio, frequency = foot.damping_ratio, math.sqrt(foot.stiffness / mass)
-    root = math.sqrt(1.0 - ratio**2)
-    return DropOutcome(
-        stiffness=foot.stiffness,
-        restitution=foot.restitution,
-        deflection=speed / frequency * math.exp(-ratio / root * math.atan2(root, ratio)),
-        contact_time=_contact_angle(ratio) / (frequency * root),
-    )
 
 
 def drop_outcome(
@@ -224,10 +202,10 @@ def _stepped_drop(law: ContactLaw, mass: float, timestep: float) -> tuple[float,
 
 def _restitution(ratio: float) -> float:
     """Restitution of a spring and dashpot that lets go where its force ends (Schwager and Poeschel 2007)."""
-    return math.exp(-ratio / math.sqrt(1.0 - ratio**2) * _contact_angle(ratio))
+    return math.exp(-ratio / math.sqrt(1.0 - ratio**2) * contact_angle(ratio))
 
 
-def _contact_angle(ratio: float) -> float:
+def contact_angle(ratio: float) -> float:
     """Damped angular frequency times the time until the force ends [rad]."""
     return math.atan2(2.0 * ratio * math.sqrt(1.0 - ratio**2), 2.0 * ratio**2 - 1.0)
 
@@ -323,49 +301,8 @@ def set_friction(model: mujoco.MjModel, friction: float) -> None:
     model.pair_friction[:, :2] = friction
 
 
-def drop_model(foot: FootContact, mass: float, timestep: float) -> mujoco.MjModel:
-    """A ball of ``mass`` [kg] with a foot's contact on a floor, without gravity, radius 0.03 m."""
-    spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.gravity = timestep, (0.0, 0.0, 0.0)
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 0.05))
-    ball = spec.worldbody.add_body(name="ball", pos=(0, 0, 0.03), mass=mass, inertia=(1e-3, 1e-3, 1e-3))
-    ball.explicitinertial, ball.ipos = True, (0.0, 0.0, 0.0)
-    ball.add_freejoint(name="fall")
-    ball.add_geom(name="foot", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.03, 0, 0))
-    add_foot_pair(spec, "foot", 0.8)
-    model = spec.compile()
-    set_foot_contact(model, foot, mass)
-    return model
-
-
 def add_foot_pair(spec: mujoco.MjSpec, foot: str, friction: float) -> None:
     """An explicit pair of ``floor`` and a foot: only pairs have a ``solreffriction`` of their own."""
     pair = spec.add_pair(name=foot, geomname1="floor", geomname2=foot)
     pair.condim = 3
     pair.friction[:2] = friction
-
-
-def drop_test(
-    foot: FootContact, mass: float, speed: float, timestep: float, phase: float = 0.5
-) -> DropOutcome:
-    """Drop ``mass`` on the floor in MuJoCo C, without gravity.
-
-    Args:
-        foot: the pad.
-        mass: [kg].
-        speed: [m/s].
-        timestep: [s].
-        phase: of a time step between start and touchdown, 0 to 1.
-    """
-    model = drop_model(foot, mass, timestep)
-    data = mujoco.MjData(model)
-    data.qpos[2] += phase * timestep * speed
-    data.qvel[2] = -speed
-    contact = expected_drop(foot, mass, speed).contact_time
-    course = []
-    for _ in range(int(3.0 * contact / timestep) + 8):
-        mujoco.mj_forward(model, data)
-        course.append((0.03 - data.qpos[2], data.qvel[2], mass * data.qacc[2]))
-        mujoco.mj_step(model, data)
-    return drop_outcome(timestep, *np.array(course).T)

@@ -124,7 +124,7 @@ def describe_table(table: ParameterTable) -> RobotDescription:
         position_limits=_position_limits(table),
         viscous_friction=_per_joint(table, "viscous_friction"),
         dry_friction=_per_joint(table, "dry_friction"),
-        motors=_motors(table),
+        motors=stack_motors([_motor(table, joint) for joint in _kinds(table)]),
         gear=_gear(table),
         bus_voltage=table.number("body.bus_voltage"),
         soft_stop=SoftStop(**_scalars(table, "soft_stop", ("zone", "stiffness", "damping"))),
@@ -164,10 +164,6 @@ def _position_limits(table: ParameterTable) -> FloatArray:
     return np.array([ranges[joint] for joint in _kinds(table)])
 
 
-def _motors(table: ParameterTable) -> PmsmParameters:
-    return stack_motors([_motor(table, joint) for joint in _kinds(table)])
-
-
 def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
     pole_pairs = table.drive(joint, "pole_pairs")
     number = table.number(pole_pairs)
@@ -185,33 +181,18 @@ def _gear(table: ParameterTable) -> Gear:
     return Gear(ratio=column("gear_ratio"), efficiency=column("gear_efficiency"))
 
 
-def _link(table: ParameterTable, section: str) -> Link:
+def _link(table: ParameterTable, section: str, mass: float | None = None) -> Link:
     return Link(
-        mass=table.number(f"{section}.mass"),
-        center_of_mass=table.vector(f"{section}.center_of_mass"),
+        mass=table.number(f"{section}.mass") if mass is None else mass,
+        center_of_mass=table.optional_vector(f"{section}.center_of_mass") or (0.0, 0.0, 0.0),
         inertia=table.vector(f"{section}.inertia"),
         products_of_inertia=table.optional_vector(f"{section}.products_of_inertia"),
     )
 
 
-def _trunk(table: ParameterTable, mass: float) -> Link:
-    return Link(
-        mass=mass,
-        center_of_mass=table.optional_vector("trunk.center_of_mass") or (0.0, 0.0, 0.0),
-        inertia=table.vector("trunk.inertia"),
-        products_of_inertia=table.optional_vector("trunk.products_of_inertia"),
-    )
-
-
-def _knee_carrier(table: ParameterTable) -> Link | None:
-    if not table.has_knee_spring:
-        return None
-    return Link(mass=table.number("knee_carrier.mass"), inertia=table.vector("knee_carrier.inertia"))
-
-
 def _mechanics(table: ParameterTable) -> Mechanics:
     """The trunk, or its front half, gets the mass that legs and rear half leave of the total."""
-    carrier = _knee_carrier(table)
+    carrier = _link(table, "knee_carrier") if table.has_knee_spring else None
     links = {
         "abad": _link(table, "abad_link"),
         "thigh": _link(table, "thigh"),
@@ -227,7 +208,7 @@ def _mechanics(table: ParameterTable) -> Mechanics:
             "body.total_mass", table.number("body.total_mass"), "must exceed the legs' mass"
         )
     return Mechanics(
-        trunk=_trunk(table, trunk_mass),
+        trunk=_link(table, "trunk", trunk_mass),
         trunk_half_size=table.vector("trunk.half_size"),
         hip_x=table.number("trunk.hip_x"),
         hip_y=table.number("trunk.hip_y"),

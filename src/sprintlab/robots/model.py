@@ -13,7 +13,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
-from sprintlab.robots.description import FloatArray, Link, RobotDescription, joint_kind
+from sprintlab.robots.description import FloatArray, Link, RobotDescription, joint_kind, point_inertia
 from sprintlab.robots.foot import (
     NOMINAL_FOOT,
     FootContact,
@@ -319,14 +319,9 @@ def shank_with_foot(robot: RobotDescription, side: float = 1.0) -> tuple[float, 
     foot_mass, radius = robot.mechanics.foot_mass, robot.foot_radius
     center = np.array(shank.center_of_mass) * (1.0, side, 1.0)
     common = (shank.mass * center + foot_mass * foot) / (shank.mass + foot_mass)
-    inertia = shank.inertia_matrix(side) + shank.mass * _point_inertia(center - common)
-    inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + _point_inertia(foot - common))
+    inertia = shank.inertia_matrix(side) + shank.mass * point_inertia(center - common)
+    inertia += foot_mass * (0.4 * radius**2 * np.eye(3) + point_inertia(foot - common))
     return shank.mass + foot_mass, common, inertia
-
-
-def _point_inertia(position: FloatArray) -> FloatArray:
-    """Inertia ``(3, 3)`` of a unit point mass at ``position`` about the origin [m^2]."""
-    return float(position @ position) * np.eye(3) - np.outer(position, position)
 
 
 def _add_leg_collisions(

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -30,6 +32,15 @@ ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25, keeps_rest=True)
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
+REMOVED = {"PpoSettings": {"mirror_epochs": False}}
+"""Settings that are gone, by class, with the value at which they did nothing: older files may still name that
+one, and it counts in the hash, so that runs keep theirs."""
+
+
+def without_removed(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a file without those ``REMOVED`` ones that did nothing."""
+    gone = REMOVED.get(kind.__name__, {})
+    return {name: value for name, value in values.items() if name not in gone or value != gone[name]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -454,9 +465,6 @@ class PpoSettings:
             A policy runs without noise, and what it does then must have been practised: with noise
             everywhere, policies stood that fell over without it. Not in the paper.
         quiet_noise: share of the action noise that those robots have.
-        mirror_epochs: every other epoch learns from the mirror image of the rollout, left and right
-            exchanged: twice the experience for the same physics. Not in the paper; wrong for a robot whose
-            sides differ, and with quiet robots it broke every training that tried (docs/results.md).
         hidden: widths of actor and critic.
         precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
             ``"bfloat16"`` (faster; an exported policy always computes in single precision).
@@ -482,7 +490,6 @@ class PpoSettings:
     most_std: float | None = 0.45
     quiet_share: float = 0.4
     quiet_noise: float = 0.25
-    mirror_epochs: bool = False
     hidden: tuple[int, ...] = (512, 256, 128)
     precision: str = "tf32"
 
@@ -627,5 +634,7 @@ class TrainingSettings:
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        text = json.dumps(self.as_dict(), sort_keys=True)
+        values = self.as_dict()
+        values["ppo"] = {**asdict(self.ppo), **REMOVED["PpoSettings"]}
+        text = json.dumps(values, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -14,13 +14,12 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from sprintlab.commands import Track, command_start
@@ -211,10 +210,11 @@ def render_replay(
     }
     # No text inside may end the script element it stands in.
     data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    folder = resources.files("sprintlab.viewer") / "templates"
-    template = _environment().from_string((folder / "replay.html.j2").read_text(encoding="utf-8"))
-    script = (folder / "replay.js").read_text(encoding="utf-8")
-    return template.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
+    loader = PackageLoader("sprintlab.viewer")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    script, _, _ = loader.get_source(pages, "replay.js")
+    page = pages.get_template("replay.html.j2")
+    return page.render(title=text.title, subtitle=text.subtitle, data=data, script=script)
 
 
 def is_lap(arrays: Mapping[str, Array]) -> bool:
@@ -228,7 +228,7 @@ def _model(model: mujoco.MjModel, robot: RobotDescription) -> dict[str, Any]:
         "names": [name.replace("_", " ") for name in robot.joint_names],
         "coordinates": int(model.nq),
         "bodies": _bodies(model),
-        **_packed_surfaces(robot_surfaces(model), _body_numbers(model)),
+        **_packed_surfaces(robot_surfaces(model), model),
     }
 
 
@@ -287,10 +287,6 @@ def _pace(pace: Pace) -> dict[str, Any]:
     return {"name": pace.name, "color": PACE_COLOR, "time": time, "way": way, "finish": time[-1]}
 
 
-def _environment() -> Environment:
-    return Environment(autoescape=True, undefined=StrictUndefined)
-
-
 def _frames(time: Array) -> NDArray[np.int64]:
     """Indices of the samples that become frames; the last one is always among them."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
@@ -331,10 +327,6 @@ def _packed(values: Array, kind: Any) -> str:
     return base64.b64encode(data.tobytes()).decode("ascii")
 
 
-def _body_numbers(model: mujoco.MjModel) -> dict[str, int]:
-    return {model.body(index).name: index for index in range(model.nbody)}
-
-
 def _bodies(model: mujoco.MjModel) -> list[dict[str, Any]]:
     """The kinematic tree: parent, place in it, and the joints that move it."""
     return [
@@ -366,7 +358,7 @@ def _joint(model: mujoco.MjModel, joint: int) -> dict[str, Any]:
     }
 
 
-def _packed_surfaces(surfaces: tuple[Surface, ...], bodies: Mapping[str, int]) -> dict[str, Any]:
+def _packed_surfaces(surfaces: tuple[Surface, ...], model: mujoco.MjModel) -> dict[str, Any]:
     """All meshes in two arrays: positions as 16-bit integers of ``unit`` metres, faces as indices."""
     vertices = np.concatenate([surface.vertices for surface in surfaces])
     unit = float(np.abs(vertices).max()) / 32767.0
@@ -376,7 +368,7 @@ def _packed_surfaces(surfaces: tuple[Surface, ...], bodies: Mapping[str, int]) -
         "vertices": _packed(np.rint(vertices / unit), np.int16),
         "faces": _packed(np.concatenate([surface.faces for surface in surfaces]), np.uint16),
         "surfaces": [
-            {"body": bodies[item.body], "color": item.color, "vertices": points, "faces": triangles}
+            {"body": model.body(item.body).id, "color": item.color, "vertices": points, "faces": triangles}
             for item, (points, triangles) in zip(surfaces, counts, strict=True)
         ],
     }

@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import tomli_w
@@ -124,7 +124,7 @@ def save_converted_motor(
     lines += [str(step) for step in conversion.steps]
     lines += [f"note: {note}" for note in conversion.notes]
     comment = "".join(f"# {' '.join(line.split())}".rstrip() + "\n" for line in lines)
-    table = {item.name: getattr(conversion.motor, item.name) for item in fields(conversion.motor)}
+    table = asdict(conversion.motor)
     atomic_write_text(path, comment + "\n" + tomli_w.dumps({"motor": table}))
 
 
@@ -546,12 +546,10 @@ def conversion_numbers(conversion: DatasheetConversion) -> dict[str, Any]:
     """Parameters, steps and notes, ready for JSON."""
     motor = conversion.motor
     return {
-        "motor": {item.name: getattr(motor, item.name) for item in fields(motor)},
+        "motor": asdict(motor),
         "torque_constant": motor.torque_constant,
         "i2t": None if conversion.i2t is None else table_of(conversion.i2t),
         "heat": None if conversion.heat is None else table_of(conversion.heat),
-        "steps": [
-            {item.name: getattr(step, item.name) for item in fields(step)} for step in conversion.steps
-        ],
+        "steps": [asdict(step) for step in conversion.steps],
         "notes": list(conversion.notes),
     }

@@ -1,15 +1,8 @@
 """Reading a data sheet: entries with their units and conventions, as the maker prints them.
 
 A sheet is a TOML file with one ``[datasheet]`` table. A physical entry is a text with its unit, and where
-makers differ also the convention::
-
-    [datasheet]
-    pole_pairs = 21
-    connection = "star"
-    resistance = { value = "0.19 ohm", between = "lines" }
-    kv = { value = "100 rpm/V", voltage = "dc" }
-
-Nothing is assumed: a missing unit or convention is an error that lists what may be written.
+makers differ also the convention: ``kv = { value = "100 rpm/V", voltage = "dc" }``. Nothing is assumed: a
+missing unit or convention is an error that lists what may be written.
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
 """Where a robot is reached: one address, the same for the controller's end and the robot's end.
 
-| address | carried by |
-|---|---|
-| ``shm://NAME`` | shared memory of this machine |
-| ``zenoh://NAME`` | zenoh on this machine, at a port that follows from the name (extra ``zenoh``) |
-| ``zenoh://NAME@HOST:PORT`` | zenoh; the robot listens there, the controller connects |
-| ``unitree://NAME@INTERFACE`` | Unitree's messages over DDS at a network interface (extra ``unitree``) |
-| ``unitree://NAME@INTERFACE:DOMAIN`` | the same in another DDS domain; without interface, on this machine |
+``shm://NAME``, ``zenoh://NAME[@HOST:PORT]`` and ``unitree://NAME[@INTERFACE[:DOMAIN]]``: what carries each,
+and between which machines, stands in ``docs/deployment.md``.
 
 What is not this machine needs zenoh's TLS, or user and password (``zenoh_session``). DDS has no such check
 here: everybody in a DDS network can drive a robot in it.

@@ -137,7 +137,7 @@ class Controller:
     def robot_obeys_another(self) -> bool:
         """Whether the robot's last state says that it obeys another controller."""
         state = self._states.last
-        return state is not None and state.session != 0 and not self._obeyed_by(state)
+        return state is not None and state.session != 0 and not self._commands.has_sent(state)
 
     @property
     def commanded_speed(self) -> float:
@@ -238,14 +238,11 @@ class Controller:
 
     def _take_answer(self, state: RobotState, time: float) -> None:
         """Which command the robot obeys: one of ours, later than the one before, or somebody else's."""
-        if not self._obeyed_by(state) or state.command_sequence < self._answer:
+        if not self._commands.has_sent(state) or state.command_sequence < self._answer:
             if self.mode in ACTIVE_MODES:
                 self._note(Fault.COMMANDS_FOREIGN)
         elif state.command_sequence > self._answer:
             self._answer, self._answered_at = state.command_sequence, time
-
-    def _obeyed_by(self, state: RobotState) -> bool:
-        return self._commands.has_sent(state)
 
     def _take_fix(self, fix: PositionFix | None, time: float) -> None:
         if fix is not None and not self._fix.take(fix, time):
@@ -356,7 +353,7 @@ class Controller:
         return self._behaviour.may_leave(goal, time)
 
     def _ready(self, state: RobotState, time: float) -> bool:
-        answered = self._obeyed_by(state) and time - self._answered_at < self._safety.answer_timeout
+        answered = self._commands.has_sent(state) and time - self._answered_at < self._safety.answer_timeout
         upright = trunk_tilt(state) < self._safety.start_tilt
         at_rest = fastest_joint(state) < self._safety.start_speed
         return answered and upright and state.status == RobotStatus.READY and at_rest

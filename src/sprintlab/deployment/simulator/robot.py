@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -21,23 +20,13 @@ from sprintlab.deployment.interface import (
 )
 from sprintlab.deployment.simulator.options import SimulatorOptions
 from sprintlab.motors import DriveOutput
-from sprintlab.plant import MotionRecorder, Plant
+from sprintlab.plant import BlindRecorder, MotionRecorder, Plant
 from sprintlab.robots import RobotDescription
 
 _SETTLING = 2.0  # [s] that a robot takes to sink to the ground
 _UPRIGHT = 0.8  # of the standing height
 _SUDDEN = 0.3  # [s] from upright to the ground; a free fall takes 0.25 s, lying down half a second
 _MOVING = 0.5  # [m/s]
-
-
-class _Blind:
-    """Records nothing."""
-
-    def sample(self, data: Any, drive: DriveOutput, targets: FloatArray) -> None:
-        """Look away."""
-
-    def watch_step(self, data: Any) -> None:
-        """Look away."""
 
 
 class SimulatedRobot:
@@ -107,7 +96,7 @@ class SimulatedRobot:
         """Live for one motor step."""
         self._watch()
         wanted, targets = self._wanted(*self.plant.joint_state())
-        self._drive = self.plant.drive_joints(wanted, targets, recorder or _Blind())
+        self._drive = self.plant.drive_joints(wanted, targets, recorder or BlindRecorder())
         self._steps += 1
         self._notice_falls()
 
@@ -200,7 +189,7 @@ class SimulatedRobot:
         data = self.plant.data
         for _ in range(round(_SETTLING / self._period)):
             wanted = -self._robot.damping * self.plant.joint_state()[1]
-            self.plant.drive_joints(wanted, self._robot.default_pose, _Blind())
+            self.plant.drive_joints(wanted, self._robot.default_pose, BlindRecorder())
         data.qpos[:2] = 0.0
         data.qvel[:] = 0.0
         data.time = 0.0

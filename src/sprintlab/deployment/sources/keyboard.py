@@ -1,14 +1,4 @@
-"""Steering from the terminal.
-
-| key | what it does |
-|---|---|
-| ``t``, ``r``, ``l`` | stand (up), run, lie down |
-| ``w``, ``s`` | faster, slower |
-| ``a``, ``d`` | turn left, right; ``q`` straight on |
-| ``space`` | speed and turn to zero |
-| ``x`` or ``Esc`` | stop: damp the joints |
-| ``p`` | passive, after a stop |
-"""
+"""Steering from the terminal; the keys stand in ``docs/deployment.md``, and ``p`` is passive after a stop."""
 
 from __future__ import annotations
 

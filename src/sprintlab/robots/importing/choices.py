@@ -12,7 +12,7 @@ import numpy as np
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.core.reading import read_toml
-from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor
+from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor, single
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.loader import load_robot
 
@@ -145,8 +145,6 @@ def find_motor(reference: str) -> PmsmParameters:
             reference,
             f"a motor file (.toml), ROBOT:JOINT such as bp2:hip, or one of {', '.join(library_motors())}",
         )
-    columns = {item.name: np.atleast_1d(getattr(motors, item.name)) for item in fields(PmsmParameters)}
-    if not colon and any(len(column) > 1 for column in columns.values()):
+    if not colon and any(np.size(getattr(motors, item.name)) > 1 for item in fields(motors)):
         raise InvalidValueError("motor", reference, "must hold one motor, one number a field")
-    picked = {name: float(column[min(index, len(column) - 1)]) for name, column in columns.items()}
-    return PmsmParameters(**{**picked, "pole_pairs": int(picked["pole_pairs"])})
+    return single(motors, index)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sprintlab.core.errors import RobotModelError
-from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray
+from sprintlab.robots.description import JOINTS_PER_LEG, FloatArray, point_inertia
 from sprintlab.robots.importing.source import SourceLeg, SourceRobot
 from sprintlab.robots.loader import LEG_NAMES
 
@@ -239,15 +239,15 @@ def _without_foot(
     place = np.array((0.0, 0.0, -lengths["shank_length"]))
     mass = shank.mass - foot_mass
     center = (shank.mass * shank.center - foot_mass * place) / mass
-    inertia = shank.inertia - mass * _point(center - shank.center) - foot_mass * _point(place - shank.center)
+    inertia = (
+        shank.inertia
+        - mass * point_inertia(center - shank.center)
+        - foot_mass * point_inertia(place - shank.center)
+    )
     inertia = inertia - 0.4 * foot_mass * lengths["foot_radius"] ** 2 * np.eye(3)
     if np.linalg.eigvalsh(inertia).min() <= 0.0:  # the source's shank holds no such foot: a lighter one
         return _without_foot(shank, [0.1 * foot_mass] * len(own), lengths)
     return foot_mass, FittedLink(mass=mass, center=center, inertia=inertia)
-
-
-def _point(offset: FloatArray) -> FloatArray:
-    return offset @ offset * np.eye(3) - np.outer(offset, offset)
 
 
 def _radii(legs: dict[str, SourceLeg], lengths: dict[str, float]) -> tuple[float, float]:

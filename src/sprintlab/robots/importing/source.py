@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from sprintlab.core.errors import RobotModelError
-from sprintlab.robots.description import FloatArray
+from sprintlab.robots.description import FloatArray, point_inertia
 from sprintlab.robots.importing.compiling import compiled
 
 JOINTS_OF_A_LEG = 3
@@ -206,7 +206,7 @@ class _Reader:
             turn = self._frame.T @ data.ximat[body].reshape(3, 3)
             offset = place - center
             inertia += turn @ np.diag(model.body_inertia[body]) @ turn.T
-            inertia += mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+            inertia += mass * point_inertia(offset)
         names = tuple(self._name(body) for body in group)
         return RigidPart(bodies=names, mass=float(masses.sum()), center=center, inertia=inertia)
 

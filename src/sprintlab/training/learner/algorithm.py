@@ -31,7 +31,6 @@ from sprintlab.training.learner.losses import (
     robot_noise,
 )
 from sprintlab.training.learner.metric_buffer import MetricBuffer
-from sprintlab.training.learner.mirror import Mirror
 from sprintlab.training.learner.networks import LARGEST_STD, Actor, Critic
 from sprintlab.training.learner.parameters import ParameterBlock
 from sprintlab.training.learner.storage import Rollout
@@ -74,7 +73,6 @@ class EstimatorPpo:
         self._estimator_losses = compiled(estimator_losses, fused)
         self._decide, self._store = compiled(self._act_with, fused), compiled(self._record, fused)
         self._note, self._limit_noise = compiled(self._note_losses, fused), compiled(self._limit_std, fused)
-        self._reflect = compiled(self._reflect_rollout, fused)
         self._normalize = compiled(self._update_normalizers, fused and not workers.several)
         self.act, self.record, self.update = self._act, self._store, self._update
         self._capture()
@@ -90,10 +88,8 @@ class EstimatorPpo:
             environment.observation,
             settings.estimator.latent,
             self.device,
-            mirrored=ppo.mirror_epochs,
         )
         self._noise_scale = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
-        self._mirror = Mirror(environment.observation, environment.robot, self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
         self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
@@ -204,9 +200,8 @@ class EstimatorPpo:
         self._prepare()
         blocks = self._blocks()
         for epoch in range(self.settings.ppo.epochs):
-            mirrored = self.settings.ppo.mirror_epochs and epoch % 2 == 1
             for first, last in blocks:
-                self._improve_policy(self.rollout.policy_batch(first, last, mirrored), mirrored)
+                self._improve_policy(self.rollout.policy_batch(first, last))
                 if epoch < self.settings.estimator.epochs:
                     self._improve_estimator(first, last)
         self._normalize()
@@ -227,47 +222,11 @@ class EstimatorPpo:
         advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
         r.returns.copy_(advantage + r.value)
         r.advantage.copy_(self._workers.normalized(advantage))
-        if self.settings.ppo.mirror_epochs:
-            self._reflect()
 
-    @torch.no_grad()
-    def _reflect_rollout(self) -> None:
-        """The rollout's mirror image. What estimator, policy and critic say of it is asked anew.
-
-        The action's image is what the policy does in the mirrored state, with the mirrored noise. The image
-        of the action itself lies far off where left and right have grown apart, by a likelihood ratio from
-        which no clipped step learns.
-        """
-        rollout, mirror = self.rollout, self._mirror
-        history = mirror.history(rollout.history.flatten(0, 1))
-        latent = self.actor.estimator(self.actor.normalized_frames(history)).mean
-        # Before the latent, frame and filtered estimate are laid out like the privileged observation.
-        known = mirror.privileged(rollout.actor_input[..., : rollout.privileged.shape[-1]]).flatten(0, 1)
-        actor_input, privileged = (
-            torch.cat((known, latent), -1),
-            mirror.privileged(rollout.privileged).flatten(0, 1),
-        )
-        mean, value = decide_and_value(self.actor, self.critic, actor_input, privileged, self.settings.ppo)
-        action = mean + mirror.action(rollout.action - rollout.mean).flatten(0, 1)
-        images = {
-            "actor_input": actor_input,
-            "privileged": privileged,
-            "action": action,
-            "mean": mean,
-            "value": value,
-            "log_probability": log_probability(
-                action, mean, robot_noise(self.actor.std, rollout.noise_scale.flatten())
-            ),
-        }
-        for name, image in images.items():
-            rollout.mirrored[name].copy_(image.unflatten(0, rollout.value.shape))
-
-    def _improve_policy(self, batch: PolicyBatch, mirrored: bool = False) -> None:
-        """One step; only on what was really seen do the learning rate and the log look."""
+    def _improve_policy(self, batch: PolicyBatch) -> None:
         loss, parts = self._policy_losses(self.actor, self.critic, batch, self.old_std, self.settings.ppo)
-        if not mirrored:
-            self._workers.average(parts)
-            self._note(parts)
+        self._workers.average(parts)
+        self._note(parts)
         self.block.descend(loss, self._workers)
         self._limit_noise()
 
@@ -276,8 +235,7 @@ class EstimatorPpo:
         """Adapt the learning rate to the divergence, and add the losses to the sums."""
         ppo = self.settings.ppo
         self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], ppo.desired_kl))
-        noted_epochs = -(-ppo.epochs // 2) if ppo.mirror_epochs else ppo.epochs
-        self._loss_sums[:4] += parts / (noted_epochs * ppo.mini_batches)
+        self._loss_sums[:4] += parts / (ppo.epochs * ppo.mini_batches)
 
     @torch.no_grad()
     def _limit_std(self) -> None:
@@ -302,8 +260,6 @@ class EstimatorPpo:
         )
         for normalizer, values in pairs:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))
-            if self.settings.ppo.mirror_epochs:  # both have the layout of the privileged observation
-                mean, variance = self._mirror.privileged.symmetric_moments(mean, variance)
             normalizer.update(mean, variance, values.shape[0] * values.shape[1] * self._workers.count)
 
     @torch.no_grad()

@@ -7,9 +7,6 @@ import torch
 from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
 
-MIRRORED = ("actor_input", "privileged", "action", "mean", "value", "log_probability")
-"""Fields that change in a mirror; the others are the same for a transition and its image."""
-
 
 class Rollout:
     """``T`` transitions of ``n`` robots on one device; ``(n, T, ...)`` throughout.
@@ -18,7 +15,6 @@ class Rollout:
 
     Attributes:
         noise_scale: share of the action noise that each robot has ``(n, T)``; not written by steps.
-        mirrored: the mirror images of the fields that have one, by name; empty where they are not wanted.
     """
 
     def __init__(
@@ -28,7 +24,6 @@ class Rollout:
         observation: Observation,
         latent: int,
         device: str,
-        mirrored: bool = False,
     ) -> None:
         def zeros(*shape: int) -> torch.Tensor:
             return torch.zeros(robots, steps, *shape, device=device)
@@ -45,17 +40,14 @@ class Rollout:
         self.advantage, self.returns = zeros(), zeros()
         self.noise_scale = torch.ones(robots, steps, device=device)
         self.step = torch.zeros(1, dtype=torch.long, device=device)
-        self.mirrored = {name: torch.zeros_like(getattr(self, name)) for name in MIRRORED if mirrored}
 
     def write(self, name: str, values: torch.Tensor) -> None:
         """Put ``values`` ``(n, ...)`` into the present column of a field."""
         getattr(self, name).index_copy_(1, self.step, values.unsqueeze(1))
 
-    def policy_batch(self, first: int, last: int, mirrored: bool = False) -> PolicyBatch:
-        """Transitions of the robots ``first`` to ``last``, or their mirror images: views."""
-        fields = {name: getattr(self, name) for name in PolicyBatch._fields} | (
-            self.mirrored if mirrored else {}
-        )
+    def policy_batch(self, first: int, last: int) -> PolicyBatch:
+        """Transitions of the robots ``first`` to ``last``: views."""
+        fields = {name: getattr(self, name) for name in PolicyBatch._fields}
         return PolicyBatch(**{name: field[first:last].flatten(0, 1) for name, field in fields.items()})
 
     def estimator_batch(self, first: int, last: int, noise: torch.Tensor) -> EstimatorBatch:

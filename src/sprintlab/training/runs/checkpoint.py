@@ -340,7 +340,9 @@ def _settings(path: str, values: dict[str, Any]) -> Any:
         return UnknownSettings(path, values)
     if not found.__dataclass_params__.frozen or found.__module__ != module_name:  # type: ignore[attr-defined]
         raise ValueError(f"{printable(path, 80)} is no class of settings")
-    return found(**values)
+    from sprintlab.training.settings import without_removed
+
+    return found(**without_removed(found, values))
 
 
 def _check_state(state: Any) -> None:

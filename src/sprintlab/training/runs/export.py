@@ -28,8 +28,8 @@ from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.networks import Actor, trim
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.observed_run import ObservedRun, observe_run
-from sprintlab.training.runs.runner import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 EXPORT_TOLERANCE = 1e-4

@@ -14,7 +14,7 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.theme import LIGHT, axis_legend, png_bytes, set_title, style_axis, themed_figure
-from sprintlab.training.runs.runner import read_checkpoint
+from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 _SIZE = (7.0, 4.2)

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from sprintlab.commands import heading_command
 from sprintlab.control import ESTIMATE_SIZE, POLICY_RATE_HZ, Policy, PolicyRuntime
 from sprintlab.control.policy import Decision
-from sprintlab.motors import DriveOutput
-from sprintlab.plant import Plant, PlantOptions, TrialSettings
+from sprintlab.plant import BlindRecorder, Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 FloatArray = npt.NDArray[np.floating[Any]]
@@ -52,7 +51,7 @@ def observe_run(policy: Policy, robot: RobotDescription) -> ObservedRun:
         yaw_rate = float(heading_command(base.heading, base.lateral_offset, speed))
         targets = runtime.step(plant.measurement(), np.array([speed, 0.0, yaw_rate]))
         steps = round(plant.options.motor_rate / POLICY_RATE_HZ)
-        upright = plant.advance(np.asarray(targets, dtype=np.float64), steps, _Blind())
+        upright = plant.advance(np.asarray(targets, dtype=np.float64), steps, BlindRecorder())
     estimates = [decision.estimate for decision in listener.decisions if decision.estimate is not None]
     return ObservedRun(
         observation=np.concatenate(listener.observations),
@@ -80,13 +79,3 @@ class _Listener(Policy):
         self.previous.append(nothing if previous_estimate is None else previous_estimate)
         self.decisions.append(decision)
         return decision
-
-
-class _Blind:
-    """Records nothing."""
-
-    def sample(self, data: Any, drive: DriveOutput, targets: FloatArray) -> None:
-        """Look away."""
-
-    def watch_step(self, data: Any) -> None:
-        """Look away."""

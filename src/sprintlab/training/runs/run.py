@@ -16,13 +16,13 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.training.learner.distributed import Workers, join_workers
-from sprintlab.training.runs.checkpoint import unknown_settings
+from sprintlab.training.runs.checkpoint import read_checkpoint, unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.run_file import RUN_FILE, run_text
-from sprintlab.training.runs.runner import Runner, command_line, read_checkpoint
+from sprintlab.training.runs.runner import Runner, command_line
 
 POLICY_NAME = "policy.onnx"
 

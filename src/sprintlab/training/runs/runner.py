@@ -22,11 +22,7 @@ from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
-from sprintlab.training.runs.checkpoint import (
-    Progress,
-    read_checkpoint,
-    write_checkpoint,
-)
+from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
 from sprintlab.training.settings import TrainingSettings
 
 _PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
@@ -254,9 +250,6 @@ class Runner:
         random.setstate(generators["python"])
         if self.device.startswith("cuda") and "cuda" in generators:
             torch.cuda.set_rng_state(generators["cuda"].cpu(), self.device)
-
-
-__all__ = ["Progress", "Runner", "command_line", "device_description", "package_versions", "read_checkpoint"]
 
 
 def command_line() -> str:

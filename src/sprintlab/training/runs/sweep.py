@@ -63,7 +63,7 @@ def train_run(plan: RunPlan) -> None:
 
 def _write_record(plan: RunPlan, checkpoint: Path) -> None:
     """The learning curve and what was done: small files, to be committed; the record makes it finished."""
-    from sprintlab.training.runs.runner import read_checkpoint
+    from sprintlab.training.runs.checkpoint import read_checkpoint
 
     state = read_checkpoint(checkpoint)
     progress = state["progress"]
