@@ -160,14 +160,14 @@ def train_missing(folder: Path, seeds: int, minutes: float) -> None:
     """Train every method and seed that has neither policy nor checkpoint.
 
     Raises:
-        SprintlabError: the training extra is not installed, or training refuses.
+        SprintlabError: the training extra is not installed, a run's folder is a link, or training refuses.
     """
     from sprintlab.api.training import require_training
     from sprintlab.core.checks import check_range
     from sprintlab.training.settings import PpoSettings, TrainingSettings
     from studies.paper.paper import PAPER_TABLE
     from studies.paper.plan import PRECISION
-    from studies.paper.runs import Run
+    from studies.paper.runs import Run, check_own_folder
 
     check_range("seeds", seeds, 1, 1000)
     require_training()
@@ -178,6 +178,7 @@ def train_missing(folder: Path, seeds: int, minutes: float) -> None:
     for method in PAPER_TABLE:
         for seed in range(seeds):
             run = Run(method=method, seed=seed, folder=folder / method / f"seed-{seed}")
+            check_own_folder(run.folder)
             if not (run.policy.exists() or run.checkpoint.exists()):
                 stderr_console().print(f"training {method}, seed {seed}")
                 options = {"method": method, "seed": seed, "minutes": minutes, "settings": settings}

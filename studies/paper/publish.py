@@ -19,7 +19,7 @@ from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.core.reading import parse_json, read_bytes, read_text
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
-from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, find_runs
+from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
 
 LOG_NAME = "log.jsonl"
 KEPT = ("run.toml", "run.json", EVALUATION_NAME)
@@ -52,7 +52,8 @@ def publish(options: Publish) -> list[Path]:
     """Copy; returns the policies that were written.
 
     Raises:
-        SprintlabError: a run has no evaluation or no policy, and nothing is copied; or the disk refuses.
+        SprintlabError: a run has no evaluation or no policy, or a folder of the results is a link: nothing is
+            copied; or the disk refuses.
     """
     ranked: dict[str, list[tuple[float, Run]]] = {}
     runs = find_runs(options.runs)
@@ -61,6 +62,8 @@ def publish(options: Publish) -> list[Path]:
         raise SprintlabError(
             f"no policy or evaluation in {', '.join(missing)}: run 'python -m studies.paper table' first"
         )
+    for folder in (options.results / run.method / run.folder.name for run in runs):
+        check_own_folder(folder)
     for run in runs:
         record = read_evaluation(run.evaluation)
         _copy_small_files(run, options.results / run.method / run.folder.name)
@@ -79,7 +82,7 @@ def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:
     """Keep policy and cloud of a method's median run, and no other: they are the large files."""
     for name in (CLOUD_NAME, POLICY_NAME):
         for old in folder.glob(f"*/{name}"):
-            if old.resolve() not in sources:
+            if not (old.parent.is_symlink() or old.resolve() in sources):
                 old.unlink()
     place = folder / run.folder.name
     if run.cloud.is_file():

@@ -58,7 +58,8 @@ def find_runs(folder: Path) -> list[Run]:
     """Every run below a folder, the paper's methods first and in its order.
 
     Raises:
-        SprintlabError: the folder does not exist or holds no runs, or a method's name has other signs.
+        SprintlabError: the folder does not exist or holds no runs, a method's name has other signs, or a
+            run lies behind a link.
     """
     if not folder.is_dir():
         raise SprintlabError(f"there is no folder {folder}")
@@ -74,7 +75,22 @@ def find_runs(folder: Path) -> list[Run]:
             raise SprintlabError(
                 f"{run.folder.parent}: a method's name has letters, digits, _, ., + and - only"
             )
+        check_own_folder(run.folder)
     return sorted(runs, key=lambda run: (*_place(run.method), run.seed))
+
+
+def check_own_folder(folder: Path) -> None:
+    """Refuse a run's folder that a link leads elsewhere: what is written there, or removed, is not the run's.
+
+    Args:
+        folder: ``<method>/seed-<k>``, which need not exist. What lies above both may be a link.
+
+    Raises:
+        SprintlabError: it, or its method's folder, is a link.
+    """
+    for place in (folder.parent, folder):
+        if place.is_symlink():
+            raise SprintlabError(f"{place} is a link: a run and its method have folders of their own")
 
 
 def committed_records(runs: Iterable[Run]) -> list[EvaluationRecord]:

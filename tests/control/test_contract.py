@@ -181,6 +181,8 @@ def test_a_heavier_robot_is_another_robot(contract, robot):
     [
         {"stiffness": (160.0,) * 11},
         {"default_pose": (float("nan"),) * 12},
+        {"position_limits": ()},
+        {"position_limits": ((-1.0, 1.0),) * 11},
         {"action_limit": 0.0},
         {"action_limit": 1e308},
         {"policy_rate_hz": float("inf")},

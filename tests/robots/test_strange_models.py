@@ -30,8 +30,18 @@ STRANGE = {
     "include": '<mujoco><include file="pipe"/></mujoco>',
     "nan": '<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="nan" ixy="0" ixz="0"'
     ' iyy="1" iyz="0" izz="1"/></inertial></link></robot>',
+    "large": f'<mujoco><size nuser_geom="50000000"/><worldbody>{BODY}</worldbody></mujoco>',
     "empty": "",
 }
+LEGS = "".join(
+    f'<body name="{leg}a" pos="{x} {y} 0"><joint name="{leg}1" axis="1 0 0" range="-1 1" limited="true"/>'
+    f'<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/><body name="{leg}b" pos="0 {y} 0">'
+    f'<joint name="{leg}2" axis="0 1 0" range="-2 2" limited="true"/><inertial pos="0 0 -.1" mass="1" '
+    f'diaginertia="0.01 0.01 0.01"/><body name="{leg}c" pos="0 0 -.2"><joint name="{leg}3" axis="0 1 0" '
+    f'range="-2 2" limited="true"/><inertial pos="0 0 -.1" mass=".3" diaginertia="0.002 0.002 0.002"/>'
+    f'<replicate count="300"><geom type="sphere" size=".02" pos="0 0 -.2"/></replicate></body></body></body>'
+    for leg, x, y in (("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("rl", -0.2, 0.1), ("rr", -0.2, -0.1))
+)
 
 
 @pytest.mark.parametrize("name", STRANGE)
@@ -52,3 +62,16 @@ def test_pipe_for_a_model(tmp_path):
     os.mkfifo(tmp_path / "pipe.xml")
     with pytest.raises(RobotModelError, match="no regular file"):
         read_source(tmp_path / "pipe.xml")
+
+
+def test_shapes_that_overlap_are_not_collided(tmp_path, capfd):
+    """A thousand shapes within a thousand others touch a million times, where nobody asked for contacts."""
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><worldbody><replicate count="300"><geom type="sphere" size=".5"/></replicate>'
+        '<body name="trunk"><freejoint/><inertial pos="0 0 0" mass="10" diaginertia="0.1 0.3 0.3"/>'
+        f"{LEGS}</body></worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    assert len(read_source(path).legs) == 4
+    assert capfd.readouterr().err == ""

@@ -139,3 +139,12 @@ def test_training_without_its_packages_is_refused(call, monkeypatch, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     outcome = call("table", tmp_path, "--train")
     assert outcome.status == 2 and "pip install" in outcome.err
+
+
+def test_a_missing_run_is_not_trained_behind_a_link(call, trained, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "sprint").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    outcome = call("table", tmp_path / "runs", "--train", "--seeds", 1)
+    assert outcome.status == 2 and "is a link" in outcome.err
+    assert not any((tmp_path / "elsewhere").iterdir())

@@ -1,6 +1,7 @@
 """Finished runs are put where they are committed."""
 
 import json
+from contextlib import suppress
 
 import pytest
 from studies.paper.gallery import read_curve
@@ -143,3 +144,35 @@ def test_a_curve_that_is_none_ends_in_no_traceback(runs, tmp_path, text):
         publish(Publish(runs=runs, results=tmp_path / "results"))
     except SprintlabError as refused:
         assert "learning curve" in str(refused)
+
+
+def moved_away(folder, elsewhere):
+    """A folder that is a link to where its content lies now."""
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere, target_is_directory=True)
+    return content_of(elsewhere)
+
+
+def content_of(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("place", ["sprint", "sprint/seed-2"])
+@pytest.mark.parametrize("command", ["table", "variants", "own-motor", "publish"])
+def test_no_command_writes_through_a_run_that_is_a_link(call, runs, tmp_path, monkeypatch, command, place):
+    monkeypatch.chdir(tmp_path)  # results and cache lie here
+    before = moved_away(runs / place, tmp_path / "elsewhere")
+    outcome = call(command, runs)
+    assert outcome.status == 2 and "is a link" in outcome.err
+    assert content_of(tmp_path / "elsewhere") == before
+
+
+@pytest.mark.parametrize("seed", [2, 9])
+def test_results_behind_a_link_are_neither_written_nor_removed(runs, tmp_path, seed):
+    results, elsewhere = tmp_path / "results", tmp_path / "elsewhere"
+    (results / "sprint" / f"seed-{seed}").mkdir(parents=True)
+    (results / "sprint" / f"seed-{seed}" / "policy.onnx").write_bytes(b"of somebody else")
+    before = moved_away(results / "sprint" / f"seed-{seed}", elsewhere)
+    with suppress(SprintlabError):  # refused, or left alone
+        publish(Publish(runs=runs, results=results))
+    assert content_of(elsewhere) == before

@@ -195,7 +195,8 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
         if self.position_limits is not None:
-            for limits in zip(*self.position_limits, strict=True):
+            for end in (0, 1):
+                limits = tuple(interval[end] for interval in self.position_limits)
                 check_vector("position_limits", limits, joints)
         for field in ("default_pose", "action_scale", "stiffness", "damping"):
             check_vector(field, getattr(self, field), joints)

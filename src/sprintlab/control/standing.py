@@ -34,7 +34,8 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         blend_time: time constant with which the pose takes over [s].
 
     Raises:
-        InvalidValueError: a number is not positive, or the tilt above a right angle.
+        InvalidValueError: a number is not positive, the tilt above a right angle, the speed above 100 m/s, or
+            the time not between a microsecond and an hour.
     """
 
     hold_speed: float = 0.6
@@ -43,9 +44,10 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     def __post_init__(self) -> None:
         check_positive("standing.hold_speed", self.hold_speed, "m/s")
+        check_range("standing.hold_speed", self.hold_speed, 0.0, 100.0, "m/s")
         check_positive("standing.release_tilt", self.release_tilt, "rad")
         check_range("standing.release_tilt", self.release_tilt, 0.0, math.pi / 2, "rad")
-        check_positive("standing.blend_time", self.blend_time, "s")
+        check_range("standing.blend_time", self.blend_time, 1e-6, 3600.0, "s")
 
 
 def standing_share(

@@ -419,14 +419,15 @@ def test_orphans_are_removed_and_all_else_left_alone(tmp_path, bus_name):
     assert all((tmp_path / name).read_bytes() == kept for name, kept in foreign.items())
 
 
-def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name):
+@pytest.mark.parametrize("content", [b"SPRTLOCK, and mine", b""])
+def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name, content):
     """Whether a robot runs or not."""
     foreign = shared_folder() / f"{PREFIX}{bus_name}.controller"
-    foreign.write_bytes(b"SPRTLOCK, and mine")
+    foreign.write_bytes(content)
     try:
         with pytest.raises(BusError, match="no file of sprintlab"):
             open_bus(f"shm://{bus_name}")
-        assert foreign.read_bytes() == b"SPRTLOCK, and mine"
+        assert foreign.read_bytes() == content
     finally:
         foreign.unlink(missing_ok=True)
 

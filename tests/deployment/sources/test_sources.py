@@ -183,6 +183,7 @@ def test_the_steps_of_a_toml_profile_become_ramps(tmp_path):
         ("a.csv", "time,forward\n0,1\n"),
         ("a.csv", "time,forward\n1,1\n0,2\n"),
         ("a.csv", "time,forward\n0,nan\n1,2\n"),
+        ("a.csv", "time,forward\n-1e308,1\n1e308,1\n0,2\n"),
         ("a.csv", "time,forward\n0,1,7\n1,2\n"),
         ("a.toml", "segment = 3\n"),
         ("a.toml", "[[segment]]\nforward = 2\n"),
@@ -195,7 +196,7 @@ def test_the_steps_of_a_toml_profile_become_ramps(tmp_path):
 def test_files_that_are_no_profile_are_refused(tmp_path, name, content):
     path = tmp_path / name
     path.write_text(content)
-    with pytest.raises((SourceError, InvalidValueError)):
+    with np.errstate(all="raise"), pytest.raises((SourceError, InvalidValueError)):  # nor a warning
         load_velocity_table(path)
 
 

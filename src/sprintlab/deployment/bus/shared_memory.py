@@ -355,7 +355,7 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             file.close()
             return None
         if _is_still(path, file):
-            if os.pread(file.fileno(), 9, 0) not in (b"", _LOCK_CONTENT):
+            if os.pread(file.fileno(), 9, 0) != _LOCK_CONTENT:
                 file.close()
                 raise BusError(f"{path} is no file of sprintlab, and its name is needed: move it away")
             return file

@@ -49,7 +49,7 @@ class VelocityTable:
             raise InvalidValueError("profile", self.velocity.shape, "two points at least, three numbers each")
         if not (np.isfinite(self.time).all() and np.isfinite(self.velocity).all()):
             raise InvalidValueError("profile", "nan", "must be finite numbers")
-        if np.abs(self.velocity).max() > _FASTEST or self.time[-1] > _LONGEST:
+        if np.abs(self.velocity).max() > _FASTEST or np.abs(self.time).max() > _LONGEST:
             largest = float(np.abs(self.velocity).max())
             raise InvalidValueError(
                 "profile", largest, f"at most {_FASTEST:g} m/s or rad/s, and {_LONGEST:g} s"

@@ -100,6 +100,8 @@ def child(path: str, binary: str) -> None:
         model, corrected = _compile(Path(path))
         if model.nbody > _MOST_BODIES:
             raise ValueError(f"it has {model.nbody} bodies, more than {_MOST_BODIES}")
+        if mujoco.mj_sizeModel(model) >= _BINARY:
+            raise ValueError(f"it is larger than {_BINARY >> 20} MB, compiled")
         mujoco.mj_saveModel(model, binary, None)
         answer: dict[str, list[str] | str] = {"corrected": list(corrected)}
     except (ElementTree.ParseError, ValueError, SprintlabError, mujoco.FatalError) as error:

@@ -134,14 +134,18 @@ def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
 
 
 def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.MjData:
-    """The model with its base at the origin, the named hinges at their angles [rad], all others at zero."""
+    """The model with its base at the origin, the named hinges at their angles [rad], all others at zero.
+
+    Positions and inertia only: no contacts, of which a stranger's shapes may have millions.
+    """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     if model.body_jntnum[base]:
         data.qpos[model.jnt_qposadr[model.body_jntadr[base]] + 3] = 1.0
     for name, angle in angles.items():
         data.qpos[model.joint(name).qposadr[0]] = angle
-    mujoco.mj_forward(model, data)
+    for step in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeM):
+        step(model, data)
     return data
 
 
