@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import sprintlab as sl
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
 LONGEST = 40  # lines
 
@@ -90,6 +92,9 @@ def test_reward_term_is_among_the_penalties(example):
         names = example("A reward term")
         settings = names["settings"].rewards
         assert settings.penalties()["sideways_velocity"].second == -2.0
+        scaled = names["StraightRewards"](**vars(sl.method("sprint", robot="go1").rewards))
+        assert scaled.penalties()["sideways_velocity"].second == -2.0
+        assert scaled.shortest_stride < settings.shortest_stride
         assert set(settings.penalties()) <= set(rewards.PENALTIES)
 
         class Step:

@@ -114,7 +114,7 @@ def test_readme_names_the_rate_of_whole_trainings(flowing):
     """Of the first ones on the present plant, two on each GPU: the median."""
     runs = json.loads((ROOT / "results/first-looks/trainings.json").read_text(encoding="utf-8"))["policies"]
     rate = median(2.0 * run["environment_steps"] / run["seconds_at_half_a_gpu"] for run in runs.values())
-    assert f"with twice the physics steps, do {rate / 1e6:.2f} million" in flowing("README.md")
+    assert f"two on a GPU, with twice the physics steps, do {rate / 1e6:.2f} million" in flowing("README.md")
 
 
 def test_profile_is_the_measured_one():

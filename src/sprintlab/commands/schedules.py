@@ -196,7 +196,10 @@ def check_schedule(schedule: object) -> None:
 
 
 class CommandStep(NamedTuple):
-    """What a schedule is told about one policy step: the arguments of ``TargetSchedule.advance``."""
+    """What a schedule is told about one policy step: speeds and range [m/s], times [s], draws in [0, 1).
+
+    ``TargetSchedule.advance`` describes each field.
+    """
 
     speed: Array
     dt: float
@@ -290,8 +293,8 @@ class AdaptiveSchedule(TargetSchedule):
         window: half width of the neighbourhood [m/s].
         braking_window: how far below the present speed a lower target may draw the command [m/s], in the
             fine-tuning phase; drawn between ``window`` and this at every update. The paper's neighbourhood
-            is symmetric, and 1 m/s is its width; then nobody is ever asked to stop from more than 1 m/s, and
-            who is asked for it by somebody else falls.
+            is symmetric, and 1 m/s is its width; with it no robot is ever commanded to stop from more than
+            1 m/s, and falls when an evaluation commands it.
         hold: least and greatest time between updates [s].
         biased_share: share of the updates that move toward the target.
         ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead

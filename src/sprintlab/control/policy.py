@@ -174,9 +174,9 @@ class Measurement(NamedTuple):
 
 
 class PolicyRuntime:
-    """Runs a policy on one robot: filter, observation, history, network and its estimate, joint targets.
+    """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
-    A robot that is asked to stand and nearly does is held in its default pose, as the contract says.
+    A robot that is commanded to rest and is nearly at rest is held in its default pose, as the contract says.
 
     Args:
         policy: the loaded policy.

@@ -120,13 +120,13 @@ class WorkerProcesses:
 
 
 class TrialPool:
-    """Runs trials of one policy on one robot; use it as a context manager.
+    """Runs simulated runs of one policy on one robot side by side in worker processes; a context manager.
 
     Args:
         policy: path of the policy file.
         robot: the robot it drives.
         workers: processes; ``None`` takes one a core, 1 runs everything in the calling process.
-        processes: share these, which stay open; ``workers`` is then not used.
+        processes: to use instead of own ones; they stay open, and ``workers`` is not used.
 
     Raises:
         PolicyFileError: the file is no policy.

@@ -500,7 +500,7 @@ class RaceResult:
         raw: the seeded trials at ``top_speed``, raw command.
         self_paced: the same, self-paced.
         step_check: step-size check, ``None`` when it was not asked for.
-        battery: one raw trial on a battery and with warm windings; ``None`` where all trials are.
+        battery: one raw trial on a battery and with warm windings; ``None`` where every trial has both.
         audit: worst case over every trial.
         mass: total mass of the robot [kg].
         wall_time: how long the race took to compute [s].

@@ -146,7 +146,7 @@ def gait_kernel(
 
 
 class LoadMonitor:
-    """Keeps the loads of all robots; ``launch`` after every physics step.
+    """Measures gear torque, foot force and foot timing in every physics step; ``launch`` after each of them.
 
     Args:
         robot: whose gears, feet and mass count.
@@ -154,7 +154,8 @@ class LoadMonitor:
 
     Attributes:
         loads: of the present policy step; its tensors are written over by every step.
-        shortest: stride period and stance below which touchdowns and lift-offs cost [s] ``(2,)``, writable.
+        shortest: stride period below which a touchdown costs, and stance below which a lift-off does [s]
+            ``(2,)``, writable.
         weight: of each robot [N] ``(n,)``, writable.
     """
 

@@ -1,7 +1,7 @@
 """The paper's reward table, term by term: pure functions of one step.
 
-Each penalty is a function ``(RewardInput) -> (n,)``, found by its name in ``RewardSettings``; adding one is a
-function here and a weight there.
+Each penalty is a function ``(RewardInput, RewardSettings) -> (n,)``, found by its name in ``RewardSettings``;
+adding one is a function here and a weight there.
 """
 
 from __future__ import annotations

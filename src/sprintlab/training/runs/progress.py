@@ -33,7 +33,7 @@ def progress_line(row: dict[str, float]) -> str:
     return (
         f"it {row['iteration']:.0f}  {row['seconds']:.0f} s  {row['steps_per_second'] / 1e3:.3g}k/s  "
         f"range {row['range_upper']:.1f}  stage {row['stage']:.2f}  v {row['speed']:.2f}  "
-        f"held p95 {row['speed_p95']:.2f} p99.9 {row['speed_p999']:.2f}  "
+        f"p95 {row['speed_p95']:.2f} p99.9 {row['speed_p999']:.2f}  "
         f"grid {100 * row['grid_open']:.0f} %  error {row['command_error']:.2f}  "
         f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  "
         f"limit {row['on_limit']:.2f}  power {row['power']:.0f}  std {row['action_std']:.2f}  "
