@@ -10,7 +10,7 @@ from sprintlab.plant import PlantOptions
 DEFAULTS = {
     ProtocolSettings: {"hold": 0.5},
     PlantOptions: {"timestep": 0.001, "contact_time_constant": 0.002},
-    SpeedProfile: {"stand": 0.5, "rest": 1.0},  # a trial is at rest in its last second
+    SpeedProfile: {"stand": 0.5, "rest": 1.5},  # half a second to come to rest, one at rest
     SprintProfile: {"stand": 0.5},
 }
 
