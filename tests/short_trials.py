@@ -3,12 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
+from sprintlab.commands import SpeedProfile, SprintProfile
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.plant import PlantOptions
 
 DEFAULTS = {
     ProtocolSettings: {"hold": 0.5},
     PlantOptions: {"timestep": 0.001, "contact_time_constant": 0.002},
+    SpeedProfile: {"stand": 0.5, "rest": 1.5},  # half a second to come to rest, one at rest
+    SprintProfile: {"stand": 0.5},
 }
 
 COARSE = PlantOptions(**DEFAULTS[PlantOptions])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from tests.short_trials import COARSE
+from tests.short_trials import COARSE, shorten_trials
 
 from sprintlab.cli.main import main
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -57,8 +57,16 @@ def run_once(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
 @pytest.fixture(scope="session")
 def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
-    settings = ProtocolSettings(trials=1, required=1, hold=1.0, plant=COARSE)
-    return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_trials(patch.setitem)
+        settings = ProtocolSettings(trials=1, required=1, plant=COARSE)
+        return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
+
+
+@pytest.fixture
+def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a race take seconds to draw: for tests that do not look at them."""
+    monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
 
 
 @pytest.fixture

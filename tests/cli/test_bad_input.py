@@ -102,7 +102,7 @@ def test_nan_in_a_trajectory(call, tmp_path, policy, computed):
 
 
 @pytest.mark.parametrize("file", ["trajectory.npz", "speed.png"])
-@pytest.mark.usefixtures("computed")
+@pytest.mark.usefixtures("computed", "blank_pictures")
 def test_full_disk(call, tmp_path, policy, monkeypatch, file):
     def full():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

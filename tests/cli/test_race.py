@@ -46,7 +46,7 @@ def test_race_leaves_a_complete_folder(call, policy, tmp_path):
         assert archive["motor_torque"].shape == (len(archive["time"]), 12)
 
 
-@pytest.mark.usefixtures("computed")
+@pytest.mark.usefixtures("computed", "blank_pictures")
 def test_race_prints_json_only(call, policy, tmp_path):
     arguments = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video", "--json")
     numbers = json.loads(call("race", policy, "--out", tmp_path / "run", *arguments).out)

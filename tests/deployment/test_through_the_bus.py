@@ -128,9 +128,7 @@ def test_over_zenoh_a_run_goes_as_over_shared_memory():
     pytest.importorskip("zenoh")
     address = f"zenoh://run-{os.getpid()}"
     robot = start_robot(address, "--lock-step", "--end-with-controller")
-    status, run, robot_status, simulated = drive(
-        address, robot, "--lock-step", "--top-speed", "3", "--distance", "1", "--no-log"
-    )
+    status, run, robot_status, simulated = drive(address, robot, "--lock-step", "--duration", "1", "--no-log")
     assert (status, robot_status) == (0, 0), run
     assert run["end"] == "passive" and run["faults"] == {}
     assert simulated["commands_dropped"] == 0 and simulated["fall_reason"] == ""

@@ -88,6 +88,7 @@ def test_falls_and_undefined_numbers_are_told(gait):
     assert "fell" in clock_verdict(check) and clock_table(check).row_count == 3
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_standing_policy_stands_with_every_clock(standing_policy, robot):
     with TrialPool(standing_policy, robot, workers=1) as pool:
         check = check_clock(pool, 0.5, settings=QUICK)

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from tests.short_trials import COARSE
+from tests.short_trials import COARSE, shorten_trials
 
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -26,9 +26,11 @@ SHORT = ProtocolSettings(trials=2, required=1, start=0.5, top=0.5, hold=0.5)
 
 @pytest.fixture(scope="module")
 def race(standing_policy, robot):
-    return evaluate_race(
-        standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, step_check=True, workers=1
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_trials(patch.setitem)  # but in SHORT's own steps of physics
+        return evaluate_race(
+            standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, step_check=True, workers=1
+        )
 
 
 def test_the_json_has_the_promised_keys(race):
@@ -57,6 +59,7 @@ def test_the_race_keeps_what_the_report_draws(race):
     assert race.audit.passed
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot):
     coarse = replace(SHORT, plant=COARSE)
     result = evaluate_race(standing_policy, robot, distance=0.1, settings=coarse, workers=1)

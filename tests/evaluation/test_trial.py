@@ -20,6 +20,12 @@ def stander(standing_policy):
     return load_policy(standing_policy)
 
 
+@pytest.fixture(scope="module")
+def stood(stander, robot):
+    """A plain trial of the policy that stands."""
+    return run_trial(stander, robot, TrialRequest(**SHORT))
+
+
 def test_a_standing_policy_completes_without_moving(stander, robot):
     result = run_trial(stander, robot, TrialRequest(**SHORT, settings=TrialSettings(joint_noise=0.05)))
     assert result.completed and result.fall_time is None
@@ -30,8 +36,8 @@ def test_a_standing_policy_completes_without_moving(stander, robot):
     assert np.diff(result.trajectory.time) == pytest.approx(0.002)
 
 
-def test_shapes_are_as_documented(stander, robot):
-    trajectory = run_trial(stander, robot, TrialRequest(**SHORT)).trajectory
+def test_shapes_are_as_documented(stood):
+    trajectory = stood.trajectory
     count = len(trajectory.time)
     sizes = {name: values.shape for name, values in trajectory.arrays().items()}
     assert sizes["qpos"] == (count, 23) and sizes["qvel"] == (count, 22)
@@ -52,10 +58,12 @@ def test_the_same_seed_gives_the_same_run_and_another_seed_another(stander, robo
     assert (first != last(2)).any()
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_the_trajectory_is_left_out_unless_asked_for(stander, robot):
     assert run_trial(stander, robot, TrialRequest(top_speed=0.5, hold=0.5)).trajectory is None
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_self_paced_never_leads_by_more_than_one(stander, robot):
     request = TrialRequest(top_speed=4.0, hold=0.5, self_paced=True, keep_trajectory=True)
     trajectory = run_trial(stander, robot, request).trajectory
@@ -80,14 +88,15 @@ def test_a_policy_that_gives_nan_ends_with_one_sentence(make_policy, robot):
     assert "\n" not in str(caught.value)
 
 
-def test_a_finer_step_changes_little_for_a_standing_robot(stander, robot):
+def test_a_finer_step_changes_little_for_a_standing_robot(stander, stood, robot):
     coarse = PlantOptions(timestep=0.001, contact_time_constant=0.002)
     coarse_run = run_trial(stander, robot, TrialRequest(**SHORT, plant=coarse)).trajectory
-    fine_run = run_trial(stander, robot, TrialRequest(**SHORT)).trajectory
+    fine_run = stood.trajectory
     assert len(fine_run.time) == len(coarse_run.time)
     np.testing.assert_allclose(fine_run.qpos[-1, :7], coarse_run.qpos[-1, :7], atol=2e-3)
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_sprint_that_never_arrives_has_no_time(stander, robot):
     sprint = run_sprint(stander, robot, TrialRequest(top_speed=2.0, distance=0.5, keep_trajectory=True))
     assert not sprint.finished and math.isnan(sprint.time)
@@ -111,9 +120,8 @@ def test_a_sprint_counts_from_the_first_command_to_the_distance(stander, robot, 
     assert trajectory.time[-1] > 1.0 + sprint.time + 0.5 + 1.9
 
 
-def test_metrics_are_plain_numbers(stander, robot):
-    result = run_trial(stander, robot, TrialRequest(**SHORT))
-    json.dumps([result.metrics.held_speed, result.metrics.envelope_share, result.metrics.duty_factor])
+def test_metrics_are_plain_numbers(stood):
+    json.dumps([stood.metrics.held_speed, stood.metrics.envelope_share, stood.metrics.duty_factor])
 
 
 @pytest.mark.parametrize("values", [{"top_speed": 0.0}, {"top_speed": 1.0, "distance": -1.0}])

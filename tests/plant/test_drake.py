@@ -271,6 +271,7 @@ def test_motors_limit_the_torque() -> None:
 
 
 @pytest.mark.parametrize("name", ["sprint", "go1-sprint"])
+@pytest.mark.usefixtures("short_trials")
 def test_policy_runs_in_drake(name: str) -> None:
     """A few seconds of a shipped policy: it goes as it does in MuJoCo, in believable contact."""
     policy = load_policy(shipped_policy(name))

@@ -3,7 +3,7 @@ import pytest
 from sprintlab.robots import load_robot
 from sprintlab.speed_limit import SearchSettings, fastest_stride, runner_from_robot
 
-QUICK = SearchSettings(starts=4)
+QUICK = SearchSettings(starts=2)
 
 
 @pytest.fixture(scope="session", params=["bp2", "go1"])

@@ -21,7 +21,7 @@ from sprintlab.speed_limit import (
 from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.stride import GROUPS
 
-ONE_START, TWO_STARTS = SearchSettings(starts=1), SearchSettings(starts=2)
+ONE_START = SearchSettings(starts=1)
 
 
 def test_the_stride_found_keeps_every_limit(bp2, fastest):
@@ -47,7 +47,7 @@ def test_facts_describe_a_run(bp2, fastest):
     assert facts.hip_speed < 1.05 and facts.knee_speed < 1.1
 
 
-@pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("bus voltage", 0.7)])
+@pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("bus voltage", 0.8)])
 def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, quantity, factor):
     slower = fastest_stride(scalings(bp2)[quantity](factor), ONE_START, near=fastest)
     assert 0.7 * fastest.speed < slower.speed < 0.97 * fastest.speed
@@ -90,9 +90,10 @@ def test_the_whole_answer_and_its_picture(bp2, fastest, monkeypatch):
         if near == ():  # the first search is that of the fixture
             tick()
             return fastest
-        return fastest_stride(runner, TWO_STARTS, near=near, tick=tick, **options)
+        return fastest_stride(runner, settings, near=near, tick=tick, **options)
 
     monkeypatch.setattr("sprintlab.speed_limit.analysis.fastest_stride", known_or_searched)
+    monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 40)  # enough to be faster, not fastest
     seen = []
     limit = speed_limit(
         load_robot("bp2"),

@@ -434,7 +434,7 @@ def test_without_slurm_it_is_refused(tmp_path: Path, monkeypatch) -> None:
 def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     pytest.importorskip("mujoco_warp")
     pytest.importorskip("submitit")
-    made = plans(tmp_path, seeds=(0,), iterations=6)
+    made = plans(tmp_path, seeds=(0,), iterations=3)
     victim = made[0].folder
     killed: list[int] = []
 
@@ -453,10 +453,10 @@ def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     assert int((victim / ".lock").read_text()) != killed[0]
     for plan in made:
         rows = [json.loads(line) for line in (plan.folder / "log.jsonl").read_text().splitlines()]
-        assert [row["iteration"] for row in rows] == list(range(1, 7))
+        assert [row["iteration"] for row in rows] == [1, 2, 3]
         files = {path.name for path in plan.folder.iterdir()}
         assert {"checkpoint.pt", "curve.csv", "policy.onnx", "run.json", "tensorboard"} <= files
         record = plan.record()
         assert record is not None
-        assert record["reached_iterations"] == 6
+        assert record["reached_iterations"] == 3
         assert record["command_line"] == plan.command_line()

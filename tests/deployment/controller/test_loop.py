@@ -343,7 +343,7 @@ def test_priority_keeps_the_steps_of_a_busy_machine(start):
             burner.stdout.readline()
         for priority in (None, 50):
             controller, bus = start(Sleeper())
-            options = LoopOptions(priority=priority, core=core, duration=1.5)
+            options = LoopOptions(priority=priority, core=core, duration=0.5)
             late[priority] = run_loop(controller, bus, options)
     finally:
         for burner in burners:

@@ -571,7 +571,7 @@ def test_a_bad_message_is_dropped_and_the_run_goes_on(running_on_bus, name):
     delay = onset_and_reaction(running, stimulus, lambda tick: fault.value in tick.faults, 0.3)
     allowed = 0.021 if name == "20 ms without a state" else RESPONSES[fault].within
     assert delay <= allowed + TOLERANCE
-    running.run(0.15)
+    running.run(0.08)
     assert running.controller.fault_counts[fault] > before
     assert {tick.mode for tick in running.ticks} == {"run"} and not running.controller.braking
     assert running.speed > 6.0 and running.simulated.fall_reason == ""
@@ -590,7 +590,7 @@ def test_a_grave_fault_damps_the_joints_in_time(running_on_bus, name):
     delay = onset_and_reaction(running, stimulus, lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)
     assert delay <= RESPONSES[fault].within + TOLERANCE
     assert running.controller.stop_reason == fault.value
-    running.run(0.2)
+    running.run(0.1)
     assert running.controller.mode.value == "stop"  # and it stays there, whatever the source says
     assert {tick.command.mode for tick in running.ticks[-100:]} == {JointMode.DAMPING}
 
@@ -611,9 +611,9 @@ def test_a_lesser_fault_brakes_in_time(running_on_bus, name):
     assert tick.velocity[0] < commanded - 0.5 and running_on_bus.simulated.fall_reason == ""
 
 
-@pytest.mark.parametrize("name", BRAKED)
+@pytest.mark.parametrize("name", {fault: name for name, (fault, _) in reversed(BRAKED.items())}.values())
 def test_a_brake_ends_in_a_stand(running, name):
-    """Which does not depend on the bus that the fault came over."""
+    """One cause of every fault that brakes; it does not depend on the bus that the fault came over."""
     braked(running, name)
     commanded = running.ticks[-1].velocity[0]
     running.run_until(lambda tick: tick.mode == "stand", commanded / 4.0 + 3.0)
