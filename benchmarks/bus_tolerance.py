@@ -131,7 +131,14 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
         return "-" if value is None else f"{value:.{digits}f}"
 
     def lines() -> Iterator[str]:
-        names = ("round trip [ms]", "jitter [ms]", "loss [%]", "falls", "100 m [s]", "held speed [m/s]")
+        names = (
+            "round trip [ms]",
+            "jitter [ms]",
+            "loss [%]",
+            "falls",
+            "100 m [s]",
+            "speed before the line [m/s]",
+        )
         yield f"| {' | '.join(names)} |"
         yield "|---|---|---|---|---|---|"
         for row in rows:
