@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable_stderr
 from studies.paper.compare import Compare
 from studies.paper.draw import Figures
 from studies.paper.network import Network
@@ -35,13 +35,14 @@ Command = (
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; a refusal is one sentence on stderr and status 2."""
-    command: Any = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]
-        prog="python -m studies.paper",
-        description=__doc__,
-        args=None if arguments is None else list(arguments),
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
+    with printable_stderr():
+        command: Any = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]
+            prog="python -m studies.paper",
+            description=__doc__,
+            args=None if arguments is None else list(arguments),
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+        )
     try:
         return command.run()
     except SprintlabError as error:

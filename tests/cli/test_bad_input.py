@@ -2,6 +2,7 @@
 
 import errno
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -155,3 +156,33 @@ def test_an_interruption_ends_with_130(call, monkeypatch):
     monkeypatch.setattr(entry, "run", interrupt)
     outcome = call("race")
     assert outcome.status == 130 and outcome.err == "sprintlab: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("race", "sprint"), ("motor", "envelope", "bp2", "hip"), ("train", "--resume"), ("report", "a.mcap")],
+    ids=lambda words: words[0],
+)
+def test_a_name_that_is_one_argument_too_many_does_not_speak_to_the_terminal(call, words):
+    """A shell's ``*`` puts what strangers named into the line, and the parser repeats it."""
+    outcome = call(*words, "\x1b]0;title\x07\x9b2J\u202ename")
+    assert outcome.status == 2
+    assert r"\x1b]0;title\x07" in outcome.err
+    assert all(line.isprintable() for line in outcome.err.split("\n"))
+
+
+@pytest.mark.parametrize(
+    "kind", ["pipe", "link to itself", "file", "folder of others", "study that tells nothing"]
+)
+def test_a_place_that_is_no_folder_of_sprints_is_refused_before_the_search_for_a_speed(
+    call, tmp_path, monkeypatch, kind
+):
+    monkeypatch.setattr("sprintlab.api.robustness._search", lambda *_: pytest.fail("it searched"))
+    place = tmp_path / "place"
+    make = {"pipe": os.mkfifo, "link to itself": lambda link: link.symlink_to(link), "file": Path.touch}
+    make.get(kind, Path.mkdir)(place)
+    if kind == "folder of others":
+        (place / "other").touch()
+    elif kind == "study that tells nothing":
+        (place / "study.json").write_text("[]")
+    assert_refused(call("robustness", "--out", place), "place", "another")

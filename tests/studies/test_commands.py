@@ -148,3 +148,9 @@ def test_a_missing_run_is_not_trained_behind_a_link(call, trained, tmp_path):
     outcome = call("table", tmp_path / "runs", "--train", "--seeds", 1)
     assert outcome.status == 2 and "is a link" in outcome.err
     assert not any((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_name_that_is_one_argument_too_many_does_not_speak_to_the_terminal(call):
+    outcome = call("table", "\x1b]0;title\x07name")
+    assert outcome.status == 2
+    assert r"\x1b]0;title\x07" in outcome.err and "\x1b" not in outcome.err

@@ -120,10 +120,11 @@ def robustness(
     """
     leave_to_the_parent()
     from sprintlab.evaluation.robustness import StudySettings, run_study, summarize
-    from sprintlab.evaluation.robustness.study import known_top_speed
+    from sprintlab.evaluation.robustness.study import check_folder, known_top_speed
 
     path = policy_path(policy)
     place = Path("runs") / f"robustness-{path.stem}" if folder is None else Path(folder)
+    check_folder(place)
     settings = StudySettings(  # refused before the search for a speed
         top_speed=top_speed or 1.0,
         trials=trials,

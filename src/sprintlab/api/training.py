@@ -14,7 +14,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable_stderr
 from sprintlab.core.reading import parse_json, read_text
 
 if TYPE_CHECKING:
@@ -257,7 +257,9 @@ def run_script(main: Callable[[ScriptOptions], object], defaults: ScriptOptions)
     import tyro
 
     try:
-        print(main(tyro.cli(ScriptOptions, default=defaults)))
+        with printable_stderr():
+            options = tyro.cli(ScriptOptions, default=defaults)
+        print(main(options))
     except SprintlabError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         raise SystemExit(2) from error

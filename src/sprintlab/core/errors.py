@@ -1,5 +1,10 @@
 """The errors a user can meet. Each message is one sentence that names what is wrong."""
 
+import contextlib
+import io
+import sys
+from collections.abc import Generator
+
 _LONGEST_VALUE = 300  # characters of a refused value in a message
 _LONGEST = 2000  # characters of a message
 
@@ -15,6 +20,22 @@ def printable(text: object, longest: int = _LONGEST_VALUE) -> str:
         for sign in str(text)[: longest + 1]
     )
     return plain if len(plain) <= longest else plain[:longest] + "..."
+
+
+def printable_lines(text: str) -> str:
+    """Text of several lines, each as ``printable``, whatever its length."""
+    return "\n".join(printable(line, len(line)) for line in text.split("\n"))
+
+
+@contextlib.contextmanager
+def printable_stderr() -> Generator[None]:
+    """Shows what a parser says of its arguments as ``printable_lines``: names of files may be among them."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            yield
+    finally:
+        print(printable_lines(said.getvalue()), end="", file=sys.stderr)
 
 
 class SprintlabError(Exception):

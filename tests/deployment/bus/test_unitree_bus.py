@@ -165,6 +165,19 @@ def test_a_state_that_is_not_judged_does_not_hide_a_stranger(ends, state_at, com
     assert state.session == SESSION
 
 
+def test_a_stranger_who_speaks_for_the_robot_too_does_not_hide(ends, state_at, command_at):
+    """States that skip a stretch of the robot's clock, or come often, are of the stranger's making."""
+    interface, endpoint = ends
+    endpoint.publish(state_at(100))
+    interface.receive()
+    interface.send(command_at(1, 100))
+    stranger_sends(interface, encode_command(command_at(1, 1)))
+    for moment in (*[100] * 30, 140, 500):
+        endpoint._last = None
+        endpoint.publish(state_at(moment))
+        assert interface.receive().session not in (0, SESSION)
+
+
 def test_a_stranger_stops_a_run(running, unitree_loopback, continue_on_unitree):
     running.bus = unitree_loopback(running.controller.session)
     continue_on_unitree(running, *running.bus)

@@ -44,7 +44,7 @@ _SLACK = 500_000  # [ns] by which a message may come early
 _MILLISECOND = 1_000_000
 _TICKS = 1 << 32
 _REMEMBERED = 64  # commands
-_SUSPECTED = 20  # states [40 ms]: longer than a controller goes without a usable one
+_SUSPECTED = 40_000_000  # [ns]: longer than a controller goes without a usable state
 
 
 class TickNumbers:
@@ -90,7 +90,8 @@ class UnitreeControllerEnd(ControllerEnd):
         self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
         self._answered = 0
         self._last_mode: JointMode | None = None
-        self._overheard_after = -math.inf  # number of the state
+        self._now = 0  # by the controller's clock [ns]: no message of others moves it
+        self._overheard_at = -math.inf
         self._unanswered = False
 
     @property
@@ -101,12 +102,12 @@ class UnitreeControllerEnd(ControllerEnd):
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None until another arrives.
 
-        Those after a command of somebody else say that the robot obeys another session: more than one, since
-        the first may be damaged, old or come twice, and is then not judged.
+        Those after a command of somebody else say that the robot obeys another session, for longer than a
+        controller goes without a state that it judges: the first may be damaged, old or come twice.
         """
         self._overhear()
         state = super().receive()
-        if state is None or abs(state.sequence - self._overheard_after) >= _SUSPECTED:
+        if state is None or self._now - self._overheard_at >= _SUSPECTED:
             return state
         return msgspec.structs.replace(state, session=self.session ^ 1)
 
@@ -116,6 +117,7 @@ class UnitreeControllerEnd(ControllerEnd):
 
     def send(self, command: JointCommand) -> None:
         """Hand a command to the robot: one a state, 500 a second without; another mode goes at once."""
+        self._now = command.timestamp
         early = command.timestamp - self._sent[-1][1] < PERIOD - _SLACK
         if self._unanswered or not early or command.mode != self._last_mode:
             super().send(command)
@@ -155,7 +157,7 @@ class UnitreeControllerEnd(ControllerEnd):
             if self._take(COMMAND) is None:
                 return
             self.overheard += 1
-            self._overheard_after = self._numbers.newest
+            self._overheard_at = self._now
 
 
 class UnitreeRobotEnd(RobotEnd):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -11,7 +12,7 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_json
+from sprintlab.core.files import atomic_write_json, check_writable
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.quantities import json_ready
@@ -108,16 +109,31 @@ def run_study(
     return [piece for piece in known.values() if piece is not None]
 
 
+def check_folder(folder: Path) -> None:
+    """Refuse, before any work, a folder that cannot be a study's.
+
+    Raises:
+        SprintlabError: it is no folder, holds something else, or nothing can be written there.
+    """
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise SprintlabError(f"{folder} is no folder; choose another one for the sprints")
+    check_writable(folder / _IDENTITY)
+    named = (folder / _IDENTITY).exists()
+    if named and known_top_speed(folder) is None:
+        raise SprintlabError(f"{folder / _IDENTITY} tells of no study; choose another folder for the sprints")
+    if not named and folder.exists() and any(folder.iterdir()):
+        raise SprintlabError(f"{folder} holds other files; choose another folder for the sprints")
+
+
 def check_identity(folder: Path, identity: dict[str, Any]) -> None:
     """Make the folder this study's, or see that it is already.
 
     Raises:
-        SprintlabError: it belongs to another one.
+        SprintlabError: it belongs to another one, or cannot be a study's.
     """
     path = folder / _IDENTITY
     if not path.exists():
-        if folder.exists() and any(folder.iterdir()):
-            raise SprintlabError(f"{folder} holds other files; choose another folder for the sprints")
+        check_folder(folder)
         atomic_write_json(path, identity)
         return
     found = read_json(path, what="study")
