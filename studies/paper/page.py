@@ -54,10 +54,13 @@ class Page:
         """Read, write.
 
         Raises:
-            SprintlabError: a result is damaged, or the disk refuses.
+            SprintlabError: the results are no folder, one is damaged, or the disk refuses.
         """
+        from sprintlab.core.errors import SprintlabError
         from sprintlab.core.files import atomic_write_text
 
+        if not self.results.is_dir():
+            raise SprintlabError(f"there is no folder {self.results}: the page would lose its results")
         pictures, more = self._pictures(FIGURES), self._pictures(MORE_FIGURES)
         atomic_write_text(self.out, page_text(self.results, pictures, more))
         print(self.out)

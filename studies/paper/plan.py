@@ -10,6 +10,7 @@ from pathlib import Path
 import tyro
 
 from sprintlab.cli.output import print_json
+from sprintlab.core.errors import printable_lines
 from studies.paper.runs import CHECKPOINT_NAME, EVALUATION_NAME, POLICY_NAME
 
 HERE = Path(__file__).parent
@@ -98,7 +99,6 @@ class Plan:
         if self.json:
             print_json({"trainings": len(trainings), "missing": lines})
             return 0
-        for line in lines:
-            print(line)
+        print(printable_lines("".join(f"{line}\n" for line in lines)), end="")
         print(f"# {len(missing)} of {len(trainings)} trainings are missing")
         return 0

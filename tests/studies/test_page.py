@@ -11,8 +11,8 @@ import msgspec
 import pytest
 from studies.paper.answers import verdict
 from studies.paper.own_motor import OwnMotorRecord, own_motor
-from studies.paper.page import page_text
-from studies.paper.plan import RESULTS, Training, study_trainings
+from studies.paper.page import Page, page_text
+from studies.paper.plan import RESULTS, Plan, Training, study_trainings
 from studies.paper.record import (
     AuditRecord,
     EvaluationRecord,
@@ -141,6 +141,19 @@ def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None
 def test_a_page_of_nothing_says_so(tmp_path) -> None:
     text = page_text(tmp_path)
     assert text.count("Not trained yet") >= 5 and "## Methods" not in text
+
+
+def test_a_page_is_not_written_over_where_the_results_are_no_folder(tmp_path) -> None:
+    (tmp_path / "study.md").write_text("written before")
+    with pytest.raises(SprintlabError, match="there is no folder"):
+        Page(results=tmp_path / "gone", out=tmp_path / "study.md").run()
+    assert (tmp_path / "study.md").read_text() == "written before"
+
+
+def test_the_plan_shows_a_path_without_control_characters(tmp_path, capsys) -> None:
+    assert Plan(runs=tmp_path / "\x1b[31mred", results=tmp_path).run() == 0
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown and "\\x1b[31mred/sprint/seed-0" in shown
 
 
 def test_an_order_is_settled_where_its_interval_leaves_out_one_half() -> None:

@@ -24,7 +24,8 @@ def printable(text: object, longest: int = _LONGEST_VALUE) -> str:
 
 def printable_lines(text: str) -> str:
     """Text of several lines, each as ``printable``, whatever its length."""
-    return "\n".join(printable(line, len(line)) for line in text.split("\n"))
+    longest_code = len("\\U00000000")
+    return "\n".join(printable(line, longest_code * len(line)) for line in text.split("\n"))
 
 
 @contextlib.contextmanager
