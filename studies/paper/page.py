@@ -139,12 +139,13 @@ def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
     from studies.paper.table import method_rows
     from studies.paper.variants import variant_speeds
 
+    kept = find_runs(results) if grouped else []
     return Evidence(
         rows={row.method: row for row in method_rows(grouped)},
         literal={row.method: row for row in method_rows(literal)},
-        variants=variant_speeds(find_runs(results)) if grouped else {},
+        variants=variant_speeds(kept),
         comparators=tuple(COMPARATORS),
-        own_motors=own_motor_records(find_runs(results)) if grouped else {},
+        own_motors=own_motor_records(kept),
         literal_own_motors=own_motor_records(find_runs(results / PAPER_PRESET)) if literal else {},
     )
 

@@ -210,7 +210,7 @@ class Actor(nn.Module):
         return torch.cat((history[:, -self.frame_size :], estimate, encoding.mean), 1), estimate
 
     def decide(self, actor_input: torch.Tensor) -> torch.Tensor:
-        """Mean action ``(n, joints)`` from what was actor_input ``(n, 69)``."""
+        """Mean action ``(n, joints)`` from the policy network's input ``(n, 69)``."""
         known = self.frame_size + ESTIMATE_SIZE
         return self.policy(torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1))
 
