@@ -53,6 +53,7 @@ def still(**body: torch.Tensor) -> RewardInput:
         loads=NO_LOADS,
         running_speed=torch.zeros(1),
         running_yaw_rate=torch.zeros(1),
+        running_side_speed=torch.zeros(1),
         weight=torch.tensor([400.0]),
     )
 
@@ -140,6 +141,12 @@ def test_fine_tracking_has_a_slope_everywhere() -> None:
     follow, turn = fine_tracking(inputs, SETTINGS)
     assert follow.item() == pytest.approx(math.exp(-1.0 / SETTINGS.fine_speed))
     assert turn.item() == pytest.approx(math.exp(-0.2 / SETTINGS.fine_yaw_rate))
+
+
+def test_drift_to_either_side_costs_its_speed() -> None:
+    for side in (-0.3, 0.0, 0.3):
+        inputs = still()._replace(running_side_speed=torch.tensor([side]))
+        assert PENALTIES["sideways_drift"](inputs, SETTINGS).item() == pytest.approx(abs(side))
 
 
 def test_running_backward_on_command_is_progress() -> None:

@@ -9,8 +9,10 @@ import pytest
 pytest.importorskip("mujoco_warp")
 
 from sprintlab.commands import AdaptiveSchedule
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import RewardWeight, TrainingSettings
 
+HASH_BEFORE_DRIFT = "420212caf1cdd6f4e4cbb3195a93ff84510060e01b78df8e5bddfa4a063a92fc"
+"""Of the defaults, as runs had it before the reward ``sideways_drift`` came."""
 PPO_FIELDS = {"precision": "bfloat16", "quiet_share": 0.1, "quiet_noise": 0.5}
 
 
@@ -39,3 +41,13 @@ def test_other_later_fields_count_as_soon_as_they_change_something() -> None:
     assert replace(settings, schedule=braking).digest() != settings.digest()
     steady = replace(settings.stages, steady_iteration=0)
     assert replace(settings, stages=steady).digest() != settings.digest()
+
+
+def test_a_later_reward_counts_only_where_it_has_a_weight() -> None:
+    settings = TrainingSettings()
+    assert settings.digest() == HASH_BEFORE_DRIFT
+    weight = RewardWeight(first=0.0, second=-1.0)
+    assert (
+        replace(settings, rewards=replace(settings.rewards, sideways_drift=weight)).digest()
+        != HASH_BEFORE_DRIFT
+    )

@@ -35,6 +35,8 @@ AGGREGATIONS = ("exponential", "clipped", "sum")
 REMOVED = {"PpoSettings": {"mirror_epochs": False}}
 """Settings that are gone, by class, with the value at which they did nothing: older files may still name that
 one, and it counts in the hash, so that runs keep theirs."""
+ADDED_REWARDS = ("sideways_drift",)
+"""Reward terms that came later: without weight they do not count in the hash, so that runs keep theirs."""
 
 
 def without_removed(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,6 +159,8 @@ class RewardSettings:
         tilt_rate: sum of the roll and pitch rates' magnitudes.
         torque: squared joint torques.
         load_balance: variance over the joints of the share of its peak torque that each gives; likewise off.
+        sideways_drift: magnitude of the speed to the side, averaged over about a stride; off by default. A
+            robot whose heading is held still leaves its lane where it moves a few degrees to the side of it.
         bare_squares: yaw rate, tilt and foot clearance as the paper prints them: the squared yaw rate, which
             fights every commanded turn, the squared tilt, which fights the lean into it, and the squared
             height error, which punishes feet for standing. By default the first is the error of the yaw rate,
@@ -213,6 +217,7 @@ class RewardSettings:
     tilt_rate: RewardWeight = _constant(0.0)
     torque: RewardWeight = _constant(0.0)
     load_balance: RewardWeight = _constant(0.0)
+    sideways_drift: RewardWeight = _constant(0.0)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
@@ -636,5 +641,7 @@ class TrainingSettings:
         """SHA-256 of all settings."""
         values = self.as_dict()
         values["ppo"] = {**asdict(self.ppo), **REMOVED["PpoSettings"]}
+        unused = [name for name in ADDED_REWARDS if getattr(self.rewards, name) == _constant(0.0)]
+        values["rewards"] = {n: value for n, value in asdict(self.rewards).items() if n not in unused}
         text = json.dumps(values, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

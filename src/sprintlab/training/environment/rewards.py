@@ -45,6 +45,7 @@ class RewardInput(NamedTuple):
         loads: what happened in the physics steps of this policy step.
         running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
         running_yaw_rate: averaged alike [rad/s] ``(n,)``.
+        running_side_speed: to the left, averaged alike [m/s] ``(n,)``.
         weight: of the robot [N] ``(n,)``.
         peak_torque: of each joint near standstill [N m] ``(joints,)``.
         no_load_speed: of each joint on the robot's own bus [rad/s] ``(joints,)``.
@@ -63,6 +64,7 @@ class RewardInput(NamedTuple):
     loads: Loads
     running_speed: torch.Tensor
     running_yaw_rate: torch.Tensor
+    running_side_speed: torch.Tensor
     weight: torch.Tensor | float
     no_load_speed: torch.Tensor | float = math.inf
     peak_torque: torch.Tensor | float = 1.0
@@ -110,6 +112,7 @@ PENALTIES: dict[str, Penalty] = {
     "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
     "torque": lambda x, s: x.torque.square().sum(1),
     "load_balance": lambda x, s: (x.torque.abs() / x.peak_torque).var(1, correction=0),
+    "sideways_drift": lambda x, s: x.running_side_speed.abs(),
 }
 
 

@@ -162,7 +162,7 @@ class SprintEnvironment:
         layout = self.observation
         self.action, self.previous_action, self.earlier_action = (zeros(n, joints) for _ in range(3))
         self.last_joint_velocity, self.running_speed = zeros(n, joints), zeros(n)
-        self.running_yaw_rate, self.course = zeros(n), zeros(n)
+        self.running_yaw_rate, self.running_side_speed, self.course = zeros(n), zeros(n), zeros(n)
         self.filtered, self.estimate = zeros(n, self.observation.measured_size), zeros(n, ESTIMATE_SIZE)
         self.held = zeros(n)  # share of the default pose in the next targets
         self.history = zeros(n, layout.history_length, layout.frame_size)
@@ -191,8 +191,8 @@ class SprintEnvironment:
         """Everything that a step reads and changes, by name: the tensors themselves."""
         own = (
             "action", "previous_action", "earlier_action", "last_joint_velocity", "running_speed",
-            "running_yaw_rate", "course", "filtered", "estimate", "held", "history", "grid_weights",
-            "tracked",
+            "running_yaw_rate", "running_side_speed", "course", "filtered", "estimate", "held", "history",
+            "grid_weights", "tracked",
             "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
             "time_out", "done",
             "actor_observation", "critic_observation",
@@ -266,6 +266,7 @@ class SprintEnvironment:
         self.episode_length_buf.add_(1)
         body = self.kinematics.read()
         self.running_speed.add_(SPEED_AVERAGE * (body.velocity[:, 0] - self.running_speed))
+        self.running_side_speed.add_(SPEED_AVERAGE * (body.velocity[:, 1] - self.running_side_speed))
         self.running_yaw_rate.add_(SPEED_AVERAGE * (body.angular_velocity[:, 2] - self.running_yaw_rate))
         ends = find_ends(
             body,
@@ -304,6 +305,7 @@ class SprintEnvironment:
             loads=self.simulation.monitor.loads,
             running_speed=self.running_speed,
             running_yaw_rate=self.running_yaw_rate,
+            running_side_speed=self.running_side_speed,
             weight=self.simulation.monitor.weight,
             no_load_speed=self.no_load_speed,
             peak_torque=self.peak_torque,
@@ -415,7 +417,10 @@ class SprintEnvironment:
         self._place(mask, starts.donors, starts.copied)
         self.simulation.supply.restart(starts.restarted, starts.copied, starts.donors)
         # A copy takes over what belongs to the running robot; a fresh start begins from zero.
-        zero_at_start = (self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate)
+        zero_at_start = (
+            self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate,
+            self.running_side_speed,
+        )  # fmt: skip
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
