@@ -634,7 +634,7 @@ class TrainingSettings:
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        values = self.as_dict()
-        values["ppo"] = {**asdict(self.ppo), **REMOVED["PpoSettings"]}
+        values: dict[str, Any] = self.as_dict()
+        values["ppo"] |= REMOVED["PpoSettings"]
         text = json.dumps(values, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
