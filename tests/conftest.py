@@ -83,6 +83,12 @@ def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     shorten_trials(monkeypatch.setitem)
 
 
+@pytest.fixture
+def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a race take seconds to draw: for tests that do not look at them."""
+    monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
+
+
 @pytest.fixture(scope="session")
 def flowing() -> Callable[[str], str]:
     """Text of a page by its path from the project's root, every line break as a space."""

@@ -1,4 +1,4 @@
-"""Hooks of the documentation site: generated commands, tables of results, and formulas as MathML."""
+"""Hooks of the documentation site: pages made of other files, tables of results, and formulas as MathML."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from result_tables import tables
 
 from sprintlab.motors import library_motors, load_library_motor
 
-COMMANDS_PAGE = "commands.md"
+ARCHITECTURE = Path(__file__).parents[1] / "ARCHITECTURE.md"
+ARCHITECTURE_PAGE, COMMANDS_PAGE = "architecture.md", "commands.md"
 _TABLE = re.compile(r"^( *)\{\{ (\w+) \}\}$", re.MULTILINE)
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL)
 _PICTURE = re.compile(r'(<img alt="[^"]*" src="([^"]+)" ?/>)')
@@ -27,10 +28,16 @@ _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the page that is written from the code."""
+    """Add the architecture, and what is written from the code."""
+    files.append(File.generated(config, ARCHITECTURE_PAGE, content=architecture()))
     files.append(File.generated(config, COMMANDS_PAGE, content=command_reference()))
     files.append(File.generated(config, "explorer/motors.js", content=motor_library()))
     return files
+
+
+def architecture() -> str:
+    """``ARCHITECTURE.md``, its links those of a page of the site."""
+    return ARCHITECTURE.read_text(encoding="utf-8").replace("](docs/", "](")
 
 
 def motor_library() -> str:
@@ -53,7 +60,8 @@ def motor_library() -> str:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables of the committed results where a page asks for them, as deep as it asks."""
+    """Lead to the architecture's page; put tables of the committed results where a page asks, as deep."""
+    markdown = markdown.replace(f"](../{ARCHITECTURE.name}", f"]({ARCHITECTURE_PAGE}")
     if not _TABLE.search(markdown):
         return markdown
     found = tables()

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from sprintlab.api.grounds import ground as ground
     from sprintlab.api.identification import IdentifiedMotor as IdentifiedMotor
     from sprintlab.api.identification import identify_motor as identify_motor
+    from sprintlab.api.importing import RobotImport as RobotImport
+    from sprintlab.api.importing import import_robot as import_robot
     from sprintlab.api.learning import Learning as Learning
     from sprintlab.api.learning import learning as learning
     from sprintlab.api.limits import Limit as Limit
@@ -64,6 +66,8 @@ if TYPE_CHECKING:
     from sprintlab.motors import torque_limits as torque_limits
     from sprintlab.robots import load_robot as load_robot
     from sprintlab.robots import robot_names as robot_names
+    from sprintlab.robots.importing import JointChoice as JointChoice
+    from sprintlab.robots.importing import RobotChoices as RobotChoices
     from sprintlab.training.settings import TrainingSettings as TrainingSettings
 
 __version__ = "0.1.0"
@@ -78,6 +82,7 @@ _HOMES = {
         "api.evaluations": "Evaluation evaluate",
         "api.grounds": "Grounds ground",
         "api.identification": "IdentifiedMotor identify_motor",
+        "api.importing": "RobotImport import_robot",
         "api.learning": "Learning learning",
         "api.limits": "Limit limit",
         "api.live": "play",
@@ -96,6 +101,7 @@ _HOMES = {
         "core.errors": "SprintlabError",
         "motors": "torque_limits",
         "robots": "load_robot robot_names",
+        "robots.importing": "JointChoice RobotChoices",
         "training.settings": "TrainingSettings",
     }.items()
     for name in names.split()

@@ -85,7 +85,7 @@ def page_text(results: Path, pictures: Sequence[str] = (), more: Sequence[str] =
         more: in Markdown, to fold.
     """
     from studies.paper.answers import answers, confirmed
-    from studies.paper.pages import markdown_table, result_tables
+    from studies.paper.pages import result_tables
 
     grouped, literal = _grouped(results), _grouped(results / PAPER_PRESET)
     known = evidence(results, grouped, literal)
@@ -100,7 +100,7 @@ def page_text(results: Path, pictures: Sequence[str] = (), more: Sequence[str] =
         REPEAT,
     ]
     if grouped:
-        parts += ["## Methods", markdown_table(main.columns, main.rows), main.note]
+        parts += ["## Methods", main.markdown()]
     parts += ["## The paper's Table III and ours", reported_table(known)]
     parts += pictures
     if more:
@@ -110,16 +110,10 @@ def page_text(results: Path, pictures: Sequence[str] = (), more: Sequence[str] =
             _folded("With the motor of the training, and with the real one", own_motors_table(known))
         )
     if literal:
-        table = result_tables(literal)[0]
-        title = "The paper's reward table to the letter"
-        parts.append(_folded(title, f"{markdown_table(table.columns, table.rows)}\n\n{table.note}"))
+        parts.append(_folded("The paper's reward table to the letter", result_tables(literal)[0].markdown()))
     if known.variants:
         parts.append(_folded("Other editions, Drake, flux weakening", variants_table(known)))
-    parts += [
-        _folded(table.title, f"{markdown_table(table.columns, table.rows)}\n\n{table.note}")
-        for table in others
-        if table.rows
-    ]
+    parts += [_folded(table.title, table.markdown()) for table in others if table.rows]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -89,6 +89,10 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
     note: str
 
+    def markdown(self) -> str:
+        """The table and its note, in Markdown."""
+        return f"{markdown_table(self.columns, self.rows)}\n\n{self.note}"
+
 
 def result_tables(grouped: Records) -> list[TextTable]:
     """Every table of an ablation: Table II, what stands behind it, each seed, the estimates."""
@@ -181,7 +185,6 @@ def update_results_page(page: Path, grouped: Records) -> None:
     sections: dict[str, list[str]] = {name: [] for name in RESULT_SECTIONS}
     for table in result_tables(grouped):
         title = f"**{table.title}**\n\n" if table.name.startswith("estimates") else ""
-        text = f"{title}{markdown_table(table.columns, table.rows)}\n\n{table.note}"
-        sections[table.name.split("-")[0]].append(text)
+        sections[table.name.split("-")[0]].append(f"{title}{table.markdown()}")
     for name, parts in sections.items():
         replace_section(page, name, "\n\n".join(parts) or "No policy with an estimator yet.")

@@ -4,9 +4,9 @@ import copy
 import importlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from tests.calling import Outcome, caller
 from tests.short_trials import COARSE, shorten_trials
 
 from sprintlab.cli.main import main
@@ -16,25 +16,10 @@ from sprintlab.evaluation.results import RaceResult
 from sprintlab.robots import RobotDescription
 
 
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
 @pytest.fixture
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run ``sprintlab ARGUMENTS`` and return status, stdout and stderr."""
-
-    def run(*arguments: object) -> Outcome:
-        try:
-            status = main([str(argument) for argument in arguments])
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return Outcome(status, captured.out, captured.err)
-
-    return run
+    return caller(main, capsys)
 
 
 @pytest.fixture
@@ -61,12 +46,6 @@ def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
         shorten_trials(patch.setitem)
         settings = ProtocolSettings(trials=1, required=1, plant=COARSE)
         return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
-
-
-@pytest.fixture
-def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of a race take seconds to draw: for tests that do not look at them."""
-    monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
 
 
 @pytest.fixture

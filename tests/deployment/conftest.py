@@ -6,10 +6,10 @@ import copy
 import os
 import time as clock
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import mujoco
@@ -21,7 +21,7 @@ from sprintlab.control import Policy, load_policy, shipped_policy
 from sprintlab.deployment.bus import open_bus, open_endpoint
 from sprintlab.deployment.bus.ends import COMMAND, STATE
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
-from sprintlab.deployment.controller import Controller
+from sprintlab.deployment.controller import Controller, modes
 from sprintlab.deployment.interface import (
     ControlTick,
     JointCommand,
@@ -62,46 +62,76 @@ class StraightSource:
         """Nothing to let go of."""
 
 
-def check_safe(
-    command: JointCommand,
-    state: RobotState | None,
-    robot: RobotDescription,
-    *,
-    fresh: bool = True,
-    age: float = 0.0,
-) -> None:
-    """What must hold for every command that leaves a controller, whatever has happened before.
+class Sent(NamedTuple):
+    """A command that left a controller.
 
-    Nobody knows the torque of a damper on a robot that is no longer heard of: not ``fresh``. ``age`` is that
-    of the state when the command acts [s]: the envelope is that of the speeds that a motor can reach in it.
+    Attributes:
+        command: as it left.
+        state: the last that the controller has accepted.
+        fresh: whether the robot was heard of lately; nobody knows the torque of a damper where not.
+        age: of the state when the command acts [s]: the envelope is that of the speeds that a motor can
+            reach in it.
     """
-    stiffness, damping = command.stiffness, command.damping
-    parts = np.array((command.target_position, command.feedforward_torque, stiffness, damping))
-    assert parts.shape == (4, 12) and np.isfinite(parts).all()
-    assert ((parts[2:] >= 0.0) & (parts[2:] <= np.array((robot.stiffness, robot.damping)) + 1e-9)).all()
-    if command.mode == JointMode.OFF or state is None:
-        assert command.mode != JointMode.SERVO
-        return
-    position, velocity = state.joint_position, state.joint_velocity
-    torque = -command.damping * velocity
-    if command.mode == JointMode.SERVO:
+
+    command: JointCommand
+    state: RobotState | None
+    fresh: bool
+    age: float
+
+
+def check_safe(sent: Sequence[Sent], robot: RobotDescription) -> None:
+    """What must hold for every command that leaves a controller, whatever has happened before."""
+    parts = np.array(
+        [(c.target_position, c.feedforward_torque, c.stiffness, c.damping) for c, *_ in sent]
+    )  # (n, 4, J)
+    assert parts.shape[1:] == (4, len(robot.joint_names)) and np.isfinite(parts).all()
+    gains = np.array((robot.stiffness, robot.damping)) + 1e-9
+    assert ((parts[:, 2:] >= 0.0) & (parts[:, 2:] <= gains)).all()
+    unseen = [item for item in sent if item.state is None]
+    assert all(item.command.mode != JointMode.SERVO for item in unseen)
+    for mode in (JointMode.SERVO, JointMode.DAMPING):
+        driven = [item.state is not None and item.command.mode == mode for item in sent]
+        for late in (False, True):
+            chosen = [on and late == (item.age != 0.0) for on, item in zip(driven, sent, strict=True)]
+            group = [item for item, on in zip(sent, chosen, strict=True) if on]
+            if group:
+                check_torques(group, parts[chosen], robot, mode)
+
+
+def check_torques(group: Sequence[Sent], parts: np.ndarray, robot: RobotDescription, mode: JointMode) -> None:
+    """Whether commands of one mode, all late or none, ask for torques that their states allow."""
+    target, feedforward, stiffness, damping = parts.swapaxes(0, 1)
+    states = [item.state for item in group]
+    position = np.array([state.joint_position for state in states])
+    velocity = np.array([state.joint_velocity for state in states])
+    torque = -damping * velocity
+    if mode == JointMode.SERVO:
         lower, upper = robot.position_limits.T
-        assert ((command.target_position >= lower) & (command.target_position <= upper)).all()
-        torque += command.stiffness * (command.target_position - position) + command.feedforward_torque
+        assert ((target >= lower) & (target <= upper)).all()
+        torque += stiffness * (target - position) + feedforward
         assert (torque[position >= upper] <= 1e-9).all() and (torque[position <= lower] >= -1e-9).all()
-    ratio, voltage = np.asarray(robot.gear.ratio), min(state.bus_voltage, 1.25 * robot.bus_voltage)
-    speeds = velocity * ratio
-    if age:
-        reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
-        speeds = speeds + np.linspace(-reach, reach, 41)
-    least, greatest = (ratio * limit for limit in torque_limits(robot.motors, speeds, voltage))
-    if age:
-        least, greatest = least.min(axis=0), greatest.max(axis=0)
-    if command.mode == JointMode.DAMPING and not fresh:
-        return
-    if command.mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
-        least, greatest = np.minimum(least, 0.0), np.maximum(greatest, 0.0)
+    least, greatest = reachable_limits(group, velocity, robot)
+    if mode == JointMode.DAMPING:  # a damper may be weaker than the back-EMF, never stronger
+        fresh = [item.fresh for item in group]
+        least, greatest = np.minimum(least, 0.0)[fresh], np.maximum(greatest, 0.0)[fresh]
+        torque = torque[fresh]
     assert ((torque >= least - 1e-6) & (torque <= greatest + 1e-6)).all()
+
+
+def reachable_limits(
+    group: Sequence[Sent], velocity: np.ndarray, robot: RobotDescription
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the envelope at the joints ``(n, J)``, over all speeds that a motor can reach meanwhile."""
+    ratio = np.asarray(robot.gear.ratio)
+    voltage = np.array([[min(item.state.bus_voltage, 1.25 * robot.bus_voltage)] for item in group])
+    speeds = velocity * ratio
+    age = np.array([[item.age] for item in group])
+    if not age.any():
+        least, greatest = torque_limits(robot.motors, speeds, voltage)
+        return ratio * least, ratio * greatest
+    reach = age * np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
+    least, greatest = torque_limits(robot.motors, speeds + np.linspace(-reach, reach, 41), voltage)
+    return (ratio * least).min(axis=0), (ratio * greatest).max(axis=0)
 
 
 @dataclass
@@ -136,12 +166,16 @@ class Rig:
 
     def step(self) -> ControlTick:
         """One step of the controller, then of the robot until the controller's next one."""
+        tick, sent = self._step()
+        check_safe([sent], self.robot)
+        return tick
+
+    def _step(self) -> tuple[ControlTick, Sent]:
         states = self.to_controller(self.on_states([self.simulated.state(self.now)]))
         tick = self.controller.step(self.now, states, self.on_fix(self.simulated.fix(self.now)))
         if self.last_state is not tick.state:
             self.last_state, self.heard = tick.state, tick.time
-        fresh = tick.time - self.heard < 0.0285
-        check_safe(tick.command, tick.state, self.robot, fresh=fresh, age=self.age(tick.state))
+        sent = Sent(tick.command, tick.state, tick.time - self.heard < 0.0285, self.age(tick.state))
         self.sent[tick.command.sequence] = self.now
         assert np.isfinite(tick.velocity).all()
         command = self.on_command(tick.command)
@@ -152,7 +186,7 @@ class Rig:
             self.simulated.step()
         self.now += pause * MILLISECOND
         self.ticks.append(tick)
-        return tick
+        return tick, sent
 
     def to_controller(self, states: list[RobotState]) -> list[RobotState]:
         """Carry states over the bus, if there is one, and wait until each has arrived or was refused."""
@@ -194,20 +228,26 @@ class Rig:
 
     def run(self, seconds: float) -> ControlTick:
         """Step for some time; the last tick."""
-        tick = self.step()
-        for _ in range(round(seconds * 1000) - 1):
-            tick = self.step()
-        return tick
+        return self._steps(max(1, round(seconds * 1000)), lambda tick: False)
 
     def run_until(self, condition: Callable[[ControlTick], bool], seconds: float) -> ControlTick:
         """Step until a tick satisfies the condition; an assertion fails when none does in time."""
-        for _ in range(round(seconds * 1000)):
-            tick = self.step()
-            if condition(tick):
-                return tick
-        raise AssertionError(
+        tick = self._steps(round(seconds * 1000), condition)
+        assert condition(tick), (
             f"not within {seconds} s; mode {tick.mode}, faults {self.controller.fault_counts}"
         )
+        return tick
+
+    def _steps(self, most: int, enough: Callable[[ControlTick], bool]) -> ControlTick:
+        """Step until it is enough; all commands are checked together, which takes a third of the time."""
+        sent = []
+        for _ in range(most):
+            tick, command = self._step()
+            sent.append(command)
+            if enough(tick):
+                break
+        check_safe(sent, self.robot)
+        return tick
 
 
 @dataclass
@@ -241,6 +281,17 @@ class Snapshot:
         plant._motor_steps, plant.fall_reason = self.motor_steps, ""
         controller, source = _copy_controller(self.controller, self.source, self.policy)
         return Rig(self.rig.robot, simulated, controller, source, self.now, sent=dict(self.sent))
+
+
+def _hurry(patch: pytest.MonkeyPatch) -> None:
+    for name in ("_TUCK_TIME", "_RISE_TIME", "_SINK_TIME"):
+        patch.setattr(modes, name, 0.65 * getattr(modes, name))
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Standing up and sinking in two thirds of their times, where a test is not about how that is done."""
+    _hurry(monkeypatch)
 
 
 def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tuple[Controller, Any]:
@@ -293,7 +344,9 @@ def gallop(robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
     source = StraightSource()
     simulated = SimulatedRobot(robot, SimulatorOptions())
     rig = Rig(robot, simulated, Controller(sprint_policy, robot, source), source)
-    rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
+    with pytest.MonkeyPatch.context() as patch:
+        _hurry(patch)
+        rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
     return Snapshot.take(rig, sprint_policy)
 
 

@@ -26,7 +26,7 @@ from sprintlab.cli.main import main, parse
 from sprintlab.control import shipped_policy
 from sprintlab.motors import PmsmParameters, save_motor
 from sprintlab.robots import load_robot
-from sprintlab.robots.importing import JointChoice, RobotChoices, import_robot, read_choices
+from sprintlab.robots.importing import import_robot, make_choices, read_choices
 
 try:
     import tomllib
@@ -95,6 +95,7 @@ def workplace(tmp_path_factory):
     arrays = {"time": np.arange(count) / 500.0, "qpos": standing, **joints, **limits, **plane}
     (folder / "runs" / "sprint-0").mkdir(parents=True)
     (folder / "runs" / "sprint-0" / "run.toml").write_text('method = "sprint"\n', encoding="utf-8")
+    (folder / "examples").symlink_to(GO1.parent)
     import_robot(GO1 / "go1.xml", go1_choices(), folder / "robots")
     for name in named_runs():
         (folder / name).mkdir(parents=True)
@@ -106,12 +107,7 @@ def workplace(tmp_path_factory):
 
 def go1_choices():
     """The tutorial's choices, as ``sprintlab robot new`` reads them."""
-    given = read_choices(GO1 / "choices.toml")
-    joints = {
-        name: JointChoice(**{**table, "motor": str(GO1 / "motor.toml")})
-        for name, table in given["joints"].items()
-    }
-    return RobotChoices(**{**given, "name": "mydog", "joints": joints})
+    return make_choices({**read_choices(GO1 / "choices.toml"), "name": "mydog"}, "choices.toml")
 
 
 def named_runs():
@@ -263,8 +259,8 @@ def test_python_of_the_pages_imports_what_exists(block):
                 ), f"{node.module} has no {alias.name}"
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/motor-law.md"])
-def test_python_of_the_first_pages_runs(page, workplace, monkeypatch, capsys):
+@pytest.mark.parametrize("page", ["README.md", "docs/motor-law.md", "docs/train.md"])
+def test_python_of_the_pages_runs(page, workplace, monkeypatch, capsys):
     monkeypatch.chdir(workplace)
     blocks = [
         body for language, body in FENCE.findall((ROOT / page).read_text("utf-8")) if language == "python"

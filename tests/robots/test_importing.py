@@ -16,6 +16,7 @@ from sprintlab.robots.importing import (
     find_motor,
     fit_robot,
     import_robot,
+    make_choices,
     read_choices,
     read_source,
 )
@@ -32,9 +33,7 @@ def choices(name: str = "mine", **fields) -> RobotChoices:
 
 
 def go1_choices() -> RobotChoices:
-    given = read_choices(GO1 / "choices.toml")
-    joints = {name: JointChoice(**table) for name, table in given.pop("joints").items()}
-    return RobotChoices(**given, joints=joints)
+    return make_choices(read_choices(GO1 / "choices.toml"), "choices.toml")
 
 
 @pytest.fixture

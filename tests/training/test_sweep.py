@@ -431,7 +431,7 @@ def test_without_slurm_it_is_refused(tmp_path: Path, monkeypatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch) -> None:
     pytest.importorskip("mujoco_warp")
     pytest.importorskip("submitit")
     made = plans(tmp_path, seeds=(0,), iterations=3)
@@ -444,6 +444,15 @@ def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         killed.append(int((victim / ".lock").read_text()))
         os.kill(killed[0], signal.SIGKILL)
 
+    def work_with_a_small_cloud(plans: Sequence[RunPlan]) -> None:  # in the worker: handed over by its code
+        from functools import partial
+
+        from sprintlab.training.runs import cloud, sweep
+
+        cloud.record_cloud = partial(cloud.record_cloud, steps=4)
+        sweep.work(plans)
+
+    monkeypatch.setattr("sprintlab.training.runs.sweep.work", work_with_a_small_cloud)
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
     sweep = Sweep(made, LocalCluster(tmp_path / ".jobs", 2, [], 10.0))
@@ -455,7 +464,8 @@ def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         rows = [json.loads(line) for line in (plan.folder / "log.jsonl").read_text().splitlines()]
         assert [row["iteration"] for row in rows] == [1, 2, 3]
         files = {path.name for path in plan.folder.iterdir()}
-        assert {"checkpoint.pt", "curve.csv", "policy.onnx", "run.json", "tensorboard"} <= files
+        complete = {"checkpoint.pt", "cloud.npz", "curve.csv", "policy.onnx", "run.json", "tensorboard"}
+        assert complete <= files
         record = plan.record()
         assert record is not None
         assert record["reached_iterations"] == 3

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.api.importing import import_robot
+from sprintlab.cli.output import show, stderr_console
+from sprintlab.core.errors import RobotModelError
 
 JOINTS = ("abad", "hip", "knee")
 
@@ -53,20 +54,16 @@ class RobotNew:
 
     def run(self) -> int:
         """Write the folder; raises ``SprintlabError`` for a source or a choice that cannot be used."""
-        from sprintlab.robots.importing import import_robot, read_source
+        from sprintlab.robots.importing import make_choices, read_source
 
         read_source(self.source, self.foot_radius or 0.02)  # refuse a bad file before anything is asked
-        made = import_robot(self.source, self._all_choices(), self.output)
-        if self.json:
-            checks = [asdict(check) for check in made.checks]
-            print_json({"folder": str(made.folder), "robot": made.robot.name, "checks": checks})
-        else:
-            self._print(made)
+        choices = make_choices(self._all_choices(), str(self.choices))
+        show(import_robot(self.source, choices, self.output), self)
         return 0
 
-    def _all_choices(self) -> Any:
+    def _all_choices(self) -> dict[str, Any]:
         """Options over the file of choices over answers at the terminal."""
-        from sprintlab.robots.importing import JointChoice, RobotChoices, read_choices
+        from sprintlab.robots.importing import read_choices
 
         given = read_choices(self.choices) if self.choices is not None else {}
         tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
@@ -85,24 +82,7 @@ class RobotNew:
         chosen.setdefault("name", self.source.stem)
         if "bus_voltage" not in chosen:
             chosen["bus_voltage"] = ask("bus voltage [V]", "--bus-voltage", True)
-        try:
-            return RobotChoices(
-                **chosen, joints={joint: JointChoice(**table) for joint, table in tables.items()}
-            )
-        except TypeError as error:
-            raise InvalidValueError(
-                "choices", str(self.choices), f"its values must be numbers: {error}"
-            ) from error
-
-    def _print(self, made: Any) -> None:
-        console = stdout_console()
-        table = plain_table(f"Robot {made.robot.name} from {self.source}", "check", "outcome", "")
-        for check in made.checks:
-            table.add_row(check.what, check.outcome, "" if check.good else "look at this")
-        console.print(table)
-        console.print(f"written: {made.folder}/ (parameters.toml, joints.json, train.py)")
-        # By its folder: a robot of the package may have the same name, and it comes first.
-        console.print(f"next: sprintlab robot show {made.folder}; python {made.folder}/train.py --help")
+        return {**chosen, "joints": tables}
 
 
 def ask(what: str, option: str, number: bool) -> Any:

@@ -11,10 +11,6 @@ from sprintlab.commands.curricula import ProgressGrid as ProgressGrid
 from sprintlab.commands.grid import CommandGrid as CommandGrid
 from sprintlab.commands.grid import GridBins as GridBins
 from sprintlab.commands.grid import TargetOutcome as TargetOutcome
-from sprintlab.commands.growth import RangeGrowth as RangeGrowth
-from sprintlab.commands.growth import StageBlend as StageBlend
-from sprintlab.commands.growth import fastest_speed as fastest_speed
-from sprintlab.commands.growth import ranked_speeds as ranked_speeds
 from sprintlab.commands.heading import heading_angle as heading_angle
 from sprintlab.commands.heading import heading_command as heading_command
 from sprintlab.commands.heading import wrap_angle as wrap_angle
@@ -28,6 +24,10 @@ from sprintlab.commands.schedules import Schedule as Schedule
 from sprintlab.commands.schedules import TargetSampling as TargetSampling
 from sprintlab.commands.schedules import UniformSchedule as UniformSchedule
 from sprintlab.commands.schedules import check_schedule as check_schedule
+from sprintlab.commands.stages import RangeGrowth as RangeGrowth
+from sprintlab.commands.stages import StageBlend as StageBlend
+from sprintlab.commands.stages import fastest_speed as fastest_speed
+from sprintlab.commands.stages import ranked_speeds as ranked_speeds
 from sprintlab.commands.state import CommandState as CommandState
 from sprintlab.commands.state import initial_state as initial_state
 from sprintlab.commands.state import limit_yaw_rate as limit_yaw_rate

@@ -639,9 +639,10 @@ class TrainingSettings:
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        values = self.as_dict()
-        values["ppo"] = {**asdict(self.ppo), **REMOVED["PpoSettings"]}
-        unused = [name for name in ADDED_REWARDS if getattr(self.rewards, name) == _constant(0.0)]
-        values["rewards"] = {n: value for n, value in asdict(self.rewards).items() if n not in unused}
+        values: dict[str, Any] = self.as_dict()
+        values["ppo"] |= REMOVED["PpoSettings"]
+        for name in ADDED_REWARDS:
+            if getattr(self.rewards, name) == _constant(0.0):
+                del values["rewards"][name]
         text = json.dumps(values, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -94,7 +94,7 @@ def frozen_heap():
 
 
 @pytest.fixture
-def start(lie_down_with, monkeypatch):
+def start(lie_down_with, hurried, monkeypatch):
     """Makes a controller and its bus; memory is not locked, since tests have imported gigabytes of it."""
     monkeypatch.setattr(realtime, "_lock_memory", lambda remarks: True)
 
@@ -150,9 +150,9 @@ def test_a_question_that_was_asked_twice_is_answered_once_and_is_no_fault(start)
 def test_in_lock_step_time_is_the_robots(start):
     controller, bus = start(Riser())
     log = Log()
-    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=3.0), log=log)
+    report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=2.1), log=log)
     assert report.end == "passive" and report.grant is None
-    assert report.duration == pytest.approx(6.5, abs=0.1)  # three seconds, then sinking and damping
+    assert report.duration == pytest.approx(4.725, abs=0.1)  # 2.1 seconds, then sinking and damping
     assert report.steps == len(log.ticks) == len(bus.sent) - 1
     assert report.policy_steps == 0 and report.malformed == 3
     assert {tick.mode for tick in log.ticks} == {"passive", "stand-up", "stand", "lie-down"}

@@ -7,6 +7,7 @@ import itertools
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from sprintlab.control import (
     Measurement,
@@ -99,7 +100,7 @@ def whole_life(make_rig, policy):
     run_once(rig)
     rig.source.request = Request.STAND
     until(rig, "stand")
-    rig.run(0.5)
+    rig.run(0.1)
     return rig
 
 
@@ -238,6 +239,7 @@ def test_a_new_controller_is_taken_when_the_old_one_has_been_silent(lying, sprin
     assert lying.simulated.accepted >= accepted + 98
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_stand_up_that_fails_ends_in_a_stop(lying, monkeypatch):
     """The drives give a fiftieth of the torque that they are asked for."""
     lying.source.request = Request.STAND
@@ -304,10 +306,11 @@ def test_a_fault_while_the_feet_are_stepped_damps_at_once(coming_down):
     assert tick.mode == "stop" and rig.controller.stop_reason == Fault.DRIVE_FAULT.value
 
 
-def test_a_policy_that_never_rests_is_not_waited_for(standing):
+def test_a_policy_that_never_rests_is_not_waited_for(standing, monkeypatch):
+    monkeypatch.setattr(modes_module, "_CALM_PATIENCE", 1.0)  # twice what a robot at rest is watched for
     standing.on_states = restless(1.5)
     standing.source.request = Request.LIE_DOWN
-    assert standing.run(3.0).mode == "stand"
+    assert standing.run(1.0).mode == "stand"
     until(standing, "lie-down", 1.0)
 
 
@@ -319,7 +322,7 @@ def test_a_robot_that_was_damped_in_its_stand_stands_up_from_where_its_legs_have
     until(standing, "passive", 3.0)
     standing.source.request = Request.STAND
     until(standing, "stand")
-    standing.run(0.5)
+    standing.run(0.2)
     assert trunk_tilt(standing.ticks[-1].state) < 5.0
 
 
@@ -347,6 +350,24 @@ def test_the_last_command_is_safe(running, lying):
     assert running.controller.last_command(running.now).mode == JointMode.DAMPING
     lying.run(0.1)
     assert lying.controller.last_command(lying.now).mode == JointMode.OFF
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("feedforward_torque", 300.0), ("stiffness", 1000.0), ("target_position", 9.0), ("damping", np.nan)],
+)
+@pytest.mark.parametrize("late", [0.0, 0.01])
+def test_an_unsafe_command_fails_whatever_test_it_is_sent_in(running, field, value, late):
+    step = running.controller.step
+
+    def unsafe(*given):
+        tick = step(*given)
+        return replace(tick, command=replace(tick.command, **{field: np.full(12, value)}))
+
+    running.controller.step, running.on_command = unsafe, lambda command: None
+    running.age = lambda state: late
+    with pytest.raises(AssertionError):
+        running.run(0.003)
 
 
 def test_the_source_is_told_what_it_needs(running):

@@ -5,6 +5,7 @@ from sprintlab.robots.importing.checks import compare_models as compare_models
 from sprintlab.robots.importing.choices import JointChoice as JointChoice
 from sprintlab.robots.importing.choices import RobotChoices as RobotChoices
 from sprintlab.robots.importing.choices import find_motor as find_motor
+from sprintlab.robots.importing.choices import make_choices as make_choices
 from sprintlab.robots.importing.choices import read_choices as read_choices
 from sprintlab.robots.importing.fit import FittedRobot as FittedRobot
 from sprintlab.robots.importing.fit import fit_robot as fit_robot

@@ -113,6 +113,31 @@ def read_choices(path: Path) -> dict[str, Any]:
     return {**document, "joints": joints}
 
 
+def make_choices(given: Mapping[str, Any], origin: str) -> RobotChoices:
+    """The choices that a table holds, as ``read_choices`` gives it.
+
+    Args:
+        given: fields of ``RobotChoices``; of each joint type, a table of the fields of ``JointChoice``.
+        origin: where they stand, for messages.
+
+    Raises:
+        RobotModelError: something that has no default is not there.
+        InvalidValueError: a field is no number, or out of its physical range.
+    """
+    joints = given.get("joints", {})
+    lacking = [name for name in ("name", "bus_voltage") if name not in given]
+    for joint in JOINTS_PER_LEG:
+        needed = ("motor", "gear_ratio")
+        lacking += [f"joint.{joint}.{name}" for name in needed if name not in joints.get(joint, {})]
+    if lacking:
+        raise RobotModelError(f"{origin} lacks {', '.join(lacking)}")
+    try:
+        tables = {joint: JointChoice(**table) for joint, table in joints.items()}
+        return RobotChoices(**{**given, "joints": tables})
+    except TypeError as error:
+        raise InvalidValueError("choices", origin, f"its values must be numbers: {error}") from error
+
+
 def _check_names(path: Path, table: Any, known: set[str], prefix: str = "") -> None:
     if not isinstance(table, dict):
         raise RobotModelError(f"{path}: {prefix.rstrip('.')} must be a table")
