@@ -88,6 +88,7 @@ REFUSED = (
     (["motor", "identify", "no-bench.csv", "--out", "loop/motor.toml"], "cannot write"),
     (["replay", "no-run", "--out", "loop"], "cannot write"),
     (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "loop/truth.npz"], "cannot write"),
+    (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "truth.csv"], "truth's ending"),
 )
 
 
