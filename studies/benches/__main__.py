@@ -10,15 +10,14 @@ from typing import Any
 
 from tools.fetch_bench_data import SOURCES
 
-from sprintlab.core.errors import SprintlabError
-from sprintlab.core.files import atomic_write_json
+from sprintlab.cli.status import exit_status
+from sprintlab.core.files import atomic_write_json, check_writable, check_writable_file
 from studies.benches.figures import heat_figure, torque_figure
 from studies.benches.heat import heat_rows
 from studies.benches.laws import compared, compared_saturation, turning_speed
 from studies.benches.predictions import Split, predicted, splits
 from studies.benches.resistance import resistance_rows
 
-REFUSED = 2
 SATURATION_SPLITS = (
     "motor 1, stalled, first half: second half",
     "motor 1, stalled on 27 April: 13 May",
@@ -64,18 +63,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("results/benches/benches.json"))
     parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
     chosen = parser.parse_args(arguments)
-    try:
-        parts = splits(chosen.data)
-        numbers = study(chosen.data, parts)
-        named = {split.name: split for split in parts}
-        torque_figure(chosen.figures / "benches-torque.png", chosen.data, [named[name] for name in SHOWN])
-        heat_figure(chosen.figures / "benches-heat.png", chosen.data)
-        chosen.out.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write_json(chosen.out, rounded(numbers))
-    except SprintlabError as error:
-        print(f"studies.benches: {error}", file=sys.stderr)
-        return REFUSED
-    print(f"{len(numbers['predictions'])} predictions in {chosen.out}")
+    return exit_status("studies.benches", lambda: write(chosen.data, chosen.out, chosen.figures))
+
+
+def write(data: Path, out: Path, figures: Path) -> int:
+    """Compute and write; returns the exit status.
+
+    Args:
+        data: folder that ``tools/fetch_bench_data.py`` filled.
+        out: file of the numbers (JSON).
+        figures: folder of the figures.
+
+    Raises:
+        SprintlabError: a file is missing or damaged, or the disk refuses.
+    """
+    check_writable_file(out)
+    check_writable(figures / "benches-torque.png")
+    parts = splits(data)
+    numbers = study(data, parts)
+    named = {split.name: split for split in parts}
+    torque_figure(figures / "benches-torque.png", data, [named[name] for name in SHOWN])
+    heat_figure(figures / "benches-heat.png", data)
+    atomic_write_json(out, rounded(numbers))
+    print(f"{len(numbers['predictions'])} predictions in {out}")
     return 0
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import read_text
 from sprintlab.workbench.identification import Bench, behind_gear, load_bench, rested
 
 FloatArray = NDArray[np.float64]
@@ -24,6 +25,9 @@ IDLE = 0.15
 
 LARGEST_D_CURRENT = 5.0
 """i_d beyond which a row of the D5065 is no steady point [A]: its drive asks for none."""
+
+
+_TABLE_LIMIT = 32 << 20  # [bytes]
 
 
 def shaft(folder: Path, name: str, role: str = "") -> Bench:
@@ -51,10 +55,14 @@ def joint(folder: Path, name: str) -> Bench:
 
 def columns(folder: Path, name: str) -> dict[str, FloatArray]:
     """A converted table that is no bench, by heading."""
-    lines = present(folder, name).read_text(encoding="utf-8").splitlines()
-    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
-    numbers = np.array(rows[1:], dtype=float)
-    return {heading: numbers[:, index] for index, heading in enumerate(rows[0])}
+    path = present(folder, name)
+    lines = read_text(path, _TABLE_LIMIT, what="table").splitlines()
+    try:
+        rows = list(csv.reader(line for line in lines if not line.startswith("#")))
+        numbers = np.array(rows[1:], dtype=float)
+        return {heading: numbers[:, index] for index, heading in enumerate(rows[0])}
+    except (csv.Error, ValueError, IndexError) as error:
+        raise SprintlabError(f"{path} holds what is no table of numbers: {error}") from error
 
 
 def present(folder: Path, name: str) -> Path:

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from sprintlab.core.errors import SprintlabError, printable_stderr
+from sprintlab.cli.status import exit_status
+from sprintlab.core.errors import printable_stderr
 from studies.paper.compare import Compare
 from studies.paper.draw import Figures
 from studies.paper.network import Network
@@ -17,8 +18,6 @@ from studies.paper.plan import Plan
 from studies.paper.publish import Publish
 from studies.paper.stride import Strides
 from studies.paper.variants import Variants
-
-REFUSED = 2
 
 Command = (
     Annotated[Compare, tyro.conf.subcommand(name="table")]
@@ -43,11 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
             args=None if arguments is None else list(arguments),
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
         )
-    try:
-        return command.run()
-    except SprintlabError as error:
-        print(f"studies.paper: {error}", file=sys.stderr)
-        return REFUSED
+    return exit_status("studies.paper", command.run)
 
 
 if __name__ == "__main__":

@@ -85,6 +85,12 @@ class Compare:
         return 0
 
     def _check(self) -> None:
+        from sprintlab.core.files import check_writable, check_writable_file
+
+        if self.out is not None:
+            check_writable_file(self.out)
+        if not self.recorded:
+            check_writable(self.cache / "speed.json")
         if self.recorded and self.train:
             raise SprintlabError("--recorded evaluates nothing, so there is nothing to --train for")
         if self.markdown is not None:

@@ -65,12 +65,14 @@ class Figures:
 
     def _gallery(self) -> Gallery:
         from sprintlab.core.checks import check_positive
+        from sprintlab.core.files import check_writable
         from sprintlab.robots import load_robot
         from studies.paper.gallery import Gallery
         from studies.paper.measure import Candidate
         from studies.paper.runs import find_runs
 
         check_positive("top_speed", self.top_speed, "m/s")
+        check_writable(self.out / "figure.png")
         runs = find_runs(self.results)
         policies: dict[str, Candidate] = {}
         for run in runs:

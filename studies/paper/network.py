@@ -59,11 +59,11 @@ class Network:
         check_range("points", self.points, _BATCH, 10**7)
         check_range("epochs", self.epochs, 1, 10_000)
         check_range("noise", self.noise, 0.0, 1.0)
-        from sprintlab.core.files import atomic_write_bytes, check_writable
+        from sprintlab.core.files import atomic_write_bytes, check_writable_file
         from sprintlab.robots import load_robot
         from sprintlab.training.environment.actuator_network import read_networks
 
-        check_writable(self.out)
+        check_writable_file(self.out)
         robot = load_robot(self.robot)
         with progress_bar(quiet=self.json) as report:
             arrays = fit(robot, self, report)

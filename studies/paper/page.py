@@ -56,11 +56,11 @@ class Page:
         Raises:
             SprintlabError: the results are no folder, one is damaged, or the disk refuses.
         """
-        from sprintlab.core.errors import SprintlabError
-        from sprintlab.core.files import atomic_write_text
+        from sprintlab.core.files import atomic_write_text, check_writable_file
+        from sprintlab.core.reading import check_folder
 
-        if not self.results.is_dir():
-            raise SprintlabError(f"there is no folder {self.results}: the page would lose its results")
+        check_folder(self.results)  # without it the page would lose its results
+        check_writable_file(self.out)
         pictures, more = self._pictures(FIGURES), self._pictures(MORE_FIGURES)
         atomic_write_text(self.out, page_text(self.results, pictures, more))
         print(self.out)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import read_text
 from sprintlab.evaluation.estimates import ESTIMATE_COLUMNS, estimate_cells
 from studies.paper.record import COLLAPSE_SPEED
 from studies.paper.table import (
@@ -28,6 +29,10 @@ from studies.paper.table import (
 
 RESULT_SECTIONS = ("methods", "details", "seeds", "clock", "estimates")
 """Sections that ``update_results_page`` writes."""
+
+
+_PAGE_LIMIT = 4 << 20
+"""Largest page that is read [bytes]."""
 
 
 def section_marks(name: str) -> tuple[str, str]:
@@ -55,10 +60,7 @@ def check_sections(page: Path, names: Sequence[str]) -> None:
 
 def _marked_text(page: Path, name: str) -> str:
     """The page's text, which has the marks of section ``name`` once and in order."""
-    try:
-        text = page.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SprintlabError(f"cannot read {page}: {error.strerror or error}") from error
+    text = read_text(page, _PAGE_LIMIT, what="page")
     start, end = section_marks(name)
     if text.count(start) != 1 or text.count(end) != 1 or text.index(start) > text.index(end):
         raise SprintlabError(f"{page} must have one {start!r} and after it one {end!r}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import tyro
 
 from sprintlab.cli.output import print_json
 from sprintlab.core.errors import printable_lines
+from sprintlab.core.reading import check_folder
 from studies.paper.runs import CHECKPOINT_NAME, EVALUATION_NAME, POLICY_NAME
 
 HERE = Path(__file__).parent
@@ -92,7 +94,14 @@ class Plan:
     json: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run(self) -> int:
-        """Print."""
+        """Print.
+
+        Raises:
+            SprintlabError: there are no results, or the runs lie in something that is no folder.
+        """
+        check_folder(self.results)
+        if os.path.lexists(self.runs):
+            check_folder(self.runs)
         trainings = study_trainings()
         missing = [each for each in trainings if not each.done((self.runs, self.results))]
         lines = [shlex.join(each.words(self.runs)) for each in missing]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import check_folder
 from studies.paper.paper import PAPER_TABLE
 from studies.paper.record import EvaluationRecord, read_evaluation
 
@@ -61,8 +62,7 @@ def find_runs(folder: Path) -> list[Run]:
         SprintlabError: the folder does not exist or holds no runs, a method's name has other signs, or a
             run lies behind a link.
     """
-    if not folder.is_dir():
-        raise SprintlabError(f"there is no folder {folder}")
+    check_folder(folder)
     runs = [
         Run(method=place.parent.name, seed=int(match.group(1)), folder=place)
         for place in folder.glob("*/*")

@@ -49,14 +49,14 @@ class Strides:
         Raises:
             SprintlabError: the robot or a number is refused, no stride is possible, or the disk refuses.
         """
-        from sprintlab.core.files import atomic_write_bytes, check_writable
+        from sprintlab.core.files import atomic_write_bytes, check_writable_file
         from sprintlab.robots import load_robot
         from sprintlab.speed_limit import Fastest, SearchSettings, fastest_stride, runner_from_robot
 
         for speed in self.speeds:
             check_positive("speeds", speed, "m/s")
         settings = SearchSettings(starts=self.starts, max_stride=self.max_stride, min_duty=self.min_duty)
-        check_writable(self.out)
+        check_writable_file(self.out)
         runner = runner_from_robot(load_robot(self.robot))
         found: list[Fastest] = []
         with progress_bar(quiet=self.json) as report:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
-from sprintlab.evaluation.operating_points import named_floats
 from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.robots import RobotDescription
 

@@ -76,6 +76,19 @@ REFUSED = (
     (["report", "none.mcap", "--out", "lost"], "lost exists already"),
     (["report", "none.mcap", "--out", "file/report"], "cannot write"),
     (["race", "--out", "lost"], "lost exists already"),
+    (["race", "--out", "loop/run"], "cannot write"),
+    (["evaluate", "sprint", "--out", "loop"], "cannot write"),
+    (["evaluate", "sprint", "--out", "loop/numbers.json"], "cannot write"),
+    (["evaluate", "sprint", "--out", "."], "it is a folder"),
+    (["evaluate", "sprint", "--out", "pipe"], "a pipe, a device or an open file"),
+    (["evaluate", "sprint", "--out", "n" * 300], "File name too long"),
+    (["limit", "--figure", "pipe.png"], "a pipe, a device or an open file"),
+    (["limit", "--figure", "loop.png"], "cannot write"),
+    (["limit", "--results", "pipe"], "there is no folder pipe"),
+    (["motor", "identify", "no-bench.csv", "--out", "loop/motor.toml"], "cannot write"),
+    (["replay", "no-run", "--out", "loop"], "cannot write"),
+    (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "loop/truth.npz"], "cannot write"),
+    (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "truth.csv"], "truth's ending"),
 )
 
 
@@ -87,6 +100,10 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], 
         (folder / "junk.pt").write_bytes(b"no checkpoint")
         (folder / "file").write_text("")
         (folder / "lost").symlink_to("nowhere")
+        for name in ("loop", "loop.png"):
+            (folder / name).symlink_to(name)
+        for name in ("pipe", "pipe.png"):
+            os.mkfifo(folder / name)
     commands = [words for words, _ in REFUSED]
     told = answers(*zip(folders, commands, strict=True))
     return {tuple(words): found for words, *found in zip(commands, folders, told, strict=True)}
@@ -98,7 +115,7 @@ def test_refused_before_any_work(refusals, words: list[str], said: str) -> None:
     assert (status, out) == (2, ""), err
     assert err.startswith("sprintlab: ") and err.count("\n") == 1
     assert said in err
-    assert sorted(os.listdir(folder)) == ["file", "junk.pt", "lost"]
+    assert sorted(os.listdir(folder)) == ["file", "junk.pt", "loop", "loop.png", "lost", "pipe", "pipe.png"]
 
 
 def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """``sprintlab limit``: table, JSON, picture, and bad input."""
 
 import json
+import os
 
 import pytest
 
@@ -26,6 +27,26 @@ def test_the_limit_as_a_table(call, tmp_path):
     assert outcome.status == 0
     assert "speed limit (upper estimate)" in outcome.out
     assert "stride frequency" in outcome.out
+
+
+@pytest.mark.parametrize("kind", ["pipe", "loop", "file", "missing"])
+def test_results_that_are_no_folder_are_refused_before_any_work(call, tmp_path, monkeypatch, kind):
+    place = tmp_path / "results"
+    if kind == "pipe":
+        os.mkfifo(place)
+    elif kind == "loop":
+        place.symlink_to("results")
+    elif kind == "file":
+        place.touch()
+    monkeypatch.setattr("sprintlab.speed_limit.speed_limit", lambda *_, **__: pytest.fail("it computes"))
+    refused = call("limit", "bp2", *QUICK, "--results", place)
+    assert refused.status == 2
+    assert refused.err == f"sprintlab: there is no folder {place}\n"
+
+
+def test_no_results_are_needed(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert json.loads(call("limit", "go1", *QUICK, "--json").out)["trained"] == []
 
 
 @pytest.mark.parametrize(

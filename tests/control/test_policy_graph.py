@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from sprintlab.control import load_policy, shipped_policies, shipped_policy
+from sprintlab.control import CONTRACT_KEY, load_policy, shipped_policies, shipped_policy
 from sprintlab.control.policy_graph import OPERATORS, GraphError, check_graph
 from sprintlab.core.errors import PolicyFileError
 
@@ -292,7 +292,15 @@ def product_of_nothing():
     )
 
 
+def two_contracts():
+    """Some readers take the first, some the last."""
+    made = onnx.load(shipped_policy("sprint"))
+    made.metadata_props.add(key=CONTRACT_KEY, value="{}")
+    return made
+
+
 STRANGE += [
+    two_contracts,
     product_of_nothing,
     numbers_that_the_runtime_passes_over,
     attribute_of_another_kind,

@@ -4,6 +4,8 @@ import errno
 import json
 import math
 import os
+import socket
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -135,7 +137,6 @@ def test_what_a_living_writer_is_about_to_move_is_left_alone(tmp_path, monkeypat
 
 @pytest.mark.parametrize("write", [atomic_write_bytes, atomic_write_text])
 def test_a_name_with_a_zero_byte_is_told_in_one_sentence(tmp_path, write):
-    """A run's file may say ``output = "a\\u0000b"``."""
     for refuse in (
         lambda path: write(path, b"" if write is atomic_write_bytes else ""),
         files.check_writable,
@@ -152,6 +153,69 @@ def test_folder_that_is_a_file_is_told_in_one_sentence(tmp_path):
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(SprintlabError, match="cannot write"):
         atomic_write_bytes(tmp_path / "file" / "data", b"new")
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def socket_of(path):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+
+
+def loop(path):
+    path.symlink_to(path.name)
+
+
+def open_file(path):
+    path.symlink_to("/proc/self/fd/1")
+
+
+def device(path):
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o600, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("only root makes devices")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have other things that are no files")
+@pytest.mark.parametrize("kind", [pipe, socket_of, loop, open_file, device])
+def test_what_is_no_file_is_neither_written_nor_replaced(tmp_path, kind):
+    """As root, ``--out /dev/null`` would put a file in its place."""
+    kind(tmp_path / "out.png")
+    before = os.lstat(tmp_path / "out.png")
+    for refuse in (
+        lambda path: atomic_write_bytes(path, b"new"),
+        files.check_writable,
+        files.check_writable_file,
+        files.check_figure_path,
+    ):
+        with pytest.raises(SprintlabError, match=r"cannot write .*out\.png"):
+            refuse(tmp_path / "out.png")
+    assert os.lstat(tmp_path / "out.png") == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_places_that_cannot_be_are_refused_before_any_work(tmp_path):
+    loop(tmp_path / "loop")
+    (tmp_path / "dangling").symlink_to("nowhere")
+    for path in ("loop/a/b.json", "dangling/a.json", "a" * 300, "a" * 5000 + "/b"):
+        with pytest.raises(SprintlabError, match="cannot write"):
+            files.check_writable(tmp_path / path)
+    with pytest.raises(SprintlabError, match="it is a folder"):
+        files.check_writable_file(tmp_path)
+
+
+def test_a_link_gives_way_to_the_file_and_what_it_led_to_is_kept(tmp_path):
+    (tmp_path / "kept").write_text("old")
+    for aim in ("kept", "nowhere"):
+        link = tmp_path / f"to-{aim}"
+        link.symlink_to(aim)
+        files.check_writable_file(link)
+        atomic_write_text(link, "new")
+        assert link.read_text() == "new" and not link.is_symlink()
+    assert (tmp_path / "kept").read_text() == "old" and not (tmp_path / "nowhere").exists()
 
 
 def test_directory_appears_only_when_complete(tmp_path):

@@ -1,12 +1,16 @@
 """Files from elsewhere: what is no regular file, too large, or no text is refused in one sentence."""
 
+import io
 import os
+import struct
+import tracemalloc
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError, printable
 from sprintlab.core.reading import parse_json, parse_toml, read_bytes, read_json, read_text, read_toml
 
@@ -175,6 +179,46 @@ def test_bomb_is_refused_before_it_unpacks(tmp_path):
         archive.writestr("a.npy", bytes(3 << 20))
     with pytest.raises(SprintlabError, match="unpacks to more than"):
         read_arrays(tmp_path / "a.npz", ("a",), limit=1 << 20)
+
+
+def test_a_bomb_that_says_it_is_small_is_not_unpacked(tmp_path):
+    """Python's ``ZipFile.read`` unpacks up to 2 GB of a member before it looks at the size that was told."""
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (0,)})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.npy", stream.getvalue() + bytes(200 << 20))
+    content = (tmp_path / "a.npz").read_bytes()
+    told, small = len(stream.getvalue()) + (200 << 20), len(stream.getvalue())
+    check, fitting = zlib.crc32(stream.getvalue() + bytes(200 << 20)), zlib.crc32(stream.getvalue())
+    for before, after in ((told, small), (check, fitting)):
+        assert content.count(struct.pack("<I", before)) == 2
+        content = content.replace(struct.pack("<I", before), struct.pack("<I", after))
+    (tmp_path / "a.npz").write_bytes(content)
+    tracemalloc.start()
+    try:
+        assert read_arrays(tmp_path / "a.npz", limit=1 << 20)["a"].shape == (0,)
+        assert tracemalloc.get_traced_memory()[1] < 20 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("code", [0x110000, 0x7FFFFFFF, 0xD800])
+@pytest.mark.parametrize("order", "<>")
+def test_numbers_that_are_no_signs_of_a_text_are_refused(tmp_path, code, order):
+    text = np.array([ord("a"), code], f"{order}u4").view(f"{order}U1")
+    np.savez(tmp_path / "a.npz", a=text, b=np.array(["\U0010ffff\u202e"]))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz")
+    assert read_arrays(tmp_path / "a.npz", ("b",))["b"].item() == "\U0010ffff\u202e"
+
+
+def test_arrays_that_must_be_numbers(tmp_path):
+    np.savez(tmp_path / "a.npz", a=np.full(3, 1e4000, np.longdouble), b=np.array(["1"]), c=np.ones(2, bool))
+    found = read_arrays(tmp_path / "a.npz")
+    assert named_floats("a", found, ("a", "c"), "no table")["a"].tolist() == [np.inf] * 3
+    for name in ("b", "d"):
+        with pytest.raises(SprintlabError, match="a is no table"):
+            named_floats("a", found, (name,), "no table")
 
 
 def test_shape_that_claims_40_gigabytes(tmp_path):

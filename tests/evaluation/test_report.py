@@ -1,6 +1,7 @@
 """Figures, report and video of a race."""
 
 import base64
+import errno
 import io
 import os
 import re
@@ -13,7 +14,7 @@ import pytest
 from PIL import Image
 
 from sprintlab.api.races import battery_text
-from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.core.errors import InvalidValueError, SimulationError, SprintlabError
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request
@@ -342,6 +343,26 @@ def test_a_slow_machine_shows_fewer_seconds_and_never_fewer_frames_a_second(allo
 def test_video_options_are_checked():
     with pytest.raises(InvalidValueError, match=r"video\.width"):
         video.VideoOptions(width=0)
+
+
+def test_a_recording_is_whole_or_not_there(trial, tmp_path, monkeypatch):
+    """It goes through no link, waits for no pipe, and a full disk leaves the old one."""
+    (tmp_path / "mine").write_text("old")
+    (tmp_path / "run.npz").symlink_to("mine")
+    save_trajectory(tmp_path / "run.npz", trial.trajectory)
+    assert (tmp_path / "mine").read_text() == "old" and "time" in np.load(tmp_path / "run.npz")
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(SprintlabError, match="a pipe, a device"):
+        save_trajectory(tmp_path / "pipe.npz", trial.trajectory)
+
+    def full_disk(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = (tmp_path / "run.npz").read_bytes()
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(SprintlabError, match="No space left"):
+        save_trajectory(tmp_path / "run.npz", trial.trajectory)
+    assert (tmp_path / "run.npz").read_bytes() == before
 
 
 def test_without_a_backend_one_line_says_what_to_install(trial, tmp_path, monkeypatch):

@@ -33,6 +33,10 @@ STRANGE = {
     "large": f'<mujoco><size nuser_geom="50000000"/><worldbody>{BODY}</worldbody></mujoco>',
     "empty": "",
 }
+QUADRUPED = (
+    '<mujoco><worldbody><body name="trunk"><freejoint/><inertial pos="0 0 0" mass="10" '
+    'diaginertia="0.1 0.3 0.3"/>{legs}</body></worldbody></mujoco>'
+)
 LEGS = "".join(
     f'<body name="{leg}a" pos="{x} {y} 0"><joint name="{leg}1" axis="1 0 0" range="-1 1" limited="true"/>'
     f'<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/><body name="{leg}b" pos="0 {y} 0">'
@@ -46,7 +50,7 @@ LEGS = "".join(
 
 @pytest.mark.parametrize("name", STRANGE)
 def test_refused_in_time(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(compiling, "LONGEST", 2.0)  # of 9: the test's time, not another way
+    monkeypatch.setattr(compiling, "LONGEST", 2.0)  # of 7: the test's time, not another way
     os.mkfifo(tmp_path / "pipe")
     path = tmp_path / "robot.xml"
     path.write_text(STRANGE[name], encoding="utf-8")
@@ -68,10 +72,21 @@ def test_shapes_that_overlap_are_not_collided(tmp_path, capfd):
     """A thousand shapes within a thousand others touch a million times, where nobody asked for contacts."""
     path = tmp_path / "robot.xml"
     path.write_text(
-        '<mujoco><worldbody><replicate count="300"><geom type="sphere" size=".5"/></replicate>'
-        '<body name="trunk"><freejoint/><inertial pos="0 0 0" mass="10" diaginertia="0.1 0.3 0.3"/>'
-        f"{LEGS}</body></worldbody></mujoco>",
+        QUADRUPED.format(legs=LEGS).replace(
+            "<body", '<replicate count="300"><geom type="sphere" size=".5"/></replicate><body', 1
+        ),
         encoding="utf-8",
     )
     assert len(read_source(path).legs) == 4
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "1e13"])
+@pytest.mark.parametrize("part", ['mass=".3"', 'pos="0 0 -.2"', 'range="-1 1"'])
+def test_numbers_that_no_robot_has_are_refused_without_a_warning(tmp_path, capfd, part, value):
+    """MuJoCo takes an infinite place; what is computed with it warns beside the sentence."""
+    path, number = tmp_path / "robot.xml", part.split('"')[1].split()[0]
+    path.write_text(QUADRUPED.format(legs=LEGS.replace(part, part.replace(number, value, 1), 1)))
+    with pytest.raises(RobotModelError, match="cannot be used"):
+        read_source(path)
     assert capfd.readouterr().err == ""

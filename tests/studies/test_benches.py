@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from studies.benches import heat
 from studies.benches.__main__ import main, rounded
-from studies.benches.data import halves, shaft
+from studies.benches.data import columns, halves, shaft
 from studies.benches.laws import Law, compared, gear_laws, saturation_laws
 from studies.benches.predictions import PEAK_CURRENT, STATED_CONSTANT, Split, accuracy, predicted
 
@@ -168,6 +168,15 @@ def test_missing_data_are_named_with_the_command_that_makes_them(tmp_path, capsy
         shaft(tmp_path, "stall-april-1")
     assert main([str(tmp_path)]) == 2
     assert "is missing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "content", [b"a,b\n1,x\n", b"a,b\n1\n2,3\n", b"", b"a\n\xff\n", b'a\n"' + b"1" * 200_000]
+)
+def test_a_table_that_is_damaged_is_told_in_one_sentence(tmp_path, content):
+    (tmp_path / "t.csv").write_bytes(content)
+    with pytest.raises(SprintlabError, match=r"t\.csv"):
+        columns(tmp_path, "t.csv")
 
 
 def test_numbers_are_rounded_to_six_digits():

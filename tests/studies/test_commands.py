@@ -1,9 +1,11 @@
 """The study's commands: what they print, write and refuse."""
 
 import json
+import os
 import shutil
 import sys
 import types
+from pathlib import Path
 
 import pytest
 from studies.paper.paper import PAPER_TABLE
@@ -66,13 +68,49 @@ def test_the_page_gets_its_tables(call, runs, cache, tmp_path):
         (("{runs}", "--trials", 0), "trials"),
         (("{runs}", "--grid", -1), "grid"),
         (("{runs}", "--workers", 0), "workers"),
-        (("{runs}", "--markdown", "no-page.md"), "cannot read no-page.md"),
+        (("{runs}", "--markdown", "no-page.md"), "cannot read page no-page.md"),
     ],
 )
 def test_bad_input_is_one_sentence(call, runs, arguments, words):
     outcome = call("table", *(str(part).format(runs=runs) for part in arguments))
     assert outcome.status == 2 and outcome.out == ""
     assert outcome.err.startswith("studies.paper: ") and words in outcome.err and outcome.err.count("\n") == 1
+
+
+def no_folder(place: Path, kind: str) -> Path:
+    """A name that is no folder: its path."""
+    if kind == "pipe":
+        os.mkfifo(place)
+    elif kind == "loop":
+        place.symlink_to(place.name)
+    elif kind == "file":
+        place.touch()
+    return place.with_name("n" * 5000) if kind == "long" else place
+
+
+@pytest.mark.parametrize("kind", ["pipe", "loop", "file", "missing", "long"])
+@pytest.mark.parametrize(
+    "command", ["table", "variants", "own-motor", "publish", "plan --results", "page --results"]
+)
+def test_what_is_no_folder_of_runs_is_told_in_one_sentence(call, tmp_path, command, kind):
+    outcome = call(*command.split(), no_folder(tmp_path / "runs", kind))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.startswith("studies.paper: there is no folder") and outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", ["pipe", "loop", "file", "long"])
+def test_future_runs_may_be_missing_and_may_be_nothing_else(call, tmp_path, kind):
+    assert call("plan", tmp_path / "later").status == 0
+    outcome = call("plan", no_folder(tmp_path / "runs", kind))
+    assert (outcome.status, outcome.out) == (2, "") and outcome.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--out", "--markdown", "--cache"])
+@pytest.mark.parametrize("kind", ["pipe", "loop"])
+def test_what_cannot_be_written_is_refused_before_any_work(call, runs, tmp_path, option, kind):
+    outcome = call("table", runs, option, no_folder(tmp_path / "place", kind), *QUICK)
+    assert (outcome.status, outcome.out) == (2, "") and outcome.err.count("\n") == 1
+    assert "cannot" in outcome.err
 
 
 def test_a_folder_without_runs_and_a_damaged_record_are_refused(call, tmp_path):

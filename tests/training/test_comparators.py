@@ -148,6 +148,32 @@ def test_a_network_must_be_there_and_be_one(tmp_path: Path) -> None:
         read_strides(tmp_path / "other.npz")
 
 
+@pytest.mark.parametrize("value", ["text", np.inf, 1e300])
+@pytest.mark.parametrize("name", ["hidden_weight", "peak_torque", "speed", "state"])
+def test_numbers_that_no_file_of_ours_holds_are_refused(tmp_path, name, value):
+    """1e300 is finite, and infinite in the kernel's 32 bits."""
+    file, read = (
+        (STUDY / "strides.npz", read_strides)
+        if name in ("speed", "state")
+        else (NETWORK, lambda path: read_networks(path, load_robot("bp2")))
+    )
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    shape = arrays[name].shape
+    arrays[name] = np.full(shape, "1") if value == "text" else np.maximum(arrays[name], value)
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(SprintlabError, match=r"is no (actuator network|file of strides)"):
+        read(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("change", [{"state": np.zeros((5, 0, 4))}, {"speed": np.arange(-5.0, 0.0)}])
+def test_strides_without_points_or_backward_are_refused(tmp_path, change):
+    with np.load(STUDY / "strides.npz") as archive:
+        np.savez(tmp_path / "a.npz", **{**archive, **change})
+    with pytest.raises(SprintlabError, match="is no file of strides"):
+        read_strides(tmp_path / "a.npz")
+
+
 def test_the_likeness_to_a_stride_is_that_of_a_plain_loop_and_fades() -> None:
     prior, robot = WITH_PRIOR.prior, load_robot("bp2")
     assert prior is not None

@@ -61,7 +61,7 @@ def test_what_is_written_is_read_back_as_the_same_run(tmp_path: Path, options: T
     assert again.full_settings() == options.full_settings()
     assert again.full_settings().digest() == options.full_settings().digest()
     settings = options.full_settings()
-    kept = replace(options, settings=settings, preset="sprintlab", robot=None)
+    kept = replace(options, settings=settings, preset="sprintlab", robot=None, wandb=None)
     unused = {"keep_schedule": again.keep_schedule, "keep_motor_model": again.keep_motor_model}
     assert replace(again, settings=settings) == replace(kept, **unused)
     assert read_run_file(written(tmp_path, again)).full_settings() == settings
@@ -135,6 +135,9 @@ def test_a_part_of_several_kinds_is_chosen_in_file_and_command_line_alike(tmp_pa
         ("seed = -1", "seed = -1 is not allowed"),
         ('method = "gallop"', "method = 'gallop' is not allowed: choose one of baseline"),
         ("resume = true", "must be typed: --resume"),
+        ('output = "/etc/cron.d"', "must be typed: --output FOLDER"),
+        ('output = "../../.ssh"', "must be typed: --output FOLDER"),
+        ('wandb = "a-strangers/project"', "must be typed: --wandb PROJECT"),
         ("[settings.ppo]\nsteps = 3", "its parts stand in the file themselves"),
     ],
 )

@@ -145,14 +145,14 @@ def evaluate(
     """
     leave_to_the_parent()
     from sprintlab.core.checks import check_positive
-    from sprintlab.core.files import atomic_write_json, check_writable
+    from sprintlab.core.files import atomic_write_json, check_writable_file
     from sprintlab.evaluation.clock_check import check_clock
     from sprintlab.evaluation.protocol import battery_request, run_protocol
 
     if common_speed is not None:
         check_positive("common_speed", common_speed, "m/s")
     if out is not None:
-        check_writable(out)
+        check_writable_file(out)
     search, plant = search or SearchOptions(), (drive or DriveOptions()).plant()
     settings, path = search.protocol(plant=plant), policy_path(policy)
     with trial_pool(path, robot, workers) as pool:

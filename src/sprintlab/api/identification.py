@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.extras import require_package
+from sprintlab.core.files import check_writable_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -151,6 +152,8 @@ def identify_motor(
         SprintlabError: the bench cannot be used, a choice is refused, or SciPy is not installed.
     """
     require_package("scipy", extra="analysis", use="sprintlab motor identify")
+    if out is not None:
+        check_writable_file(out)
     from sprintlab.workbench.identification import behind_gear, identify, is_log, load_bench, rested
 
     known = None if base is None else _base_motor(str(base))

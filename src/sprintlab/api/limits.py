@@ -11,6 +11,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.extras import require_package
+from sprintlab.core.reading import check_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +103,7 @@ def limit(
     max_stride: float | None = None,
     min_duty: float | None = None,
     seed: int = 0,
-    results: Path | str = Path("results"),
+    results: Path | str | None = None,
     progress: Callable[[str, float | None], None] | None = None,
 ) -> Limit:
     """Estimate from above how fast a robot can run, from its motors and legs alone.
@@ -115,12 +116,15 @@ def limit(
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         seed: of the random strides.
-        results: folder whose result.json files say what trained policies reach.
+        results: folder whose result.json files say what trained policies reach; results, where there is one,
+            when left out.
         progress: called with what is being done and the share done.
 
     Raises:
-        SprintlabError: an unknown robot, a bad option, or SciPy is not installed.
+        SprintlabError: an unknown robot, a bad option, no such folder, or SciPy is not installed.
     """
+    if results is not None:
+        check_folder(results)
     require_package("scipy", extra="analysis", use="sprintlab limit")
     from sprintlab.robots import load_robot
     from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
@@ -132,7 +136,7 @@ def limit(
         settings=settings,
         factors=() if quick else factors,
         causes=() if quick else tuple(LIMITS_TO_LIFT),
-        trained=trained_speeds(Path(results), described.name),
+        trained=trained_speeds(Path(results or "results"), described.name),
         progress=progress,
     )
     return Limit(estimate=estimate, robot=described)

@@ -69,8 +69,11 @@ def replay(
     Raises:
         SprintlabError: there is no recording, it is another robot's, or an option is refused.
     """
+    from sprintlab.core.files import check_writable_file
     from sprintlab.viewer.replay import is_lap, write_replay
 
+    if out is not None:
+        check_writable_file(out)
     paths = [trajectory_path(None if run is None else Path(run)) for run in run_folders or (None,)]
     if names and len(names) != len(paths):
         raise InvalidValueError("names", " ".join(names), f"one name for each of {len(paths)} runs")

@@ -14,8 +14,9 @@ from rich.console import RenderableType
 from sprintlab.api.policies import RobotChoice, default_robot
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.files import check_writable_file
 
 if TYPE_CHECKING:
     from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
@@ -81,6 +82,9 @@ class RobotSimulation:
         check_range("priority", priority, 1, 99)
         if truth is not None and self.pace.duration is None:
             raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
+        if truth is not None:
+            check_choice("truth's ending", Path(truth).suffix, (".npz",))
+            check_writable_file(truth)
         self._distance, self._truth = distance, truth
         self._priority = priority if real_time and not self.pace.lock_step else None
         self._endpoint = open_endpoint(bus, config=bus_config)

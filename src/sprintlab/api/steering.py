@@ -14,7 +14,7 @@ from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.checks import check_choice
-from sprintlab.core.files import check_writable
+from sprintlab.core.files import check_writable_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,7 +159,7 @@ def lap(
     """
     if recording is not None:
         check_choice("recording's ending", Path(recording).suffix, (".npz",))
-        check_writable(recording)
+        check_writable_file(recording)
     from sprintlab.control import check_contract, load_policy
     from sprintlab.evaluation.lap import run_lap
     from sprintlab.evaluation.race_files import save_trajectory

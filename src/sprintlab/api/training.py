@@ -203,7 +203,7 @@ def check_export(checkpoint: Path, output: Path) -> None:
     Raises:
         SprintlabError: the checkpoint cannot be read, or the policy cannot be written.
     """
-    from sprintlab.core.files import check_writable
+    from sprintlab.core.files import check_writable_file
     from sprintlab.training.runs.checkpoint import check_checkpoint
 
     if not checkpoint.is_file():
@@ -211,7 +211,7 @@ def check_export(checkpoint: Path, output: Path) -> None:
     if output.is_dir():
         raise SprintlabError(f"{output} is a folder: name the policy file to write (.onnx)")
     check_checkpoint(checkpoint)
-    check_writable(output)
+    check_writable_file(output)
 
 
 def require_training() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -29,21 +28,18 @@ from sprintlab.api.run_reports import report_run
 from sprintlab.api.steering import lap, turning
 from sprintlab.cli.build import FIGURE, choice, command
 from sprintlab.cli.export import Export
-from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
 from sprintlab.cli.race import Race
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
+from sprintlab.cli.status import REFUSED, exit_status
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
 from sprintlab.core.errors import SprintlabError, printable, printable_lines
 from sprintlab.core.extras import package_version
-
-REFUSED = 2
-INTERRUPTED = 130
 
 COMMANDS = {
     "see it": {"race": Race, "play": Play, "replay": command(replay)},
@@ -205,31 +201,9 @@ def run(arguments: Sequence[str]) -> int:
     return parse(arguments).run()
 
 
-def one_sentence(error: BaseException) -> str:
-    """The message of an error on one line."""
-    return f"sprintlab: {printable(' '.join(str(error).split()), longest=2000)}"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; no expected failure shows a traceback."""
-    try:
-        with tidy_termination():
-            status = run(sys.argv[1:] if arguments is None else arguments)
-        sys.stdout.flush()
-        return status
-    except SprintlabError as error:
-        print(one_sentence(error), file=sys.stderr)
-        return REFUSED
-    except KeyboardInterrupt:
-        print("sprintlab: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe is gone (``| head``): nothing is left to say, not even at interpreter exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except OSError as error:
-        print(one_sentence(error), file=sys.stderr)
-        return REFUSED
+    return exit_status("sprintlab", lambda: run(sys.argv[1:] if arguments is None else arguments))
 
 
 if __name__ == "__main__":

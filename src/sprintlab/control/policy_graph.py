@@ -210,13 +210,21 @@ def _whole_numbers(values: Sequence[Any]) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def _read_model(content: bytes) -> _Graph:
-    wire = _Wire()
-    model = wire.fields(memoryview(content))
+def _check_model(wire: _Wire, model: Mapping[int, list[Any]]) -> None:
+    """Refuse what stands beside the network and no policy has."""
     if 25 in model:
         raise GraphError("defines functions of its own")
     if 20 in model:
         raise GraphError("holds a training")
+    notes = [_text(_single(wire.fields(item), 1, b"")) for item in model.get(14, [])]
+    if len(set(notes)) < len(notes):  # of two contracts, some readers take the first and some the last
+        raise GraphError("is damaged: two of its notes have one name")
+
+
+def _read_model(content: bytes) -> _Graph:
+    wire = _Wire()
+    model = wire.fields(memoryview(content))
+    _check_model(wire, model)
     if 7 not in model:
         raise GraphError("is missing")
     fields = wire.fields(_single(model, 7))

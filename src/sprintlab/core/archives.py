@@ -9,7 +9,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -66,11 +66,37 @@ def read_arrays(
                     f"{printable(path)} unpacks to more than {limit >> 20} MB, the most that is read"
                 )
             return {
-                name: _array(archive.read(entry), f"{name} of {printable(path)}")
+                name: _array(_unpacked(archive, entry), f"{name} of {printable(path)}")
                 for name, entry in taken.items()
             }
     except _DAMAGED as error:
         raise SprintlabError(f"{printable(path)} is {wanted}") from error
+
+
+def named_floats(
+    path: str | os.PathLike[str], found: Mapping[str, Array], names: Collection[str], wanted: str
+) -> dict[str, npt.NDArray[np.float64]]:
+    """The named arrays as doubles; what is beyond them is infinite.
+
+    Args:
+        path: of the archive, for the sentence.
+        found: from ``read_arrays``.
+        names: of the arrays.
+        wanted: as in ``read_arrays``.
+
+    Raises:
+        SprintlabError: one is missing, or holds texts.
+    """
+    if any(name not in found or found[name].dtype.kind not in "biuf" for name in names):
+        raise SprintlabError(f"{printable(path)} is {wanted}")
+    with np.errstate(over="ignore"):
+        return {name: found[name].astype(np.float64) for name in names}
+
+
+def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+    """Content of a member, no more than it says: read without a size, all that comes is unpacked first."""
+    with archive.open(entry) as member:
+        return member.read(entry.file_size)
 
 
 def _array(content: bytes, what: str) -> Array:
@@ -91,7 +117,14 @@ def _array(content: bytes, what: str) -> Array:
         raise ValueError("its size is not that of its shape")
     if count > (most := _MOST_TEXTS if kind.kind == "U" else _MOST_NUMBERS):
         raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
+    if kind.kind == "U" and _no_signs(np.frombuffer(content, dtype=f"{kind.byteorder}u4", offset=start)):
+        raise ValueError("a text is none")
     values = (
         np.frombuffer(content, dtype=kind, offset=start) if count * kind.itemsize else np.empty(0, dtype=kind)
     )
     return values.reshape(shape, order="F" if fortran else "C").copy()
+
+
+def _no_signs(codes: Array) -> bool:
+    """Whether some numbers are no signs of a text: beyond Unicode, or half of a pair of units."""
+    return bool(((codes > 0x10FFFF) | ((codes >= 0xD800) & (codes < 0xE000))).any())

@@ -34,6 +34,7 @@ def check_figure_path(path: str | os.PathLike[str] | None) -> None:
 
     Raises:
         InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
+        SprintlabError: as ``check_writable_file``.
     """
     if path is None:
         return
@@ -43,6 +44,7 @@ def check_figure_path(path: str | os.PathLike[str] | None) -> None:
         raise InvalidValueError("figure", str(target), f"its ending says the format: one of {allowed}")
     if not target.parent.is_dir():
         raise InvalidValueError("figure", str(target), f"there is no folder {target.parent}; make it first")
+    check_writable_file(target)
 
 
 def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
@@ -52,10 +54,12 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     nothing, and what one killed in its very last step left is removed by the next write into the folder.
 
     Raises:
-        SprintlabError: the file cannot be written (full disk, no permission); nothing is left behind.
+        SprintlabError: the file cannot be written (full disk, no permission), or something that is no file,
+            such as ``/dev/null``, has the name; nothing is left behind.
     """
     target = _place(path)
     try:
+        _check_replaceable(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         if not _written_nameless(target, data):
             _write_hidden(target, data)
@@ -141,16 +145,46 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         path: of the file or folder that is to be written; folders above it may be missing.
 
     Raises:
-        SprintlabError: a folder above it is a file, or nothing can be made there.
+        SprintlabError: a folder above it is a file or a link to nowhere, nothing can be made there, or a
+            pipe, a device or a link to itself has the name.
     """
-    place = _place(path).absolute().parent
+    place = _place(path).absolute()
     try:
-        while not place.exists():
+        _check_replaceable(place)
+        place = place.parent
+        while not os.path.lexists(place):
             place = place.parent
         with tempfile.TemporaryDirectory(dir=place, prefix=".sprintlab-"):
             pass
     except OSError as error:
         raise SprintlabError(f"cannot write {path}: {place}: {error.strerror or error}") from error
+
+
+def check_writable_file(path: str | os.PathLike[str]) -> None:
+    """Refuse, before any work, a file that could not be written at its end.
+
+    Raises:
+        SprintlabError: as ``check_writable``, or a folder has the name.
+    """
+    check_writable(path)
+    if os.path.isdir(path):
+        raise SprintlabError(f"cannot write {path}: it is a folder")
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse a name that something has whose place no file may take: as root, ``/dev/null`` would be gone.
+
+    Raises:
+        SprintlabError: a pipe, a device, a socket or a link to an open file (``/dev/stdout``) has the name.
+        OSError: it cannot be told: links that lead to themselves, a name that is too long.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return  # a link to nowhere gives way to the file
+    to_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
+    if to_open_file or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise SprintlabError(f"cannot write {path}: a pipe, a device or an open file has this name")
 
 
 def check_new_folder(path: str | os.PathLike[str]) -> None:

@@ -33,6 +33,20 @@ _LONGEST_LINE = 4000  # the time to read a key grows with the square of its leng
 ErrorType = Callable[[str], SprintlabError]
 
 
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Refuse what is named as a folder to read from, and is none.
+
+    Raises:
+        SprintlabError: it does not exist, is something else, or cannot be looked at.
+    """
+    try:
+        is_folder = stat.S_ISDIR(os.stat(path).st_mode)
+    except (OSError, ValueError):  # ValueError: a zero byte in the name
+        is_folder = False
+    if not is_folder:
+        raise SprintlabError(f"there is no folder {printable(path)}")
+
+
 @contextmanager
 def open_regular(
     path: str | os.PathLike[str],

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 
@@ -83,12 +83,3 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
     if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
         raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
     return OperatingPoints(speed=speed, torque=torque)
-
-
-def named_floats(
-    path: Path, found: dict[str, NDArray[Any]], names: Sequence[str], wanted: str
-) -> dict[str, FloatArray]:
-    """The named arrays as doubles; refuses where one is missing or holds texts."""
-    if any(name not in found or found[name].dtype.kind not in "biuf" for name in names):
-        raise SprintlabError(f"{path} is {wanted}")
-    return {name: found[name].astype(float) for name in names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import platform
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from sprintlab.control import PolicyContract, load_policy
-from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -89,15 +89,14 @@ def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dic
 
 
 def save_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write every array of a trajectory as compressed npz.
+    """Write every array of a trajectory as compressed npz, in one step.
 
     Raises:
-        SprintlabError: the disk refuses.
+        SprintlabError: the disk refuses, or something that is no file has the name.
     """
-    try:
-        np.savez_compressed(path, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
-    except OSError as error:
-        raise SprintlabError(f"cannot write {path.name}: {error.strerror or error}") from error
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
+    atomic_write_bytes(path, stream.getvalue())
 
 
 def _fill(

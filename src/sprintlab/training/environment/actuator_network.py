@@ -20,7 +20,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import no_load_speed, saturate
 from sprintlab.robots import RobotDescription
@@ -44,6 +44,8 @@ SHAPES = {
     "no_load_speed": (),
 }  # fmt: skip
 """Arrays of a network file, each with a first axis of one row a kind of drive."""
+_LARGEST = 1e6  # number of a network: the kernel has floats of 32 bits
+_WANTED = f"no actuator network: it must hold {', '.join(SHAPES)} and kind"
 _Hidden = wp.types.vector(length=WIDTH, dtype=float)
 
 Networks = dict[str, NDArray[Any]]
@@ -63,14 +65,15 @@ def read_networks(path: str | os.PathLike[str], robot: RobotDescription) -> Netw
         SprintlabError: the file cannot be read, is no network file, or was fitted to other drives.
     """
     joints = len(robot.joint_names)
-    arrays = read_arrays(path, {*SHAPES, "kind"}, wanted="no actuator network", limit=16 << 20)
-    kinds = arrays.get("kind", np.zeros(0))
+    found = read_arrays(path, {*SHAPES, "kind"}, wanted=_WANTED, limit=16 << 20)
+    arrays, kinds = named_floats(path, found, SHAPES, _WANTED), found.get("kind", np.zeros(0))
     if kinds.shape != (joints,) or kinds.dtype.kind not in "iu":
         raise SprintlabError(f"{os.fspath(path)} is no actuator network of a robot with {joints} joints")
     count = int(kinds.max()) + 1
     for name, shape in SHAPES.items():
-        found = arrays.get(name, np.zeros(0))
-        if kinds.min() < 0 or found.shape != (count, *shape) or not np.isfinite(found).all():
+        values = arrays[name]
+        largest = float(np.abs(values).max(initial=0.0))
+        if kinds.min() < 0 or values.shape != (count, *shape) or not largest <= _LARGEST:
             raise SprintlabError(f"{os.fspath(path)} is no actuator network: see its {name}")
     for name, wanted in zip(("peak_torque", "no_load_speed"), drive_scales(robot), strict=True):
         if not np.allclose(arrays[name][kinds], wanted, rtol=0.01):

@@ -12,11 +12,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import RobotDescription
 from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.settings import StridePrior
+
+_LARGEST = 1e4  # of a stride: [m/s], [rad] or [rad/s]
 
 
 def read_strides(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -25,11 +27,13 @@ def read_strides(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
     Raises:
         SprintlabError: the file cannot be read or holds no strides.
     """
-    arrays = read_arrays(path, {"speed", "state"}, wanted="no file of strides", limit=16 << 20)
-    speed, state = (np.asarray(arrays.get(name, ()), dtype=float) for name in ("speed", "state"))
-    rising = speed.ndim == 1 and speed.size > 0 and bool((np.diff(speed) > 0).all())
-    if not rising or state.ndim != 3 or state.shape[::2] != (speed.size, 4) or not np.isfinite(state).all():
-        raise SprintlabError(f"{os.fspath(path)} is no file of strides")
+    names, wanted = ("speed", "state"), "no file of strides"
+    found = read_arrays(path, names, wanted=wanted, limit=16 << 20)
+    speed, state = named_floats(path, found, names, wanted).values()
+    fits = speed.ndim == 1 and state.ndim == 3 and state.size > 0 and state.shape[::2] == (speed.size, 4)
+    bounded = fits and speed.max() <= _LARGEST and np.abs(state).max() <= _LARGEST  # not where one is NaN
+    if not bounded or not (np.diff(speed, prepend=0.0) > 0.0).all():
+        raise SprintlabError(f"{os.fspath(path)} is {wanted}")
     return speed, state
 
 

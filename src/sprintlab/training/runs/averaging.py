@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.files import check_writable
+from sprintlab.core.files import check_writable_file
 from sprintlab.training.runs.checkpoint import read_checkpoint
 from sprintlab.training.runs.export import ExportedPolicy, export_state
 
@@ -36,7 +36,7 @@ def average_checkpoints(checkpoints: Sequence[Path], output: Path) -> ExportedPo
     """
     if len(checkpoints) < 2:
         raise InvalidValueError("checkpoints", len(checkpoints), "at least two")
-    check_writable(output)
+    check_writable_file(output)
     states = [read_checkpoint(path) for path in checkpoints]
     last, weights = states[-1], [state["learner"]["actor"] for state in states]
     for path, state, found in zip(checkpoints, states, weights, strict=True):

@@ -2,7 +2,8 @@
 
 Options of the run and settings stand side by side under the names that ``sprintlab train`` has for them; a
 part of the settings is a table, ``[ppo]``. What a file leaves out keeps its default. Where a run is put, on
-which device, and whether it is taken up again is said anew each time, so it is not written.
+which device, who else gets its curves, and whether it is taken up again is said anew each time, so it is not
+written; and since a file may come from a stranger, it cannot say where to write or send.
 """
 
 from __future__ import annotations
@@ -17,15 +18,17 @@ import tomli_w
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.reading import read_toml
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
-from sprintlab.training.runs.named_settings import plain, replaced, unknown_setting
+from sprintlab.training.runs.named_settings import ABSENT, plain, replaced, unknown_setting
 from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 RUN_FILE = "run.toml"
 ENVIRONMENTS = "simulation.environments"
-_UNWRITTEN = ("output", "device", "resume", "preset", "settings")
+_UNWRITTEN = ("output", "wandb", "device", "resume", "preset", "settings")
 _REFUSED = {
+    "output": "must be typed: --output FOLDER",
+    "wandb": "must be typed: --wandb PROJECT",
     "settings": "its parts stand in the file themselves, e.g. [ppo]",
     "resume": "must be typed: --resume",
 }
@@ -39,7 +42,8 @@ def read_run_file(path: Path) -> TrainOptions:
 
     Raises:
         SprintlabError: the file cannot be read, or is not TOML.
-        InvalidValueError: a name is unknown, or a value is not allowed; both are named with the file.
+        InvalidValueError: a name is unknown or must be typed, or a value is not allowed; both are named with
+            the file.
     """
     document = read_toml(path, what="run file")
     try:
@@ -78,7 +82,7 @@ def run_text(options: TrainOptions, settings: TrainingSettings, command_line: st
 
 def _options(document: Mapping[str, Any]) -> TrainOptions:
     for name, value in document.items():
-        if name in _REFUSED:
+        if name in _REFUSED and (name, value) != ("wandb", ABSENT):  # as files of older versions say
             raise InvalidValueError(name, value, _REFUSED[name])
         if name not in (*_OPTIONS, *SETTINGS):
             raise InvalidValueError(name, value, unknown_setting(name, (*_OPTIONS, *SETTINGS)))
