@@ -4,7 +4,8 @@
     python -m studies.paper publish runs/study
 
 The median seed of a method is the one in the middle by the most that is held with the raw command (the
-slower of two in the middle). With it goes the cloud.npz of its training, for the figures, where there is one.
+slower of two in the middle), among those that did not collapse if there are any. With it goes the cloud.npz
+of its training, for the figures, where there is one.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.core.reading import parse_json, read_bytes, read_text
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
-from studies.paper.record import EvaluationRecord, read_evaluation
+from studies.paper.record import COLLAPSE_SPEED, EvaluationRecord, read_evaluation
 from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
 
 LOG_NAME = "log.jsonl"
@@ -74,8 +75,9 @@ def publish(options: Publish) -> list[Path]:
 
 
 def _median(group: list[tuple[float, Run]]) -> Run:
-    """The run in the middle by speed; the slower of two."""
-    return sorted(group, key=lambda item: item[0])[(len(group) - 1) // 2][1]
+    """The run in the middle by speed, the slower of two; what collapsed has no gait to draw or run again."""
+    running = [item for item in group if item[0] >= COLLAPSE_SPEED] or group
+    return sorted(running, key=lambda item: item[0])[(len(running) - 1) // 2][1]
 
 
 def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:

@@ -79,6 +79,17 @@ def test_small_files_and_the_median_policy_are_kept(runs, tmp_path):
     assert kept == ["curve.csv", "evaluation.json"]
 
 
+def test_the_policy_of_a_run_that_collapsed_is_kept_only_where_all_did(runs, tmp_path):
+    options = Publish(runs=runs, results=tmp_path / "results")
+    for seed in (0, 2):
+        write_evaluation(
+            runs / "sprint" / f"seed-{seed}" / "evaluation.json", record("sprint", seed, 1.0, True)
+        )
+    assert [path.parent.name for path in publish(options)] == ["seed-1"]
+    write_evaluation(runs / "sprint" / "seed-1" / "evaluation.json", record("sprint", 1, 0.5, True))
+    assert [path.parent.name for path in publish(options)] == ["seed-0"]
+
+
 def test_only_the_median_run_keeps_its_cloud(runs, tmp_path):
     options = Publish(runs=runs, results=tmp_path / "results")
     clouds = [options.results / "sprint" / f"seed-{seed}" / "cloud.npz" for seed in range(3)]
