@@ -31,6 +31,7 @@ from sprintlab.control.observation import push_history as push_history
 from sprintlab.control.observation import split_proprioception as split_proprioception
 from sprintlab.control.observation import update_history as update_history
 from sprintlab.control.policy import ESTIMATE_SIZE as ESTIMATE_SIZE
+from sprintlab.control.policy import POLICY_LIMIT as POLICY_LIMIT
 from sprintlab.control.policy import Decision as Decision
 from sprintlab.control.policy import Measurement as Measurement
 from sprintlab.control.policy import Policy as Policy

@@ -57,12 +57,13 @@ _NAMES = {torch_name: name for name, (torch_name, _) in _TYPES.items()}
 
 @dataclass
 class Progress:
-    """What has been done, over all sessions of a run."""
+    """What has been done, over all sessions of a run; the policy rests before ``policy_rests_until``."""
 
     iteration: int = 0
     environment_steps: int = 0
     seconds: float = 0.0
     log: list[dict[str, float]] = field(default_factory=list[dict[str, float]])
+    policy_rests_until: int = 0
 
 
 @dataclass(frozen=True)
@@ -357,7 +358,8 @@ def _check_state(state: Any) -> None:
     if not all(isinstance(version, str) for version in state["versions"].values()):
         raise ValueError("its versions are no texts")
     progress = Progress(**state["progress"])
-    for row in ({"iteration": progress.iteration, "steps": progress.environment_steps}, *progress.log):
+    counts = (progress.iteration, progress.environment_steps, progress.policy_rests_until)
+    for row in (dict(enumerate(counts)), *progress.log):
         if not all(isinstance(number, int | float) for number in row.values()):
             raise ValueError("its log holds what is no number")
     if not math.isfinite(progress.seconds):

@@ -14,10 +14,12 @@ from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
 from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_settings
+from sprintlab.training.runs.policy_start import is_policy_file, read_policy_start
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 _OWN_FOLDERS = ("milestones", "tensorboard", "wandb")
+_CRITIC_ITERATIONS = 150
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 
@@ -40,7 +42,10 @@ class TrainOptions:
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
         resume: go on from the checkpoint in ``output``.
-        start_from: another run's checkpoint whose networks and curriculum this run begins with.
+        start_from: another run's checkpoint whose networks and curriculum this run begins with; or a policy
+            file (.onnx), which has no critic: that begins anew, with the whole range of speeds.
+        critic_iterations: after a start from a policy file, the policy rests for so many iterations, in which
+            only critic and decoder learn.
         save_seconds: time between checkpoints.
         milestones: keep the policy as it is at every multiple of this training time [s], as
             ``output/milestones/0030.pt`` and so on: how the speed came about can be measured afterwards.
@@ -70,6 +75,7 @@ class TrainOptions:
     device: str = "auto"
     resume: bool = False
     start_from: Path | None = None
+    critic_iterations: int = _CRITIC_ITERATIONS
     save_seconds: float = 60.0
     milestones: float | None = None
     keep_schedule: bool = False
@@ -92,6 +98,10 @@ class TrainOptions:
         if self.milestones is not None:
             check_range("milestones", self.milestones, 1.0, 1e6, "s")
         check_range("environments", self.environments, 2, 10**6)
+        check_range("critic_iterations", self.critic_iterations, 0, 10**6)
+        if self.critic_iterations != _CRITIC_ITERATIONS and not is_policy_file(self.start_from):
+            reason = f"{_CRITIC_ITERATIONS} unless start_from is a policy file (.onnx)"
+            raise InvalidValueError("critic_iterations", self.critic_iterations, reason)
         if self.wandb is not None and not self.tensorboard:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
 
@@ -127,7 +137,7 @@ class TrainOptions:
 
 
 def check_places(options: TrainOptions, restartable: bool = False) -> None:
-    """Refuse a run that cannot begin: its device, robot, folder, or the checkpoint that it starts from.
+    """Refuse a run that cannot begin: its device, robot, folder, or what it starts from.
 
     Args:
         options: of the run.
@@ -142,14 +152,22 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         raise SprintlabError(f"there is nothing to resume: no {checkpoint}")
     if checkpoint.exists() and not (options.resume or restartable):
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
-    for source in (checkpoint if options.resume else None, options.start_from):
-        if source is not None and "growth" not in check_checkpoint(source):
-            raise SprintlabError(f"{source} is a milestone, which holds a policy only: export it")
     load_robot(options.robot or options.settings.robot)
+    for source in (checkpoint if options.resume else None, options.start_from):
+        if source is not None:
+            _check_source(source, options)
     if not unknown_settings(options.settings.schedule):
         check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
     _check_own_folders(options.output)
+
+
+def _check_source(path: Path, options: TrainOptions) -> None:
+    """Refuse a checkpoint or policy file from which this training cannot go on."""
+    if is_policy_file(path):
+        read_policy_start(path, options.full_settings(), options.iterations)
+    elif "growth" not in check_checkpoint(path):
+        raise SprintlabError(f"{path} is a milestone, which holds a policy only: export it")
 
 
 def _check_own_folders(output: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.training.learner.distributed import Workers, join_workers
@@ -20,6 +20,13 @@ from sprintlab.training.runs.checkpoint import read_checkpoint, unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
+from sprintlab.training.runs.policy_start import (
+    PolicyStart,
+    begin_from_policy,
+    check_iterations_left,
+    is_policy_file,
+    read_policy_start,
+)
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.run_file import RUN_FILE, run_text
 from sprintlab.training.runs.runner import Runner, command_line
@@ -102,8 +109,8 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     saved = read_checkpoint(checkpoint) if options.resume else None
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
-    begun = None if saved or options.start_from is None else _begun(options.start_from, options.iterations)
     settings = saved["settings"] if saved else options.full_settings()
+    begun = None if saved or options.start_from is None else _begun(options.start_from, options)
     if unknown := unknown_settings(settings):
         raise SprintlabError(
             f"{checkpoint} was trained with {', '.join(unknown)}: import that module before you resume"
@@ -121,18 +128,19 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
         raise SprintlabError(
             f"{checkpoint} has settings with which nothing can be trained: {reason}"
         ) from error
-    if state := saved or begun:
+    if isinstance(begun, PolicyStart):
+        begin_from_policy(runner, begun, options.critic_iterations)
+    elif state := saved or begun:
         runner.load(state)
     return runner
 
 
-def _begun(path: Path, iterations: int) -> dict[str, Any]:
-    """The checkpoint that a run begins with; its iterations count, so that some must be left."""
+def _begun(path: Path, options: TrainOptions) -> dict[str, Any] | PolicyStart:
+    """The checkpoint or policy that a run begins with; its iterations count, so that some must be left."""
+    if is_policy_file(path):
+        return read_policy_start(path, options.full_settings(), options.iterations)
     state = read_checkpoint(path)
-    reached = state["progress"].iteration
-    if reached >= iterations:
-        allowed = f"{path} has {reached} iterations already, and they count: more than these"
-        raise InvalidValueError("iterations", iterations, allowed)
+    check_iterations_left(path, state["progress"].iteration, options.iterations)
     return state
 
 

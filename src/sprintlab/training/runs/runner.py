@@ -23,6 +23,7 @@ from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
 from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
+from sprintlab.training.runs.policy_start import PolicyRest
 from sprintlab.training.settings import TrainingSettings
 
 _PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
@@ -75,6 +76,7 @@ class Runner:
             ramp_iterations=stages.ramp_iterations,
         )
         self.progress = Progress()
+        self._rest: PolicyRest | None = None
 
     def iterate(self) -> dict[str, float]:
         """One rollout and one update; returns the statistics of the iteration."""
@@ -89,6 +91,8 @@ class Runner:
         self.growth.update(statistics["speed_p999"], self.blend.top)
         self.blend.update(self.growth.upper)
         row = self._record(statistics, time.perf_counter() - started)
+        if self._rest is not None and not self._rest.after(self.progress.iteration):
+            self._rest = None
         self._set_curriculum()
         return row
 
@@ -227,7 +231,6 @@ class Runner:
         self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
-        self.progress = state["progress"]
         if state["grid_weights"].shape == self.environment.grid_weights.shape:
             self.environment.grid_weights.copy_(state["grid_weights"])
         saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]
@@ -235,7 +238,14 @@ class Runner:
         if rank < len(saved):
             self._load_own(saved[rank])
         else:  # a newcomer: random numbers that no process has had
-            torch.manual_seed(self.settings.seed + 1_000_003 * rank + self.progress.iteration)
+            torch.manual_seed(self.settings.seed + 1_000_003 * rank + state["progress"].iteration)
+        self.take_up(state["progress"])
+
+    def take_up(self, progress: Progress) -> None:
+        """Go on with networks, range and stage as they are, from where ``progress`` says the run is."""
+        self.progress = progress
+        resting = progress.iteration < progress.policy_rests_until
+        self._rest = PolicyRest(self.learner, progress.policy_rests_until) if resting else None
         self._set_curriculum()
 
     def _load_own(self, state: dict[str, Any]) -> None:
