@@ -214,27 +214,22 @@ def test_a_mini_batch_is_a_view(learner: EstimatorPpo) -> None:
     assert batch.actor_input.shape == (3 * STEPS, learner.rollout.actor_input.shape[-1])
 
 
-def networks(learner: EstimatorPpo) -> dict[str, torch.Tensor]:
-    """Parameters and buffers of both networks, by name."""
-    return torch.nn.ModuleDict({"actor": learner.actor, "critic": learner.critic}).state_dict()
-
-
 def test_a_diverged_update_is_rolled_back_and_counted(learner: EstimatorPpo) -> None:
     for _ in range(STEPS):
         learner.act()
         learner.environment.advance()
         learner.record()
-    before = {name: value.clone() for name, value in networks(learner).items()}
+    before = {name: value.clone() for name, value in learner._networks().items()}
     learner.take_log()
     learner.rollout.reward[1, 2] = float("nan")
     learner.update()
-    for name, value in networks(learner).items():
+    for name, value in learner._networks().items():
         assert torch.equal(value, before[name]), name
     assert learner.take_log().read()["rolled_back"] == 1.0
     learner.rollout.reward[1, 2] = 0.0
     learner.update()
     assert learner.take_log().read()["rolled_back"] == 1.0
-    assert any(not torch.equal(value, before[name]) for name, value in networks(learner).items())
+    assert any(not torch.equal(value, before[name]) for name, value in learner._networks().items())
 
 
 def test_a_block_keeps_the_parameters_and_their_gradients_apart() -> None:

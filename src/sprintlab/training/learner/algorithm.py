@@ -137,6 +137,11 @@ class EstimatorPpo:
         """
         del self.act, self.record, self.update
 
+    def _networks(self) -> dict[str, torch.Tensor]:
+        """Parameters and buffers of both networks, by name."""
+        named = {f"actor.{name}": value for name, value in self.actor.state_dict().items()}
+        return {**named, **{f"critic.{name}": value for name, value in self.critic.state_dict().items()}}
+
     def _moments(self) -> list[torch.Tensor]:
         """Both optimizers' state, in a fixed order."""
         return [*self.block.state(), *self.estimator_block.state()]
