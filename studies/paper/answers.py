@@ -141,7 +141,7 @@ def _d_axis(known: Evidence) -> str:
 def _to_the_letter(known: Evidence, other: str, more: str = "") -> str:
     """The same comparison with the paper's reward table; that it is not trained where it is not."""
     if not {REFERENCE_METHOD, other} <= set(known.literal):
-        return " With the paper's reward to the letter it is not trained yet."
+        return " With the paper's reward to the letter it is not evaluated yet."
     return f" With the paper's reward to the letter {comparison(known.literal, other)}{more}"
 
 
@@ -176,7 +176,7 @@ def _collapse(known: Evidence) -> str:
     for rows, preset in ((known.rows, "our reward"), (known.literal, "the paper's reward to the letter")):
         row = rows.get("fixed-acceleration")
         if row is None:
-            parts.append(f"With {preset} it is not trained yet.")
+            parts.append(f"With {preset} it is not evaluated yet.")
         else:
             held = f", the others hold {row.most_held.text(2)} m/s" if row.collapsed < row.seeds else ""
             parts.append(f"With {preset} {row.collapsed} of {row.seeds} seeds collapse{held}.")

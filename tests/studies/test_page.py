@@ -108,14 +108,14 @@ def results(tmp_path):
 
 def test_the_papers_reward_answers_beside_ours_as_soon_as_it_is_trained(results) -> None:
     before = page_text(results)
-    assert before.count("With the paper's reward to the letter it is not trained yet.") == 2
+    assert before.count("With the paper's reward to the letter it is not evaluated yet.") == 2
     for method, held in (("sprint", 11.5), ("simplified-dc", 9.2)):
         folder = results / "paper" / method / "seed-0"
         write_evaluation(folder / "evaluation.json", record(method, 0, held))
     after = page_text(results)
     letter = "With the paper's reward to the letter"
     assert f"{letter} `sprint` holds 11.50 m/s, `simplified-dc` 9.20: +25.0 %" in after
-    assert after.count(f"{letter} it is not trained yet.") == 1
+    assert after.count(f"{letter} it is not evaluated yet.") == 1
 
 
 def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None:
