@@ -19,7 +19,7 @@ from sprintlab.cli.train import parse_training
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.training.runs.named_settings import plain
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.settings import PpoSettings, without_removed
+from sprintlab.training.settings import ADDED_REWARDS, PpoSettings, without_removed
 
 ROOT = Path(__file__).parents[2]
 
@@ -65,11 +65,13 @@ def test_the_recipe_has_the_settings_that_were_recorded(load_script: Callable[[s
     for name, settings in (("R1", recipe.first_settings()), ("S1", recipe.second_settings())):
         chosen = json.loads(json.dumps(plain(settings)))
         for part, values in recorded["policies"][name]["settings"].items():
-            assert chosen[part] == without_removed_ones(part, values), (name, part)
+            assert chosen[part] == as_it_would_be_recorded_now(part, values), (name, part)
 
 
-def without_removed_ones(part: str, values: Any) -> Any:
-    """Settings as they were recorded, without those that did nothing and are gone."""
+def as_it_would_be_recorded_now(part: str, values: Any) -> Any:
+    """Settings without those that did nothing and are gone, and later rewards without weight."""
+    if part == "rewards":
+        return {name: {"first": 0.0, "second": 0.0} for name in ADDED_REWARDS} | values
     return without_removed(PpoSettings, values) if part == "ppo" else values
 
 

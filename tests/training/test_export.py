@@ -86,6 +86,6 @@ def test_a_network_that_differs_is_refused_and_nothing_is_written(checkpoint, tm
         return data
 
     monkeypatch.setattr(export, "_onnx_bytes", slightly_other)
-    with pytest.raises(PolicyFileError, match=r"differs by .*, allowed 1e-04"):
+    with pytest.raises(PolicyFileError, match=r"differs from the network's by .*, allowed 1e-04"):
         export_checkpoint(checkpoint, tmp_path / "policy.onnx")
     assert not (tmp_path / "policy.onnx").exists()
