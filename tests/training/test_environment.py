@@ -180,6 +180,17 @@ def test_a_held_target_opens_the_grid_around_it(environment: SprintEnvironment) 
     assert torch.count_nonzero(gained) == 9
 
 
+def test_what_an_older_checkpoint_lacks_begins_from_zero(environment: SprintEnvironment) -> None:
+    saved = {name: value.clone() for name, value in environment.state().items()}
+    del saved["running_side_speed"]
+    environment.running_side_speed.fill_(1.0)
+    environment.load_state(saved)
+    assert not environment.running_side_speed.any()
+    del saved["running_speed"]
+    with pytest.raises(KeyError, match="running_speed"):
+        environment.load_state(saved)
+
+
 def test_state_is_all_that_a_step_needs(environment: SprintEnvironment) -> None:
     saved = {name: value.clone() for name, value in environment.state().items()}
     action = 0.1 * torch.randn(N, 12)

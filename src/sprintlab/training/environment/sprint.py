@@ -60,6 +60,7 @@ POLICY_STEP = 0.02
 SPEED_AVERAGE = 0.1
 """Weight of the newest speed in the running speed that the command schedule follows."""
 _LARGEST_OBSERVATION = 50.0
+_LATER_STATE = ("running_side_speed",)  # not in older checkpoints: where it is missing, it begins from zero
 _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
     "tilt", "vertical_speed", "broken", "electrical_power",
@@ -208,7 +209,10 @@ class SprintEnvironment:
             KeyError: a tensor is missing.
         """
         for name, tensor in self.state().items():
-            tensor.copy_(state[name])
+            if name in _LATER_STATE and name not in state:
+                tensor.zero_()
+            else:
+                tensor.copy_(state[name])
 
     # --- curriculum --------------------------------------------------------------------------------------
 
