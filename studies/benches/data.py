@@ -62,7 +62,7 @@ def columns(folder: Path, name: str) -> dict[str, FloatArray]:
         numbers = np.array(rows[1:], dtype=float)
         return {heading: numbers[:, index] for index, heading in enumerate(rows[0])}
     except (csv.Error, ValueError, IndexError) as error:
-        raise SprintlabError(f"{path} holds what is no table of numbers: {error}") from error
+        raise SprintlabError(f"{path} is not a table of numbers: {error}") from error
 
 
 def present(folder: Path, name: str) -> Path:

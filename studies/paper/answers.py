@@ -66,7 +66,7 @@ def comparison(rows: Rows, other: str) -> str:
     """``sprint`` against another method in one sentence; that it is not trained where it is not."""
     missing = [name for name in (REFERENCE_METHOD, other) if name not in rows]
     if missing:
-        return f"Not trained yet: {' and '.join(f'`{name}`' for name in missing)}."
+        return f"Not evaluated yet: {' and '.join(f'`{name}`' for name in missing)}."
     ours, theirs = rows[REFERENCE_METHOD], rows[other]
     text = (
         f"`{REFERENCE_METHOD}` holds {velocity_text(ours, ours.most_held)} m/s, "
@@ -84,7 +84,7 @@ def confirmed(rows: Rows) -> str:
     """Which of the paper's orders the seeds confirm, contradict or leave open, in its first lines."""
     groups: dict[str, list[str]] = {"Confirmed": [], "Not confirmed": [], "Open": []}
     if REFERENCE_METHOD not in rows:
-        return f"Not trained yet: `{REFERENCE_METHOD}`, with which all methods are compared."
+        return f"Not evaluated yet: `{REFERENCE_METHOD}`, with which all methods are compared."
     for method in PAPER_TABLE:
         if method == REFERENCE_METHOD or method not in rows:
             continue
@@ -187,8 +187,8 @@ def _others(known: Evidence) -> str:
     found = [known.rows[name] for name in known.comparators if name in known.rows]
     running = [row for row in found if math.isfinite(row.most_held.center)]
     if not running:
-        return "Not trained yet."
+        return "Not evaluated yet."
     best = max(running, key=lambda row: row.most_held.center)
     text = f"`{best.method}` is the fastest of {len(found)}. {comparison(known.rows, best.method)}"
     missing = [f"`{name}`" for name in known.comparators if name not in known.rows]
-    return f"{text} Not trained yet: {', '.join(missing)}." if missing else text
+    return f"{text} Not evaluated yet: {', '.join(missing)}." if missing else text

@@ -224,7 +224,7 @@ def _missing(known: Evidence) -> str:
         names = dict.fromkeys(each.method for each in trainings if each.preset == preset)
         lacking[preset] = [f"`{name}`" for name in names if name not in rows]
     parts = [f"with preset `{preset}` {', '.join(names)}" for preset, names in lacking.items() if names]
-    return f"Not trained yet: {'; '.join(parts)}." if parts else ""
+    return f"Not evaluated yet: {'; '.join(parts)}." if parts else ""
 
 
 def _folded(title: str, body: str) -> str:

@@ -19,7 +19,7 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.core.reading import parse_json, read_bytes, read_text
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
-from studies.paper.record import COLLAPSE_SPEED, EvaluationRecord, read_evaluation
+from studies.paper.record import EvaluationRecord, read_evaluation
 from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
 
 LOG_NAME = "log.jsonl"
@@ -56,7 +56,7 @@ def publish(options: Publish) -> list[Path]:
         SprintlabError: a run has no evaluation or no policy, or a folder of the results is a link: nothing is
             copied; or the disk refuses.
     """
-    ranked: dict[str, list[tuple[float, Run]]] = {}
+    ranked: dict[str, list[tuple[EvaluationRecord, Run]]] = {}
     runs = find_runs(options.runs)
     missing = [str(run.folder) for run in runs if not (run.policy.is_file() and run.evaluation.is_file())]
     if missing:
@@ -68,16 +68,16 @@ def publish(options: Publish) -> list[Path]:
     for run in runs:
         record = read_evaluation(run.evaluation)
         _copy_small_files(run, options.results / run.method / run.folder.name)
-        ranked.setdefault(run.method, []).append((_speed(record), run))
+        ranked.setdefault(run.method, []).append((record, run))
     sources = {path.resolve() for one in runs for path in (one.cloud, one.policy)}
     medians = [_median(group) for group in ranked.values()]
     return [_publish_median(run, options.results / run.method, sources) for run in medians]
 
 
-def _median(group: list[tuple[float, Run]]) -> Run:
+def _median(group: list[tuple[EvaluationRecord, Run]]) -> Run:
     """The run in the middle by speed, the slower of two; what collapsed has no gait to draw or run again."""
-    running = [item for item in group if item[0] >= COLLAPSE_SPEED] or group
-    return sorted(running, key=lambda item: item[0])[(len(running) - 1) // 2][1]
+    running = [item for item in group if not item[0].raw.collapsed] or group
+    return sorted(running, key=lambda item: _speed(item[0]))[(len(running) - 1) // 2][1]
 
 
 def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:

@@ -204,7 +204,7 @@ def test_a_bomb_that_says_it_is_small_is_not_unpacked(tmp_path):
 
 @pytest.mark.parametrize("code", [0x110000, 0x7FFFFFFF, 0xD800])
 @pytest.mark.parametrize("order", "<>")
-def test_numbers_that_are_no_signs_of_a_text_are_refused(tmp_path, code, order):
+def test_texts_with_code_points_that_unicode_does_not_have_are_refused(tmp_path, code, order):
     text = np.array([ord("a"), code], f"{order}u4").view(f"{order}U1")
     np.savez(tmp_path / "a.npz", a=text, b=np.array(["\U0010ffff\u202e"]))
     with pytest.raises(SprintlabError, match="no npz archive"):

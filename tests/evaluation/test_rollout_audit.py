@@ -142,7 +142,7 @@ def test_the_picture_has_a_panel_a_joint(rollout):
         ("time,joint_velocity_0,joint_torque_0\n0,1,1\n0,1,1\n", "rising"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,nan\n1,1,1\n", "finite"),
         ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,1\n", "needs 3 numbers"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,x\n", "no table of numbers"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,x\n", "is not a table of numbers"),
         ("time\n", "no header and two samples"),
         ("time,joint_velocity_0,joint_torque_0\r0,1,1\r1,1,1\r", "no CSV file"),
         (f"time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,{' ' * 200_000}1\n", "no CSV file"),

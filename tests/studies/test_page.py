@@ -127,7 +127,7 @@ def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None
     assert "1.00 [1.00, 1.00]: settled" in text
     assert "trained on the nominal robot, hold 11.25 and 10.75 m/s" in text
     assert "Not evaluated yet on the strong edition" in text
-    assert "Not trained yet: `no-saturation`" in text
+    assert "Not evaluated yet: `no-saturation`" in text
     assert "`uniform-commands`: 1 of 5 seeds collapsed" in text
     assert "With our reward 2 of 3 seeds collapse, the others hold 13.00 m/s." in text
     assert "to the letter 1 of 1 seeds collapse." in text
@@ -140,7 +140,7 @@ def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None
 
 def test_a_page_of_nothing_says_so(tmp_path) -> None:
     text = page_text(tmp_path)
-    assert text.count("Not trained yet") >= 5 and "## Methods" not in text
+    assert text.count("Not evaluated yet") >= 5 and "## Methods" not in text
 
 
 def test_a_page_is_not_written_over_where_the_results_are_no_folder(tmp_path) -> None:

@@ -216,9 +216,9 @@ def _check_model(wire: _Wire, model: Mapping[int, list[Any]]) -> None:
         raise GraphError("defines functions of its own")
     if 20 in model:
         raise GraphError("holds a training")
-    notes = [_bytes(_single(wire.fields(item), 1, b"")) for item in model.get(14, [])]
-    if len(set(notes)) < len(notes):  # of two contracts, some readers take the first and some the last
-        raise GraphError("is damaged: two of its notes have one name")
+    names = [_bytes(_single(wire.fields(item), 1, b"")) for item in model.get(14, [])]
+    if len(set(names)) < len(names):  # of two contracts, some readers take the first and some the last
+        raise GraphError("is damaged: two of its metadata entries have one name")
 
 
 def _read_model(content: bytes) -> _Graph:

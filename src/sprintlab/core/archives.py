@@ -117,14 +117,15 @@ def _array(content: bytes, what: str) -> Array:
         raise ValueError("its size is not that of its shape")
     if count > (most := _MOST_TEXTS if kind.kind == "U" else _MOST_NUMBERS):
         raise SprintlabError(f"{what} has {count} elements; at most {most} are read")
-    if kind.kind == "U" and _no_signs(np.frombuffer(content, dtype=f"{kind.byteorder}u4", offset=start)):
-        raise ValueError("a text is none")
+    codes = f"{kind.byteorder}u4"
+    if kind.kind == "U" and _beyond_unicode(np.frombuffer(content, dtype=codes, offset=start)):
+        raise ValueError("a text holds code points that Unicode does not have")
     values = (
         np.frombuffer(content, dtype=kind, offset=start) if count * kind.itemsize else np.empty(0, dtype=kind)
     )
     return values.reshape(shape, order="F" if fortran else "C").copy()
 
 
-def _no_signs(codes: Array) -> bool:
-    """Whether some numbers are no signs of a text: beyond Unicode, or half of a pair of units."""
+def _beyond_unicode(codes: Array) -> bool:
+    """Whether some code points are not characters: above U+10FFFF, or surrogates."""
     return bool(((codes > 0x10FFFF) | ((codes >= 0xD800) & (codes < 0xE000))).any())

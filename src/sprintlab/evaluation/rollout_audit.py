@@ -364,7 +364,7 @@ def _from_csv(text: str, path: Path) -> Rollout:
     except csv.Error as error:
         raise SprintlabError(f"{path} is no CSV file: {error}") from error
     except ValueError as error:
-        raise SprintlabError(f"{path} holds what is no table of numbers: {error}") from error
+        raise SprintlabError(f"{path} is not a table of numbers: {error}") from error
     columns = {
         name: [at for at, head in enumerate(header) if head.startswith(f"{name}_")] for name in _TABLES
     }

@@ -35,6 +35,8 @@ AGGREGATIONS = ("exponential", "clipped", "sum")
 REMOVED = {"PpoSettings": {"mirror_epochs": False}}
 """Settings that are gone, by class, with the value at which they did nothing: older files may still name that
 one, and it counts in the hash, so that runs keep theirs."""
+NORMALIZER_FLOOR = 1e-2
+"""Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
 ADDED_REWARDS = ("sideways_drift",)
 """Reward terms that came later: without weight they do not count in the hash, so that runs keep theirs."""
 

@@ -16,14 +16,13 @@ from torch import nn
 from torch.nn import functional
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
-from sprintlab.training.settings import EstimatorSettings, PpoSettings, TrainingSettings
+from sprintlab.training.settings import NORMALIZER_FLOOR, EstimatorSettings, PpoSettings, TrainingSettings
 
 VELOCITY_SIZE, CONTACT_START = 3, 4
 LARGEST_STD = 1.5
 LARGEST_NORMALIZED = 10.0
 _LOG_VARIANCE_RANGE = (-8.0, 4.0)
 _COLUMNS = 8
-_NORMALIZER_FLOOR = 1e-2
 
 
 class FirstLinear(nn.Linear):
@@ -95,7 +94,7 @@ class Normalizer(nn.Module):
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Normalized values, limited to +-10 so that an outlier cannot saturate the networks."""
-        scaled = (values - self.mean) / (self.variance.sqrt() + _NORMALIZER_FLOOR)
+        scaled = (values - self.mean) / (self.variance.sqrt() + NORMALIZER_FLOOR)
         return scaled.clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
 
     @torch.no_grad()
@@ -193,7 +192,7 @@ class Actor(nn.Module):
         """Frames ``(n, k * 45)`` as the estimator sees them: normalized with the statistics of one frame."""
         count = frames.shape[1] // self.frame_size
         mean = self.normalizer.mean[: self.frame_size].repeat(count)
-        scale = (self.normalizer.variance[: self.frame_size].sqrt() + _NORMALIZER_FLOOR).repeat(count)
+        scale = (self.normalizer.variance[: self.frame_size].sqrt() + NORMALIZER_FLOOR).repeat(count)
         values = ((frames - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
         return values * self.seen.repeat(count)
 

@@ -21,7 +21,7 @@ from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabE
 from sprintlab.core.reading import read_bytes
 from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import Progress
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import NORMALIZER_FLOOR, TrainingSettings
 
 if TYPE_CHECKING:
     import torch
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from sprintlab.training.learner.networks import Actor
     from sprintlab.training.runs.runner import Runner
 
-_FLOOR = 1e-2  # the normalizer's, which lies within the file's constant
 _ACTOR_COUNT, _CRITIC_COUNT = 2e9, 2e7  # samples: the policy's inputs do not shift, the critic's hardly
 _FIRST_RATE, _RATE_AFTER_REST = 5e-4, 2e-4
 _DECODER = "estimator.decoder."
@@ -168,7 +167,7 @@ def _read_weights(path: Path, shapes: dict[str, tuple[int, ...]]) -> dict[str, n
     centred = {n.output[0] for n in graph.node if n.op_type == "Sub" and n.input[1] == "normalizer.mean"}
     divisors = [n.input[1] for n in graph.node if n.op_type == "Div" and n.input[0] in centred]
     if len(divisors) == 1 and divisors[0] in found:
-        found["normalizer.variance"] = np.square(found[divisors[0]].astype(np.float64) - _FLOOR)
+        found["normalizer.variance"] = np.square(found[divisors[0]].astype(np.float64) - NORMALIZER_FLOOR)
     for name, shape in shapes.items():
         if name not in found:
             raise PolicyFileError(f"{path}: its network has no {name}: it cannot be trained further")
