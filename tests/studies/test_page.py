@@ -129,7 +129,7 @@ def test_the_page_answers_what_it_can_and_names_what_is_missing(results) -> None
     assert "Not evaluated yet on the strong edition" in text
     assert "Not evaluated yet: `no-saturation`" in text
     assert "`uniform-commands`: 1 of 5 seeds collapsed" in text
-    assert "With our reward 2 of 3 seeds collapse, the others hold 13.00 m/s." in text
+    assert "With our reward 2 of 3 seeds collapse; the others hold 13.00 m/s." in text
     assert "to the letter 1 of 1 seeds collapse." in text
     assert "`rlvrl` is the fastest of 2" in text and "`lp-acrl`" in text
     assert "| rlvrl | refined | box-adaptive grid |" in text
