@@ -15,6 +15,7 @@ import torch
 from onnx import numpy_helper
 
 from sprintlab.control import load_policy
+from sprintlab.control.braking import BrakingContract
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.runs.averaging import average_checkpoints
 from sprintlab.training.runs.export import export_checkpoint
@@ -57,10 +58,34 @@ def test_every_weight_is_the_mean(checkpoints: list[Path], tmp_path: Path) -> No
         assert not np.allclose(mean[name], ends[0][name])
 
 
+def test_shares_weigh_the_checkpoints(checkpoints: list[Path], tmp_path: Path) -> None:
+    ends = [
+        initializers(export_checkpoint(path, tmp_path / f"{path.stem}.onnx").path) for path in checkpoints
+    ]
+    mean = initializers(average_checkpoints(checkpoints, tmp_path / "mean.onnx", (1.0, 3.0)).path)
+    for name in (name for name, value in mean.items() if value.dtype == np.float32 and value.ndim == 2):
+        np.testing.assert_allclose(mean[name], 0.25 * ends[0][name] + 0.75 * ends[1][name], atol=1e-7)
+
+
+@pytest.mark.parametrize("shares", [(1.0,), (1.0, 0.0), (1.0, float("nan"))])
+def test_shares_that_are_not_one_for_each_are_refused(
+    checkpoints: list[Path], tmp_path: Path, shares: tuple[float, ...]
+) -> None:
+    with pytest.raises(InvalidValueError, match="shares"):
+        average_checkpoints(checkpoints, tmp_path / "mean.onnx", shares)
+
+
 def test_the_contract_is_that_of_the_last(checkpoints: list[Path], tmp_path: Path) -> None:
     policy = load_policy(average_checkpoints(checkpoints, tmp_path / "mean.onnx").path)
     assert policy.contract.training is not None
     assert (policy.contract.training.command_line, policy.contract.training.seed) == ("train last", 1)
+
+
+def test_the_contract_limits_braking_where_asked(checkpoints: list[Path], tmp_path: Path) -> None:
+    braking = BrakingContract(power=20.0)
+    path = average_checkpoints(checkpoints, tmp_path / "mean.onnx", braking=braking).path
+    assert load_policy(path).contract.braking == braking
+    assert load_policy(average_checkpoints(checkpoints, path).path).contract.braking is None
 
 
 def test_what_has_no_mean_is_refused_and_nothing_is_written(checkpoints: list[Path], tmp_path: Path) -> None:

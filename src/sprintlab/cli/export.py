@@ -9,6 +9,7 @@ import tyro
 
 from sprintlab.api.training import check_export, require_training
 from sprintlab.cli.output import print_json, progress_bar
+from sprintlab.control.braking import BrakingContract
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,26 +19,31 @@ class Export:
     Attributes:
         checkpoint: checkpoint of a training run.
         output: the ONNX file to write.
+        braking_power: the forward command that reaches the network falls no faster than this power for each
+            kilogram of the robot [W/kg]; as it is given when left out.
         json: print JSON only.
     """
 
     checkpoint: tyro.conf.Positional[Path]
     output: tyro.conf.Positional[Path]
+    braking_power: float | None = None
     json: bool = False
 
     def run(self) -> int:
         """Export.
 
         Raises:
+            InvalidValueError: the power is out of range.
             SprintlabError: the checkpoint is missing or refused, or the extra is not installed.
         """
         require_training()
+        braking = None if self.braking_power is None else BrakingContract(power=self.braking_power)
         check_export(self.checkpoint, self.output)
         from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:
             report("exporting", None)
-            exported = export_checkpoint(self.checkpoint, self.output)
+            exported = export_checkpoint(self.checkpoint, self.output, braking)
         if self.json:
             print_json({**exported._asdict(), "path": str(exported.path)})
             return 0

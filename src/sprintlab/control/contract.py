@@ -13,6 +13,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
+from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
 from sprintlab.control.standing import StandingContract
@@ -166,6 +167,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         estimate: terms of the network's estimate in order; None without an estimator, and in files that do
             not tell.
         standing: when the robot is stood still in its default pose; None: never.
+        braking: how fast the forward command that reaches the network may fall; None: as fast as it is given.
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
@@ -191,6 +193,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     position_limits: tuple[Interval, ...] | None = None
     estimate: tuple[EstimateTerm, ...] | None = None
     standing: StandingContract | None = None
+    braking: BrakingContract | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
@@ -271,6 +274,7 @@ def make_contract(
     proprioception_filter: LowPass,
     estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
+    braking: BrakingContract | None = None,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``.
 
@@ -282,6 +286,7 @@ def make_contract(
         proprioception_filter: the low-pass used in training; its rate is the policy's.
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
+        braking: how fast the forward command that reaches the network may fall; ``None``: as it is given.
 
     Raises:
         InvalidValueError: a number is not finite or not positive.
@@ -296,6 +301,7 @@ def make_contract(
         ),
         estimate=None if estimate_filter is None else ESTIMATE_TERMS,
         standing=None if estimate_filter is None else StandingContract(),
+        braking=braking,
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,

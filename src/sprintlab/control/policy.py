@@ -13,6 +13,7 @@ import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
+from sprintlab.control.braking import limit_braking
 from sprintlab.control.contract import (
     CONTRACT_KEY,
     ESTIMATE_TERMS,
@@ -176,7 +177,8 @@ class Measurement(NamedTuple):
 class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
-    A robot that is commanded to rest and is nearly at rest is held in its default pose, as the contract says.
+    As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose,
+    and the forward command falls no faster than the policy brakes.
 
     Args:
         policy: the loaded policy.
@@ -199,11 +201,12 @@ class PolicyRuntime:
         self.reset()
 
     def reset(self) -> None:
-        """Forget filter, history, previous action, estimate and hold.
+        """Forget filter, history, previous action, estimate, hold and command.
 
         The next step starts from its own measurement and from a zero estimate.
         """
         self._filtered: FloatArray | None = None
+        self._forward = 0.0
         if self._standing is not None:
             self._standing.reset()
         self._forget()
@@ -243,8 +246,9 @@ class PolicyRuntime:
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
-        share = self._share(measurement, np.asarray(command))
-        frame = self._frame(measurement, np.asarray(command))
+        command = self._braked(np.asarray(command))
+        share = self._share(measurement, command)
+        frame = self._frame(measurement, command)
         if self._history is None:
             self._history = fill_history(frame, self._layout.history_length)
         else:
@@ -254,6 +258,16 @@ class PolicyRuntime:
         limit = self._policy.contract.action_limit
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
+
+    def _braked(self, command: FloatArray) -> FloatArray:
+        """The command whose forward speed falls as fast as the contract allows, at most."""
+        contract = self._policy.contract
+        if contract.braking is None:
+            return command
+        self._forward = limit_braking(
+            contract.braking, self._forward, float(command[0]), contract.policy_rate_hz
+        )
+        return np.array([self._forward, command[1], command[2]])
 
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""

@@ -22,6 +22,7 @@ from sprintlab.control import (
     load_policy,
     make_contract,
 )
+from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.core.files import atomic_write_bytes
@@ -72,7 +73,9 @@ class ExportedPolicy(NamedTuple):
     difference: float
 
 
-def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
+def export_checkpoint(
+    checkpoint: Path, output: Path, braking: BrakingContract | None = None
+) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
     It is read back and runs four seconds in the plant, and both runtimes are compared on that run: ONNX
@@ -82,20 +85,23 @@ def export_checkpoint(checkpoint: Path, output: Path) -> ExportedPolicy:
     Args:
         checkpoint: of a training run.
         output: the file to write.
+        braking: how fast the forward command that reaches the network may fall; as it is given when left out.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
-    return export_state(read_checkpoint(checkpoint), output)
+    return export_state(read_checkpoint(checkpoint), output, braking)
 
 
-def export_state(state: dict[str, Any], output: Path) -> ExportedPolicy:
+def export_state(
+    state: dict[str, Any], output: Path, braking: BrakingContract | None = None
+) -> ExportedPolicy:
     """``export_checkpoint`` of what was read, or made of several that were; raises what that does."""
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
     data = _with_contract(
-        _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size), state
+        _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size), state, braking
     )
     replayed, difference = _verify(data, actor, load_robot(settings.robot))
     atomic_write_bytes(output, data)
@@ -119,7 +125,7 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     return buffer.getvalue()
 
 
-def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
+def _with_contract(data: bytes, state: dict[str, Any], braking: BrakingContract | None) -> bytes:
     settings: TrainingSettings = state["settings"]
     progress = state["progress"]
     record = TrainingRecord(
@@ -140,6 +146,7 @@ def _with_contract(data: bytes, state: dict[str, Any]) -> bytes:
         software=state["versions"],
         proprioception_filter=LowPass(),
         estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
+        braking=braking,
     )
     model = onnx.load_from_string(data)
     onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})

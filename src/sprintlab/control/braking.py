@@ -1,0 +1,55 @@
+"""A forward command falls no faster than the policy brakes well.
+
+A robot at top speed whose command falls too fast braces its front legs against the ground: the hardest
+steps of a run are those of its first second of braking. How fast a command may fall belongs to the policy,
+as its filters do; who commands need not know it.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from sprintlab.core.checks import check_range
+
+_SLOWEST = 0.1
+"""Below this the power limits nothing [m/s]: the deceleration does."""
+
+
+class BrakingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How fast the forward command that reaches the network may fall.
+
+    Attributes:
+        power: greatest power at which the commanded motion gives up its energy, for each kilogram of robot
+            [W/kg]: at the speed v the command falls by ``power / v`` at most, softly from the top.
+        deceleration: greatest deceleration [m/s^2], which decides at low speed.
+
+    Raises:
+        InvalidValueError: a number is out of range.
+    """
+
+    power: float = 30.0
+    deceleration: float = 5.0
+
+    def __post_init__(self) -> None:
+        check_range("braking.power", self.power, 1.0, 1000.0, "W/kg")
+        check_range("braking.deceleration", self.deceleration, 0.5, 50.0, "m/s^2")
+
+
+def limit_braking(contract: BrakingContract, previous: float, asked: float, rate_hz: float) -> float:
+    """The forward command [m/s] of this policy step; only its fall toward zero is limited.
+
+    ``max(asked, v - min(deceleration, power / v) / rate_hz)`` where v is ``previous``, for a robot that runs
+    forward, and its mirror image backward.
+
+    Args:
+        contract: power and deceleration.
+        previous: what this returned one policy step before [m/s].
+        asked: forward speed that is commanded now [m/s].
+        rate_hz: of the policy [Hz].
+    """
+    step = min(contract.deceleration, contract.power / max(abs(previous), _SLOWEST)) / rate_hz
+    if previous > 0.0:
+        return max(asked, previous - step)
+    if previous < 0.0:
+        return min(asked, previous + step)
+    return asked
