@@ -62,9 +62,11 @@ $(VENV)/.race-installed: $(REQUIREMENTS) | $(BIN)/python
 	@$(INSTALL) -e '.[video]'
 	@touch $@
 
+# pip compiles on one core, which takes a minute. Some packages bring templates that no Python can compile.
 $(VENV)/.dev-installed: $(REQUIREMENTS) | $(BIN)/python
 	@echo "installing the base, training and test packages into $(VENV)"
-	@$(INSTALL) -e '.[dev,video]'
+	@$(INSTALL) --no-compile -e '.[dev,video]'
+	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
 	@touch $@ $(VENV)/.race-installed
 
 clean:

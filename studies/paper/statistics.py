@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -67,10 +66,14 @@ def improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
 
 
 def _middle(values: Any, axis: int = -1) -> Any:
+    from scipy import stats  # takes a second: where it is used
+
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
 def _faster(ours: Any, theirs: Any, axis: int = -1) -> Any:
+    from scipy import stats
+
     with np.errstate(divide="ignore", invalid="ignore"):  # of the test's p-value, which is not used
         wins = stats.mannwhitneyu(ours, theirs, axis=axis, method="asymptotic").statistic
     return wins / (ours.shape[axis] * theirs.shape[axis])
@@ -79,6 +82,8 @@ def _faster(ours: Any, theirs: Any, axis: int = -1) -> Any:
 def _bootstrapped(center: float, samples: tuple[Any, ...], statistic: Callable[..., Any]) -> Interval:
     if all(np.ptp(sample) == 0.0 for sample in samples):
         return Interval(center=center, low=center, high=center)
+    from scipy import stats
+
     found = stats.bootstrap(
         samples,
         statistic,

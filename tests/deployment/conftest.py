@@ -15,13 +15,14 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from tests.deployment.quick import COARSE, hurry
 
 from sprintlab.commands import heading_command
 from sprintlab.control import Policy, load_policy, shipped_policy
 from sprintlab.deployment.bus import open_bus, open_endpoint
 from sprintlab.deployment.bus.ends import COMMAND, STATE
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
-from sprintlab.deployment.controller import Controller, modes
+from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.interface import (
     ControlTick,
     JointCommand,
@@ -34,6 +35,7 @@ from sprintlab.deployment.interface import (
 )
 from sprintlab.deployment.simulator import SimulatedRobot, SimulatorOptions
 from sprintlab.motors import torque_limits
+from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription, load_robot
 
 MILLISECOND = 1_000_000
@@ -283,15 +285,10 @@ class Snapshot:
         return Rig(self.rig.robot, simulated, controller, source, self.now, sent=dict(self.sent))
 
 
-def _hurry(patch: pytest.MonkeyPatch) -> None:
-    for name in ("_TUCK_TIME", "_RISE_TIME", "_SINK_TIME"):
-        patch.setattr(modes, name, 0.65 * getattr(modes, name))
-
-
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Standing up and sinking in two thirds of their times, where a test is not about how that is done."""
-    _hurry(monkeypatch)
+    hurry(monkeypatch.setattr)
 
 
 def _copy_controller(controller: Controller, source: Any, policy: Policy) -> tuple[Controller, Any]:
@@ -308,13 +305,13 @@ def sprint_policy() -> Policy:
 def make_rig(sprint_policy: Policy) -> Callable[..., Rig]:
     """A rig whose robot lies on the ground: the one that the policy was made for; ``sprint`` by default.
 
-    Options as of ``SimulatorOptions``.
+    The physics take coarse steps: runs on those of a user are in ``test_through_the_bus.py``.
     """
 
-    def make(source: Any | None = None, policy: Policy | None = None, **options: Any) -> Rig:
+    def make(source: Any | None = None, policy: Policy | None = None) -> Rig:
         source, policy = source or StraightSource(), policy or sprint_policy
         robot = load_robot(policy.contract.robot_name)
-        simulated = SimulatedRobot(robot, SimulatorOptions(**options))
+        simulated = SimulatedRobot(robot, SimulatorOptions(plant=PlantOptions(**COARSE)))
         return Rig(robot, simulated, Controller(policy, robot, source), source)
 
     return make
@@ -339,13 +336,11 @@ def lie_down_with(lying_robot: Snapshot) -> Callable[[Any], Rig]:
 
 
 @pytest.fixture(scope="session")
-def gallop(robot: RobotDescription, sprint_policy: Policy) -> Snapshot:
+def gallop(make_rig: Callable[..., Rig], sprint_policy: Policy) -> Snapshot:
     """Running faster than 6 m/s, speed still rising."""
-    source = StraightSource()
-    simulated = SimulatedRobot(robot, SimulatorOptions())
-    rig = Rig(robot, simulated, Controller(sprint_policy, robot, source), source)
+    rig = make_rig()
     with pytest.MonkeyPatch.context() as patch:
-        _hurry(patch)
+        hurry(patch.setattr)
         rig.run_until(lambda tick: rig.speed > 6.5, 8.0)
     return Snapshot.take(rig, sprint_policy)
 

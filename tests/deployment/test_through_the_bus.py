@@ -12,8 +12,11 @@ import pytest
 from sprintlab.cli.main import main
 from sprintlab.deployment.log import read_log
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "deployment.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "deployment.md"
 SPRINTLAB = [sys.executable, "-m", "sprintlab.cli.main"]
+IN_A_HURRY = f"import sys; sys.path.append({str(ROOT)!r}); from tests.deployment.quick import main; main()"
+QUICK = [sys.executable, "-c", IN_A_HURRY]
 
 
 @pytest.fixture(autouse=True)
@@ -22,15 +25,15 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def start(*arguments, **options):
+def start(*arguments, program=QUICK, **options):
     return subprocess.Popen(
-        [*SPRINTLAB, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+        [*program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
     )
 
 
-def start_robot(bus, *arguments):
+def start_robot(bus, *arguments, program=QUICK):
     """A robot that is on its bus."""
-    robot = start("robot-sim", bus, "--json", *arguments)
+    robot = start("robot-sim", bus, "--json", *arguments, program=program)
     assert robot.stderr is not None
     line = robot.stderr.readline()
     assert line.startswith(f"the robot is on {bus}"), line + robot.stderr.read()
@@ -65,9 +68,11 @@ def test_the_documented_sprint_reaches_its_line_and_its_report_is_drawn(bus, tmp
     _, address, *options = documented("sprintlab robot-sim")
     _, policy, same, *controls = documented("sprintlab run")
     assert (address, policy) == (same, "sprint")
-    robot = start_robot(bus, *options)
+    robot = start_robot(bus, *options, program=SPRINTLAB)
     short = ("--top-speed", "8", "--distance", "20")
-    status, run, robot_status, simulated = drive(bus, robot, *controls, *short, cwd=tmp_path)
+    status, run, robot_status, simulated = drive(
+        bus, robot, *controls, *short, program=SPRINTLAB, cwd=tmp_path
+    )
     assert (status, robot_status) == (0, 0), run
     assert run["end"] == "passive"
     assert run["faults"] == {}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.short_trials import COARSE
 
 from sprintlab.api.clock_check import clock_numbers, clock_table, clock_verdict
 from sprintlab.core.errors import InvalidValueError
@@ -15,11 +16,8 @@ from sprintlab.evaluation.clock import CLOCKS, PolicyClock, followed_share
 from sprintlab.evaluation.clock_check import ClockCheck, check_clock, clock_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.plant import PlantOptions
 
-QUICK = ProtocolSettings(
-    trials=2, required=2, hold=0.5, plant=PlantOptions(timestep=0.001, contact_time_constant=0.002)
-)
+QUICK = ProtocolSettings(trials=2, required=2, hold=0.5, plant=COARSE)
 
 
 def ticks(clock, count=5000, seed=0):

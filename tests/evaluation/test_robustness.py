@@ -186,6 +186,7 @@ def test_the_plant_is_as_heavy_weak_and_lopsided_as_the_trial_says(robot):
     np.testing.assert_allclose(changed.data.qvel[:2] - before, (0.3, -0.4))
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_push_moves_a_standing_robot(standing_policy, robot):
     policy = load_policy(standing_policy)
     settings = TrialSettings(push_speed=0.5, push_interval=0.3)
@@ -202,6 +203,7 @@ def test_a_push_moves_a_standing_robot(standing_policy, robot):
 # --- the study ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_killed_and_resumed_equals_uninterrupted(standing_policy, robot, tmp_path):
     class Kill(Exception):
         pass
@@ -226,6 +228,7 @@ def test_killed_and_resumed_equals_uninterrupted(standing_policy, robot, tmp_pat
         assert path.read_bytes() == (tmp_path / "cut" / path.name).read_bytes()
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_a_policy_that_falls_is_counted(make_policy, robot, tmp_path):
     policy = make_policy(np.tile([0.0, 3.0, -5.0], 4))
     with TrialPool(policy, robot, workers=1) as pool:
@@ -240,6 +243,7 @@ def test_a_policy_that_falls_is_counted(make_policy, robot, tmp_path):
     assert png_bytes(robustness_figure(summary, pieces, "fallen"))[:4] == b"\x89PNG"
 
 
+@pytest.mark.usefixtures("short_trials")
 @pytest.mark.parametrize(
     ("changes", "named"),
     [({"top_speed": 3.0}, "top_speed"), ({"distance": 0.3, "top_speed": 1.0}, "top_speed and distance")],
@@ -251,6 +255,7 @@ def test_a_folder_of_another_study_is_refused(standing_policy, robot, tmp_path, 
             run_study(pool, standing_policy, replace(SHORT, **changes), tmp_path)
 
 
+@pytest.mark.usefixtures("short_trials")
 @pytest.mark.parametrize("text", ["{", "[]", '{"group": "all", "seed": 9}'])
 def test_a_broken_or_strange_file_is_refused_by_name(standing_policy, robot, tmp_path, text):
     with TrialPool(standing_policy, robot, workers=1) as pool:

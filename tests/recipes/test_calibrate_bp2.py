@@ -103,7 +103,7 @@ def test_a_rule_that_is_broken_is_seen(recipe, chosen, model):
 def test_a_short_search_finds_the_limit_again(chosen):
     found = fastest_stride(
         runner_from_robot(load_robot("bp2")),
-        SearchSettings(starts=3, seed=5, max_stride=5.5, min_duty=0.12),
+        SearchSettings(starts=2, seed=5, max_stride=5.5, min_duty=0.12),
     )
     assert found.speed == pytest.approx(chosen["limits"]["refined"]["speed"], rel=0.03)
     assert 1.0 / found.parameters[0] <= 5.5 + 1e-6 and found.parameters[1] >= 0.12 - 1e-6

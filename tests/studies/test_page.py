@@ -24,13 +24,13 @@ from studies.paper.runs import Run, find_runs
 from studies.paper.statistics import Interval
 from studies.paper.table import DETAIL_COLUMNS, detail_cells, method_rows, switches
 from studies.paper.variants import VARIANTS, VariantRecord, evaluate_variant, moved_policy
+from tests.short_trials import COARSE
 
 from sprintlab.control import load_policy
 from sprintlab.control.contract import check_contract
 from sprintlab.core.errors import SprintlabError
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.results import EstimateBand
-from sprintlab.plant import PlantOptions
 from sprintlab.robots import load_robot, robot_fingerprint
 
 
@@ -221,8 +221,7 @@ def test_a_policy_moves_to_an_edition_of_its_robot_and_to_no_other(policy, tmp_p
 
 @pytest.mark.parametrize("name", ["bp2-weak", "flux-weakening"])
 def test_a_variant_is_evaluated_with_its_robot_and_drive(name, policy) -> None:
-    coarse = PlantOptions(timestep=0.001, contact_time_constant=0.002)
-    settings = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=coarse)
+    settings = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=COARSE)
     found = evaluate_variant(policy, name, settings, workers=1)
     assert found.variant == name and len(found.raw.speeds) == 1 and found.raw.speeds[0].trials == 1
     assert found.protocol["plant"]["motor_model"] == VARIANTS[name].motor_model

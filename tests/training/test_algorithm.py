@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,10 +12,6 @@ pytest.importorskip("mujoco_warp")
 pytest.importorskip("rsl_rl")
 
 import torch
-from rsl_rl.algorithms import PPO
-from rsl_rl.models import MLPModel
-from rsl_rl.storage import RolloutStorage
-from tensordict import TensorDict
 
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.sprint import SprintEnvironment
@@ -37,6 +34,9 @@ PPO_SETTINGS = PpoSettings(steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN,
 SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=ROBOTS), ppo=PPO_SETTINGS)
 OBSERVATION = SETTINGS.observation.for_joints(12)
 
+if TYPE_CHECKING:
+    from rsl_rl.models import MLPModel
+
 
 @pytest.fixture(scope="module")
 def learner() -> EstimatorPpo:
@@ -44,6 +44,9 @@ def learner() -> EstimatorPpo:
 
 
 def rsl_model(name: str, inputs: int, outputs: int, distribution: dict | None) -> MLPModel:
+    from rsl_rl.models import MLPModel
+    from tensordict import TensorDict
+
     example = TensorDict({name: torch.zeros(ROBOTS, inputs)}, batch_size=[ROBOTS])
     return MLPModel(
         example, {name: [name]}, name, outputs, hidden_dims=list(HIDDEN), activation="elu",
@@ -64,6 +67,10 @@ def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
 
 def test_an_update_is_rsl_rl_s_update() -> None:
     """Same networks, same rollout, one mini-batch an epoch: the parameters end up the same."""
+    from rsl_rl.algorithms import PPO  # takes seconds, in every process that collects tests
+    from rsl_rl.storage import RolloutStorage
+    from tensordict import TensorDict
+
     torch.manual_seed(4)
     actor, critic = build_actor(SETTINGS, load_robot("bp2")), Critic(PPO_SETTINGS, OBSERVATION)
     inputs = 53 + SETTINGS.estimator.latent

@@ -45,14 +45,13 @@ from studies.paper.table import (
     table_cells,
     table_numbers,
 )
+from tests.short_trials import COARSE
 
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError, SprintlabError
 from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
 from sprintlab.evaluation.results import EstimateBand, SpeedResult
-from sprintlab.plant import PlantOptions
 
-COARSE = PlantOptions(timestep=0.001, contact_time_constant=0.002)
 SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.75, hold=0.5, plant=COARSE)
 
 

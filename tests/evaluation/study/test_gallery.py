@@ -10,6 +10,7 @@ from studies.paper.measure import Candidate
 from studies.paper.runs import find_runs
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.results import SprintResult
 
 PNG = b"\x89PNG"
@@ -104,20 +105,18 @@ def clouded(cloud_arrays, tmp_path):
     return tmp_path / "runs"
 
 
-def sprint_drawing(policies, runs, robot, tmp_path):
-    """The drawing of the sprint, written."""
-    made = write_gallery(
-        Gallery(robot=robot, policies=policies, runs=tuple(find_runs(runs)), main=policies[0]), tmp_path
-    )
-    return next(one for one in made if one.name == "sprint")
+def sprint_drawing(policies, runs, robot):
+    """The drawing of the sprint, without the others, which take seconds to write."""
+    material = Gallery(robot=robot, policies=policies, runs=tuple(find_runs(runs)), main=policies[0])
+    return next(one for one in gallery._drawings(material) if one.name == "sprint")
 
 
-def test_training_and_evaluation_stand_side_by_side(drawn, clouded, standing_policy, robot, tmp_path):
+def test_training_and_evaluation_stand_side_by_side(drawn, clouded, standing_policy, robot):
     policies = (candidate(standing_policy), candidate(standing_policy, "no-envelope"))
-    drawing = sprint_drawing(policies, clouded, robot, tmp_path)
+    drawing = sprint_drawing(policies, clouded, robot)
     assert drawing.caption.startswith("`sprint` and `no-envelope`: for each, left the last two seconds")
-    assert (tmp_path / "sprint.png").read_bytes().startswith(PNG)
     figure = drawing.draw()
+    assert png_bytes(figure).startswith(PNG)
     assert len(figure.axes) == 12
     titles = [axis.get_title(loc="left") for axis in figure.axes[:4]]
     assert titles == [
@@ -130,24 +129,24 @@ def test_training_and_evaluation_stand_side_by_side(drawn, clouded, standing_pol
     assert figure.axes[4].get_title(loc="right") == "25 % on the limit, 50 % impossible"
 
 
-def test_a_cheat_without_a_cloud_is_left_out(drawn, clouded, standing_policy, robot, tmp_path):
+def test_a_cheat_without_a_cloud_is_left_out(drawn, clouded, standing_policy, robot):
     (clouded / "no-envelope" / "seed-0" / "cloud.npz").unlink()
     policies = (candidate(standing_policy), candidate(standing_policy, "no-envelope"))
-    drawing = sprint_drawing(policies, clouded, robot, tmp_path)
+    drawing = sprint_drawing(policies, clouded, robot)
     assert drawing.caption.startswith("`sprint`: for each") and len(drawing.draw().axes) == 6
 
 
-def test_without_a_cloud_of_its_own_run_the_caption_says_so(drawn, clouded, standing_policy, robot, tmp_path):
+def test_without_a_cloud_of_its_own_run_the_caption_says_so(drawn, clouded, standing_policy, robot):
     (clouded / "sprint" / "seed-0").rename(clouded / "sprint" / "seed-1")  # not the policy's seed
-    drawing = sprint_drawing((candidate(standing_policy),), clouded, robot, tmp_path)
+    drawing = sprint_drawing((candidate(standing_policy),), clouded, robot)
     assert "The cloud of the training is not shown" in drawing.caption and len(drawing.draw().axes) == 3
 
 
-def test_a_cloud_of_another_robot_is_refused(drawn, clouded, cloud_arrays, standing_policy, robot, tmp_path):
+def test_a_cloud_of_another_robot_is_refused(drawn, clouded, cloud_arrays, standing_policy, robot):
     path = clouded / "sprint" / "seed-0" / "cloud.npz"
     np.savez(path, **(cloud_arrays | {"robot": np.array("go1")}))
     with pytest.raises(SprintlabError, match="is of robot go1, and the figures are of bp2"):
-        sprint_drawing((candidate(standing_policy),), clouded, robot, tmp_path)
+        sprint_drawing((candidate(standing_policy),), clouded, robot).draw()
 
 
 def test_an_estimate_is_drawn_against_the_truth(run):

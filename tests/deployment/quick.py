@@ -1,0 +1,31 @@
+"""Runs of a third of their cost, for tests that are about neither physics nor how a robot stands up.
+
+``python -c "from tests.deployment.quick import main; main()" COMMAND ...`` is ``sprintlab COMMAND ...`` so.
+"""
+
+import sys
+from collections.abc import Callable
+
+from sprintlab.deployment.controller import loop, modes
+from sprintlab.deployment.simulator import loop as simulator_loop
+from sprintlab.plant import PlantOptions
+
+COARSE = {"timestep": 0.001, "contact_time_constant": 0.002}
+"""Options of a plant: steps as long as those of the motors, which act as often as ever."""
+
+
+def hurry(change: Callable[[object, str, object], None] = setattr) -> None:
+    """Stand up and sink in two thirds of their times."""
+    for name in ("_TUCK_TIME", "_RISE_TIME", "_SINK_TIME"):
+        change(modes, name, 0.65 * getattr(modes, name))
+
+
+def main() -> None:
+    """The command in a hurry, on coarse steps; in lock-step it looks at the bus less often."""
+    from sprintlab.cli.main import main as sprintlab
+
+    hurry()
+    PlantOptions.__init__.__kwdefaults__.update(COARSE)
+    for module in (loop, simulator_loop):
+        module._POLL = 2e-4
+    sys.exit(sprintlab(sys.argv[1:]))
