@@ -147,6 +147,8 @@ def test_drift_to_either_side_costs_its_speed() -> None:
     for side in (-0.3, 0.0, 0.3):
         inputs = still()._replace(running_side_speed=torch.tensor([side]))
         assert PENALTIES["sideways_drift"](inputs, SETTINGS).item() == pytest.approx(abs(side))
+        turning = inputs._replace(command=torch.tensor([[8.0, 0.0, 0.3]]))
+        assert PENALTIES["sideways_drift"](turning, SETTINGS).item() == 0.0
 
 
 def test_running_backward_on_command_is_progress() -> None:

@@ -161,8 +161,9 @@ class RewardSettings:
         tilt_rate: sum of the roll and pitch rates' magnitudes.
         torque: squared joint torques.
         load_balance: variance over the joints of the share of its peak torque that each gives; likewise off.
-        sideways_drift: magnitude of the speed to the side, averaged over about a stride; off by default. A
-            robot whose heading is held still leaves its lane where it moves a few degrees to the side of it.
+        sideways_drift: magnitude of the speed to the side, averaged over about a stride, while no turn is
+            commanded; off by default. A robot whose heading is held still leaves its lane where it moves a
+            few degrees to the side of it.
         bare_squares: yaw rate, tilt and foot clearance as the paper prints them: the squared yaw rate, which
             fights every commanded turn, the squared tilt, which fights the lean into it, and the squared
             height error, which punishes feet for standing. By default the first is the error of the yaw rate,

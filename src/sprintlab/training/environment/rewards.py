@@ -21,6 +21,8 @@ from sprintlab.training.settings import RewardSettings
 
 PROGRESS_SPEED = 10.0
 """Speed at which the progress term is one [m/s]."""
+STRAIGHT_ON = 0.1
+"""Below this yaw rate a command asks for no turn [rad/s]."""
 POWER_SPEED = 2.0
 """Added to the speed by which electrical power is divided [m/s], so that standing has a cost. With 0.5 m/s,
 and the power that action noise takes in training, walking on was cheaper than standing when asked to."""
@@ -112,13 +114,18 @@ PENALTIES: dict[str, Penalty] = {
     "tilt_rate": lambda x, s: x.body.angular_velocity[:, :2].abs().sum(1),
     "torque": lambda x, s: x.torque.square().sum(1),
     "load_balance": lambda x, s: (x.torque.abs() / x.peak_torque).var(1, correction=0),
-    "sideways_drift": lambda x, s: x.running_side_speed.abs(),
+    "sideways_drift": lambda x, s: _asked_straight_on(x) * x.running_side_speed.abs(),
 }
 
 
 def _asked_to_stand(x: RewardInput) -> torch.Tensor:
     """1 where the command is rest."""
     return (x.command.abs() < REST_COMMAND).all(1).float()
+
+
+def _asked_straight_on(x: RewardInput) -> torch.Tensor:
+    """1 where no turn is commanded: a robot that turns may move to the side of where it points."""
+    return (x.command[:, 2].abs() < STRAIGHT_ON).float()
 
 
 def _unwanted_tilt(x: RewardInput, s: RewardSettings) -> torch.Tensor:
