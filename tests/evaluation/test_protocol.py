@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 
 import numpy as np
@@ -202,6 +203,16 @@ def test_worker_processes_compute_with_one_thread_each(monkeypatch):
         asked = [processes._executor.submit(os.getenv, f"{name}_NUM_THREADS") for name in ("OMP", "OPENBLAS")]
         assert [answer.result() for answer in asked] == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7" and "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+def test_who_is_interrupted_does_not_wait_for_what_runs():
+    with pytest.raises(KeyboardInterrupt), WorkerProcesses(2) as processes:
+        processes._executor.submit(os.getpid).result()
+        started = processes._executor.submit(time.sleep, 10_000.0)
+        while not started.running():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert isinstance(started.exception(), BrokenProcessPool)
 
 
 KILLED = """

@@ -77,7 +77,14 @@ class WorkerProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None and not issubclass(kind, Exception):
+            self._abandon()
         self.close()
+
+    def _abandon(self) -> None:
+        """End what runs: who presses Ctrl-C or terminates the command does not wait for trials to end."""
+        for process in (getattr(self._executor, "_processes", None) or {}).copy().values():
+            process.terminate()
 
     def close(self) -> None:
         """Stop the processes; what has not started is dropped."""
@@ -156,7 +163,7 @@ class TrialPool:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._own is not None:
-            self._own.close()
+            self._own.__exit__(kind, error, trace)
 
     def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
         """Run profiles, in order of the requests.
