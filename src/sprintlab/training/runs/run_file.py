@@ -85,7 +85,7 @@ def run_text(options: TrainOptions, settings: TrainingSettings, command_line: st
 
 
 def resumed_text(begun: str, options: TrainOptions, iteration: int, command_line: str) -> str:
-    """The file of a run that is taken up again: as the run began, and at its end what changed since, if anything.
+    """The file of a run that is taken up again: as it began, and at its end what this session changes.
 
     Args:
         begun: the file as it is.
