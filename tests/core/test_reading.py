@@ -102,6 +102,12 @@ def test_json_with_half_a_character_is_refused(tmp_path, text):
     assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
 
 
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 1}', '[{"b": {"a": 1, "\\u0061": 2}}]'])
+def test_json_with_a_name_that_stands_twice_is_refused(text):
+    with pytest.raises(ValueError, match="the name a stands twice"):
+        parse_json(text)
+
+
 @pytest.mark.parametrize("text", ['{"speed": NaN}', "[-Infinity]", "[1e999]", '{"speed": -2.5e400}'])
 def test_json_files_hold_finite_numbers(tmp_path, text):
     (tmp_path / "a.json").write_text(text)

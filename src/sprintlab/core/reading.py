@@ -170,7 +170,9 @@ def read_json(
 
 
 def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
-    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply.
+    """A JSON value; raises ``ValueError`` for anything else, for what is nested too deeply, or named twice.
+
+    Of two equal names in an object JSON does not say which one counts: two readers may take it differently.
 
     Args:
         text: in UTF-8, where it is bytes.
@@ -179,12 +181,27 @@ def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
     plain = text.decode() if isinstance(text, bytes) else text
     try:
         number = _finite_number if finite else float
-        value = json.loads(plain, parse_int=_whole_number, parse_float=number, parse_constant=number)
+        value = json.loads(
+            plain,
+            parse_int=_whole_number,
+            parse_float=number,
+            parse_constant=number,
+            object_pairs_hook=_without_twins,
+        )
         if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
             json.dumps(value, ensure_ascii=False).encode()
         return value
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+
+
+def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen = set[str]()
+        twin = next(name for name, _ in pairs if name in seen or seen.add(name))
+        raise ValueError(f"the name {printable(twin, 30)} stands twice in an object")
+    return found
 
 
 def _finite_number(text: str) -> float:
