@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import stat
 import sys
 from collections.abc import Callable, Generator
@@ -29,6 +30,8 @@ JSON_LIMIT = 8 << 20
 _DEEPEST = 40  # tables within tables
 _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
 _LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
+
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 ErrorType = Callable[[str], SprintlabError]
 
@@ -207,6 +210,21 @@ def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _finite_number(text: str) -> float:
     if not math.isfinite(number := float(text)):
         raise ValueError(f"{printable(text, 30)} is no finite number")
+    return number
+
+
+def plain_number(text: str) -> float:
+    """The number of a table's cell, as every program reads it.
+
+    Python's own ``float`` also takes ``2_2.0``, words such as ``nan``, and digits of other scripts.
+
+    Raises:
+        ValueError: it is no decimal number in ASCII, or beyond all floats.
+    """
+    if _NUMBER.fullmatch(plain := text.strip(" \t\r\n")) is None:
+        raise ValueError(f"{printable(text, 40)!r} is no finite number")
+    if not math.isfinite(number := float(plain)):
+        raise ValueError(f"{printable(text, 40)!r} is no finite number")
     return number
 
 
