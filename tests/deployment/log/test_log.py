@@ -24,6 +24,7 @@ from sprintlab.deployment.interface import (
     RobotState,
 )
 from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
+from sprintlab.deployment.log.reader import Ticks
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.deployment.log.writer import write_log
 
@@ -424,6 +425,15 @@ def test_what_stands_twice_is_refused(path, records, match):
     mcap_file(path, *records)
     with pytest.raises(LogError, match=match):
         read_log(path)
+
+
+def test_names_of_faults_hold_no_control_characters():
+    """They stand on the report's page."""
+    ticks = Ticks()
+    evil = '{"faults": ["a\\u001b[2J\\u202e"]}'
+    (_, _), (_, step) = steps(json.loads(evil))
+    ticks.add(0, step[22:])
+    assert ticks.faults == {0: ("a\\x1b[2J\\u202e",)}
 
 
 def test_faults_are_bounded_in_sum(path, monkeypatch):

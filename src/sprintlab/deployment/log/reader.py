@@ -172,7 +172,7 @@ class Ticks(Sequence[TickRecord]):
     def _add_faults(self, names: tuple[str, ...]) -> None:
         """Keep the faults of a step, each name in one place."""
         known = self._fault_names
-        self.faults[len(self)] = tuple(known.setdefault(name, name) for name in names)
+        self.faults[len(self)] = tuple(known.setdefault(name, printable(name)) for name in names)
         self._fault_count += len(names)
         if len(known) > _MOST_NAMES or self._fault_count > _MOST_FAULTS:
             raise LogError(f"its control steps have more than {_MOST_NAMES} kinds of faults, or too many")
