@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.core.reading import read_bytes
+from sprintlab.core.reading import parse_json, read_bytes
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.clock_check import ClockCheck
 from sprintlab.evaluation.estimates import merge_bands
@@ -401,7 +401,7 @@ def read_record(path: Path, kind: type[Record]) -> Record:
     """
     content = read_bytes(path, RECORD_LIMIT, what="record")
     try:
-        _check_numbers(msgspec.json.decode(content))
+        _check_numbers(parse_json(content))
         return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise SprintlabError(f"{path} is no record of this version: {error}") from error

@@ -53,6 +53,14 @@ def test_robot_list(call):
     assert json.loads(call("robot", "list", "--json").out) == names
 
 
+def test_names_of_strangers_robots_are_shown_and_not_obeyed(call, tmp_path, monkeypatch):
+    for name in ("a\x1b[2Jb", "\u202egnp", "two\nlines"):
+        (tmp_path / "robots" / name).mkdir(parents=True)
+        (tmp_path / "robots" / name / "parameters.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert set(call("robot", "list").out.splitlines()) > {r"a\x1b[2Jb", r"\u202egnp", r"two\nlines"}
+
+
 def test_piped_output_has_no_colours(call):
     assert "\x1b" not in call("robot", "show").out
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sprintlab.cli.interruptions import TERMINATED, counted_interruptions
+from sprintlab.cli.interruptions import TERMINATED, counted_interruptions, tidy_termination
 from sprintlab.cli.run import _status_line
 from sprintlab.deployment.controller.loop import LoopReport
 from sprintlab.deployment.controller.modes import Mode
@@ -79,3 +79,56 @@ def test_a_race_that_is_terminated_leaves_nothing(tmp_path):
     race.communicate(timeout=300)
     assert race.returncode == TERMINATED == 143
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C at its default: whoever runs the tests may ignore it, as a shell does for its background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+class Losing:
+    """Python prints what is raised while an object goes away, and goes on."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_run_whose_first_ctrl_c_was_lost_does_not_begin():
+    """It came while modules were imported; the robot stood up all the same."""
+    driven = []
+    with pytest.raises(KeyboardInterrupt), tidy_termination():
+        del [Losing()][0]
+        with counted_interruptions():
+            driven.append(True)
+    assert not driven
+    with counted_interruptions() as count:  # the next one begins anew
+        assert count() == 0
+
+
+@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.parametrize(("number", "ends"), [("SIGINT", KeyboardInterrupt), ("SIGTERM", SystemExit)])
+def test_a_storm_of_signals_does_not_end_the_tidying(number, ends):
+    tidied = []
+    with pytest.raises(ends), tidy_termination():
+        try:
+            os.kill(os.getpid(), getattr(signal, number))
+        finally:
+            for _ in range(20):
+                os.kill(os.getpid(), getattr(signal, number))
+            tidied.append(True)
+    assert tidied
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_an_interrupted_function_that_says_something_else_was_interrupted():
+    """As a compiled one of MuJoCo's does."""
+    with pytest.raises(KeyboardInterrupt), tidy_termination():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            raise TypeError("incompatible function arguments") from None

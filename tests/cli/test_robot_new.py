@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from sprintlab.robots.importing import source
+
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 OPTIONS = (
     "--abad-motor", GO1 / "motor.toml", "--hip-motor", GO1 / "motor.toml", "--knee-motor", GO1 / "motor.toml",
@@ -38,9 +40,13 @@ def test_the_tutorials_commands_make_a_robot(call, here):
     assert envelope.status == 0
 
 
-def test_options_alone_are_enough(call, here):
+def test_options_alone_are_enough(call, here, monkeypatch):
+    compilations = []
+    compiled = source.compiled
+    monkeypatch.setattr(source, "compiled", lambda path: compilations.append(path) or compiled(path))
     made = call("robot", "new", GO1 / "go1.xml", *OPTIONS, "--json")
     assert made.status == 0
+    assert len(compilations) == 1  # each may take seven seconds
     answer = json.loads(made.out)
     assert answer["robot"] == "go1"
     assert {check["what"] for check in answer["checks"]} >= {"mass", "inertia matrix", "feet", "limits"}

@@ -12,7 +12,15 @@ import pytest
 
 from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError, printable
-from sprintlab.core.reading import parse_json, parse_toml, read_bytes, read_json, read_text, read_toml
+from sprintlab.core.reading import (
+    parse_json,
+    parse_toml,
+    plain_number,
+    read_bytes,
+    read_json,
+    read_text,
+    read_toml,
+)
 
 
 def test_link_to_a_file_is_followed(tmp_path):
@@ -102,11 +110,30 @@ def test_json_with_half_a_character_is_refused(tmp_path, text):
     assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
 
 
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 1}', '[{"b": {"a": 1, "\\u0061": 2}}]'])
+def test_json_with_a_name_that_stands_twice_is_refused(text):
+    with pytest.raises(ValueError, match="the name a stands twice"):
+        parse_json(text)
+
+
 @pytest.mark.parametrize("text", ['{"speed": NaN}', "[-Infinity]", "[1e999]", '{"speed": -2.5e400}'])
 def test_json_files_hold_finite_numbers(tmp_path, text):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(SprintlabError, match="is no finite number"):
         read_json(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(
+    "cell", ["2_2.0", "nan", "-Infinity", "1e400", "１２", "٣", "", " ", "0x10", "1e", "1 2"]
+)
+def test_cells_that_other_programs_read_differently_are_no_numbers(cell):
+    with pytest.raises(ValueError, match="no finite number"):
+        plain_number(cell)
+
+
+def test_cells_with_numbers():
+    cells = ["1", " -2.5\t", "+.5", "3.", "1e-400", "0" * 10**6]
+    assert [plain_number(cell) for cell in cells] == [1.0, -2.5, 0.5, 3.0, 0.0, 0.0]
 
 
 def test_a_folder_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch):

@@ -194,7 +194,10 @@ def test_weights_and_biases_gets_what_tensorboard_gets(tmp_path: Path, monkeypat
         settings=TINY,
     )  # fmt: skip
     train(options)
-    train(replace(options, iterations=2, resume=True))
+    begun = (tmp_path / "run.toml").read_text()
+    train(replace(options, iterations=2, seed=9, resume=True))
+    assert (tmp_path / "run.toml").read_text().startswith(begun.rstrip())
+    assert (tmp_path / "run.toml").read_text().endswith("# changed: iterations = 2\n")
     assert [call["project"] for call in calls] == ["running"] * 2
     assert calls[0]["sync_tensorboard"] is True
     assert calls[0]["id"] == calls[1]["id"]

@@ -16,7 +16,7 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import Battery, HousedHeat, WindingHeat
 from sprintlab.training.methods import ALL_METHODS, METHODS
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.runs.run_file import read_run_file, run_text
+from sprintlab.training.runs.run_file import read_run_file, resumed_text, run_text
 from sprintlab.training.settings import PpoSettings, SimulationSettings, StageSettings, TrainingSettings
 
 CHANGED = TrainingSettings(
@@ -65,6 +65,26 @@ def test_what_is_written_is_read_back_as_the_same_run(tmp_path: Path, options: T
     unused = {"keep_schedule": again.keep_schedule, "keep_motor_model": again.keep_motor_model}
     assert replace(again, settings=settings) == replace(kept, **unused)
     assert read_run_file(written(tmp_path, again)).full_settings() == settings
+
+
+def test_a_run_that_is_taken_up_keeps_what_it_began_with(tmp_path: Path) -> None:
+    begun = written(tmp_path, TrainOptions(seed=3, minutes=8.0, milestones=30.0)).read_text()
+    same = TrainOptions(resume=True, minutes=8.0, milestones=30.0)
+    assert resumed_text(begun, same, 7, "typed") == begun
+    longer = resumed_text(begun, replace(same, iterations=2000), 7, "sprintlab train\x1b --resume")
+    assert longer.startswith(begun.rstrip()) and "at iteration 7" in longer
+    assert "# typed: sprintlab train\\x1b --resume\n# changed: iterations = 2000\n" in longer
+    back = resumed_text(longer, same, 9, "typed")
+    assert back.startswith(longer.rstrip()) and back.endswith("# changed: iterations = 1600\n")
+    options = read_run_file(written_text(tmp_path, back))
+    assert (options.iterations, options.minutes, options.seed) == (1600, 8.0, 3)
+
+
+def test_a_command_line_breaks_no_run_file(tmp_path: Path) -> None:
+    """That of a checkpoint is a stranger's."""
+    typed = "sprintlab\x1b[2J\x00 " + "train " * 2000
+    path = written_text(tmp_path, run_text(TrainOptions(), TrainOptions().full_settings(), typed))
+    assert read_run_file(path).full_settings() == TrainOptions().full_settings()
 
 
 def test_a_setting_that_is_gone_may_stand_where_it_did_nothing(tmp_path: Path) -> None:
@@ -132,6 +152,8 @@ def test_a_part_of_several_kinds_is_chosen_in_file_and_command_line_alike(tmp_pa
         ("[schedule]\nwindow = 0.5", "write keep_schedule = true"),
         ('actuator_model = "square"', "write keep_motor_model = true"),
         ("seed = -1", "seed = -1 is not allowed"),
+        ("milestones = 1", "milestones = 1.0 is not allowed: 20 minutes may keep 1000 policies"),
+        ("minutes = 1e9\niterations = 1000000000\nmilestones = 1e6", "minutes may keep 1000 policies"),
         ('method = "gallop"', "method = 'gallop' is not allowed: choose one of baseline"),
         ("resume = true", "must be typed: --resume"),
         ('output = "/etc/cron.d"', "must be typed: --output FOLDER"),

@@ -14,6 +14,7 @@ from sprintlab.cli.main import main
 from sprintlab.commands import Track, command_start
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import ModelOptions, build_model, load_robot, robot_names
+from sprintlab.robots.loader import robot_table_path
 from sprintlab.viewer.envelope_plot import EnvelopePlot
 from sprintlab.viewer.replay import (
     WORLD_RECORDS,
@@ -318,6 +319,15 @@ def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numb
     assert main(["replay", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "replay.html").exists()
+
+
+def test_numbers_beside_a_recording_do_not_say_which_file_is_read(trajectory_file, tmp_path, capsys):
+    """A stranger's could name any path of this machine, or of a network that is mounted on the way."""
+    shutil.copy(trajectory_file, tmp_path)
+    (tmp_path / "result.json").write_text(json.dumps({"robot": str(robot_table_path("bp2"))}))
+    assert main(["replay", str(tmp_path)]) == 2
+    assert "result.json is for robot" in capsys.readouterr().err
+    assert main(["replay", str(tmp_path), "--robot", str(robot_table_path("bp2"))]) == 0
 
 
 def test_trajectory_of_another_robot_is_refused(recorded, robot):

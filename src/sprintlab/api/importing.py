@@ -13,7 +13,7 @@ from sprintlab.api.tables import Printed, plain_table
 
 if TYPE_CHECKING:
     from sprintlab.robots.description import RobotDescription
-    from sprintlab.robots.importing import Check, RobotChoices
+    from sprintlab.robots.importing import Check, RobotChoices, SourceRobot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -46,12 +46,12 @@ class RobotImport(Printed):
 
 
 def import_robot(
-    source: str | Path, choices: RobotChoices | str | Path, output: str | Path = "robots"
+    source: str | Path | SourceRobot, choices: RobotChoices | str | Path, output: str | Path = "robots"
 ) -> RobotImport:
     """Make a robot from an MJCF or URDF: its parameter table and a training configuration.
 
     Args:
-        source: MJCF or URDF of a quadruped with three hinges a leg.
+        source: MJCF or URDF of a quadruped with three hinges a leg, or what was read of it.
         choices: what it does not say: motors, gears, bus voltage; a TOML file of them, or ``RobotChoices``.
         output: folder in which the robot's folder is put; in ``./robots`` robots are found by name.
 
@@ -61,9 +61,10 @@ def import_robot(
     """
     from sprintlab.robots import importing
 
-    source = Path(source)
+    read = source if isinstance(source, importing.SourceRobot) else Path(source)
+    path = read if isinstance(read, Path) else read.path
     if not isinstance(choices, importing.RobotChoices):
         given = importing.read_choices(Path(choices))
-        choices = importing.make_choices({"name": source.stem, **given}, str(choices))
-    made = importing.import_robot(source, choices, Path(output))
-    return RobotImport(source=source, folder=made.folder, robot=made.robot, checks=made.checks)
+        choices = importing.make_choices({"name": path.stem, **given}, str(choices))
+    made = importing.import_robot(read, choices, Path(output))
+    return RobotImport(source=path, folder=made.folder, robot=made.robot, checks=made.checks)

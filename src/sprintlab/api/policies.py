@@ -100,9 +100,17 @@ def robot_of(policy: Policy, name: str) -> str:
     Raises:
         SprintlabError: that robot is not known here.
     """
+    return known_robot(policy.contract.robot_name, name)
+
+
+def known_robot(robot: str, name: str) -> str:
+    """A robot that a file names; ``name`` is the file's. No file decides which folder is looked into.
+
+    Raises:
+        SprintlabError: that robot is not known here.
+    """
     from sprintlab.robots import robot_names
 
-    robot = policy.contract.robot_name
     if robot not in robot_names():
         raise SprintlabError(
             f"{name} is for robot {robot!r}, unknown here: name its folder or table with --robot"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.policies import RobotChoice, default_robot
+from sprintlab.api.policies import RobotChoice, default_robot, known_robot
 from sprintlab.api.tables import Printed
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_json
@@ -98,7 +98,9 @@ def _run(path: Path, result: dict[str, Any], robot: RobotChoice) -> ReplayRun:
     from sprintlab.robots import load_robot
     from sprintlab.viewer.replay import ReplayRun, load_arrays
 
-    described = load_robot(robot or str(result.get("robot") or default_robot()))
+    if robot is None and (named := result.get("robot")):
+        robot = known_robot(named, path.with_name("result.json").name)
+    described = load_robot(robot or default_robot())
     name = str(result.get("policy", path.absolute().parent.name if path.name == RECORDING else path.stem))
     return ReplayRun(arrays=load_arrays(path), robot=described, name=name)
 

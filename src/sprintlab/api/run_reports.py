@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.policies import policy_path
+from sprintlab.api.policies import known_robot, policy_path
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 
@@ -84,7 +84,7 @@ def report_run(
     check_new_folder(place)
     progress("reading the log", None)
     record = read_log(log)
-    described = load_robot(robot or record.facts["robot"])
+    described = load_robot(robot or known_robot(record.facts["robot"], log.name))
     run = logged_run(record, described, distance)
     simulation = _simulate(record, run, described, policy, progress) if simulate else None
     numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}

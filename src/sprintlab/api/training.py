@@ -16,6 +16,7 @@ from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.errors import SprintlabError, printable_stderr
 from sprintlab.core.reading import parse_json, read_text
+from sprintlab.core.streams import lasting_streams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -259,7 +260,8 @@ def run_script(main: Callable[[ScriptOptions], object], defaults: ScriptOptions)
     try:
         with printable_stderr():
             options = tyro.cli(ScriptOptions, default=defaults)
-        print(main(options))
+        with lasting_streams():
+            print(main(options))
     except SprintlabError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         raise SystemExit(2) from error

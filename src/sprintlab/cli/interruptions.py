@@ -4,29 +4,56 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+
+from sprintlab.core.errors import SprintlabError
 
 _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # not on Windows
 TERMINATED = 128 + signal.SIGTERM
 """Exit status of a command that was asked to terminate."""
 
 
+_REPEATED = 1.0  # s
+_asked: list[int] = []  # signals that asked a command to end, also those whose exception was lost
+
+
 @contextmanager
 def tidy_termination() -> Generator[None]:
-    """A termination signal ends the block as an exit does: what is half-written is tidied away."""
+    """Ctrl-C and a termination signal end the block as an exit does: what is half-written is tidied away.
+
+    Of a storm of signals, as of a key that is held, one a second counts: the others would end the tidying.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # signals belong to the main thread
         return
+    last = -_REPEATED
 
     def leave(number: int, _: object) -> None:
-        raise SystemExit(TERMINATED)
+        nonlocal last
+        _asked.append(number)
+        if (now := time.monotonic()) - last >= _REPEATED:
+            last = now
+            raise _ending()
 
-    before = signal.signal(signal.SIGTERM, leave)
+    ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    kinds = (signal.SIGTERM, signal.SIGINT) if ctrl_c else (signal.SIGTERM,)
+    before = {kind: signal.signal(kind, leave) for kind in kinds}
     try:
         yield
+    except Exception as error:  # a compiled function that is interrupted may say something else
+        if not _asked or isinstance(error, SprintlabError):
+            raise
+        raise _ending() from error
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        _asked.clear()
+
+
+def _ending() -> BaseException:
+    return KeyboardInterrupt() if _asked[0] == signal.SIGINT else SystemExit(TERMINATED)
 
 
 @contextmanager
@@ -35,6 +62,10 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
 
     A terminal that goes away (a connection that breaks) counts too, once: shells and systems tell of it
     several times. Where that is ignored (``nohup``) it stays so.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed before and its exception was lost, as in a callback of Python's
+            own while modules are imported; ``SystemExit`` likewise: what was asked to end does not begin.
     """
     received: list[int] = []
 
@@ -47,6 +78,8 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
         kinds.append(_HANGUP)
     before = {kind: signal.signal(kind, note) for kind in kinds}
     try:
+        if _asked:
+            raise _ending()
         yield lambda: len(received)
     finally:
         for kind, handler in before.items():

@@ -139,7 +139,7 @@ def parse(arguments: Sequence[str]) -> Any:
         with contextlib.redirect_stderr(said):
             return _parse(arguments)
     except SystemExit as stop:
-        if stop.code:
+        if stop.code == REFUSED:
             named = command_words(arguments)
             refuse_unknown_option(" ".join(named), arguments[len(named) :], _help_of(named))
         print(printable_lines(said.getvalue()), end="", file=sys.stderr)  # names of files may stand in it

@@ -10,6 +10,7 @@ import tyro
 from sprintlab.cli.build import group
 from sprintlab.cli.output import plain_table, print_json, stdout_console
 from sprintlab.cli.robot_new import RobotNew
+from sprintlab.core.errors import printable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ class RobotList:
         if self.json:
             print_json(list(robot_names()))
         else:
-            print("\n".join(robot_names()))
+            print("\n".join(map(printable, robot_names())))
         return 0
 
 

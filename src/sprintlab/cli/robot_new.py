@@ -56,9 +56,9 @@ class RobotNew:
         """Write the folder; raises ``SprintlabError`` for a source or a choice that cannot be used."""
         from sprintlab.robots.importing import make_choices, read_source
 
-        read_source(self.source, self.foot_radius or 0.02)  # refuse a bad file before anything is asked
+        source = read_source(self.source, self.foot_radius or 0.02)  # refuse a bad file before asking
         choices = make_choices(self._all_choices(), str(self.choices))
-        show(import_robot(self.source, choices, self.output), self)
+        show(import_robot(source, choices, self.output), self)
         return 0
 
     def _all_choices(self) -> dict[str, Any]:

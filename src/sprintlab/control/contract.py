@@ -19,6 +19,7 @@ from sprintlab.control.observation import OBSERVATION_TERMS, Observation, Observ
 from sprintlab.control.standing import StandingContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
+from sprintlab.core.reading import parse_json
 from sprintlab.robots import RobotDescription, robot_fingerprint
 
 CONTRACT_KEY = "sprintlab_contract"
@@ -351,13 +352,14 @@ def decode_contract(text: str) -> PolicyContract:
     if len(text) > _LONGEST:
         raise PolicyFileError(f"its contract has more than {_LONGEST} characters")
     try:
+        parse_json(text)  # of two equal names in an object msgspec takes the last
         version = msgspec.json.decode(text, type=_Header).format_version
         if version != FORMAT_VERSION:
             raise PolicyFileError(
                 f"its contract has format {version}, this version reads format {FORMAT_VERSION}"
             )
         return msgspec.json.decode(text, type=PolicyContract)
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise PolicyFileError(f"its contract cannot be read: {error}") from error
 
 

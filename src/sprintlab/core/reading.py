@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import stat
 import sys
 from collections.abc import Callable, Generator
@@ -29,6 +30,8 @@ JSON_LIMIT = 8 << 20
 _DEEPEST = 40  # tables within tables
 _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
 _LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
+
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 ErrorType = Callable[[str], SprintlabError]
 
@@ -170,7 +173,9 @@ def read_json(
 
 
 def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
-    """A JSON value; raises ``ValueError`` for anything else, or for what is nested too deeply.
+    """A JSON value; raises ``ValueError`` for anything else, for what is nested too deeply, or named twice.
+
+    Of two equal names in an object JSON does not say which one counts: two readers may take it differently.
 
     Args:
         text: in UTF-8, where it is bytes.
@@ -179,7 +184,13 @@ def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
     plain = text.decode() if isinstance(text, bytes) else text
     try:
         number = _finite_number if finite else float
-        value = json.loads(plain, parse_int=_whole_number, parse_float=number, parse_constant=number)
+        value = json.loads(
+            plain,
+            parse_int=_whole_number,
+            parse_float=number,
+            parse_constant=number,
+            object_pairs_hook=_without_twins,
+        )
         if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
             json.dumps(value, ensure_ascii=False).encode()
         return value
@@ -187,9 +198,33 @@ def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
         raise ValueError("it is nested too deeply") from None
 
 
+def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen = set[str]()
+        twin = next(name for name, _ in pairs if name in seen or seen.add(name))
+        raise ValueError(f"the name {printable(twin, 30)} stands twice in an object")
+    return found
+
+
 def _finite_number(text: str) -> float:
     if not math.isfinite(number := float(text)):
         raise ValueError(f"{printable(text, 30)} is no finite number")
+    return number
+
+
+def plain_number(text: str) -> float:
+    """The number of a table's cell, as every program reads it.
+
+    Python's own ``float`` also takes ``2_2.0``, words such as ``nan``, and digits of other scripts.
+
+    Raises:
+        ValueError: it is no decimal number in ASCII, or beyond all floats.
+    """
+    if _NUMBER.fullmatch(plain := text.strip(" \t\r\n")) is None:
+        raise ValueError(f"{printable(text, 40)!r} is no finite number")
+    if not math.isfinite(number := float(plain)):
+        raise ValueError(f"{printable(text, 40)!r} is no finite number")
     return number
 
 

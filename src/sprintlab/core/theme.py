@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sprintlab.core.errors import printable
+from sprintlab.core.errors import printable, printable_lines
 from sprintlab.core.files import atomic_write_bytes, check_figure_path
 
 
@@ -180,9 +180,8 @@ def as_written(name: str) -> str:
 
 def set_title(axis: Axes, text: str, theme: Theme, pad: float | None = None) -> None:
     """A short bold title, flush left, ``pad`` points above the axes; formulas stay as they are written."""
-    axis.set_title(
-        text.replace("$", r"\$"), loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground
-    )
+    shown = printable_lines(text).replace("$", r"\$")
+    axis.set_title(shown, loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground)
 
 
 def axis_legend(axis: Axes, theme: Theme, *, fontsize: float = 8.0, **kwargs: Any) -> None:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
+import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +22,8 @@ from numpy.typing import NDArray
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
-from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import read_bytes
+from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
+from sprintlab.core.reading import plain_number, read_bytes
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
 from sprintlab.core.thinning import thinned_cloud
 from sprintlab.motors import (
@@ -45,6 +47,7 @@ LARGEST_CSV = 32 << 20
 """Largest rollout in CSV that is read [bytes]."""
 MOST_NUMBERS = 8_000_000
 """Most numbers of a table that is audited: 11 minutes of twelve joints at 1 kHz."""
+_NUMBERS_ONLY = re.compile(r"[0-9eE+\-. \t]*")
 _ROWS = 8192  # that are worked out at once
 _MOST_COLUMNS = 2000  # of a CSV
 _LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
@@ -360,7 +363,7 @@ def rollout_of(arrays: Mapping[str, Any], names: Sequence[str] = ()) -> Rollout:
 
 def _from_csv(text: str, path: Path) -> Rollout:
     try:
-        header, table = _table(csv.reader(io.StringIO(text)), path)
+        header, table = _table(text, path)
     except csv.Error as error:
         raise SprintlabError(f"{path} is no CSV file: {error}") from error
     except ValueError as error:
@@ -380,24 +383,49 @@ def _from_csv(text: str, path: Path) -> Rollout:
     return rollout_of(arrays, names)
 
 
-def _table(rows: Iterator[list[str]], path: Path) -> tuple[list[str], FloatArray]:
-    """Names and numbers, row by row: the cells of a whole file as texts take a hundred times its size.
+def _table(text: str, path: Path) -> tuple[list[str], FloatArray]:
+    """Names and numbers of a CSV file, row by row: all of its cells as texts take a hundred times its size.
 
     Raises:
-        SprintlabError: too few rows, too many columns, or rows of another length than the header.
-        ValueError: a cell holds no number.
+        SprintlabError: too few rows, too many columns, one twice, or rows of another length than the header.
+        ValueError: a cell holds no number; names line and column.
     """
+    rows = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(rows, [])]
-    if len(header) > _MOST_COLUMNS:
-        raise SprintlabError(f"{path} has more than {_MOST_COLUMNS} columns")
+    if len(header) > _MOST_COLUMNS or len(set(header)) < len(header):
+        raise SprintlabError(f"{path} has more than {_MOST_COLUMNS} columns, or one of them twice")
     numbers = array("d")
-    for row in rows:
-        if len(row) not in (0, len(header)):
+    for row in filter(None, rows):
+        if len(row) != len(header):
             raise SprintlabError(f"{path}: every row needs {len(header)} numbers, as the header has names")
-        numbers.extend(map(float, row))
+        plain = _NUMBERS_ONLY.fullmatch("".join(row))  # of such signs float makes nothing else, and fast
+        try:
+            numbers.extend(map(float if plain else plain_number, row))
+        except ValueError as error:
+            raise ValueError(_first_bad(header, row, rows.line_num)) from error
     if not header or len(numbers) < 2 * len(header):
         raise SprintlabError(f"{path} holds no header and two samples")
-    return header, np.frombuffer(numbers).reshape(-1, len(header))
+    table = np.frombuffer(numbers).reshape(-1, len(header))
+    if not (finite := np.isfinite(table).all(axis=1)).all():
+        raise ValueError(_bad_row(text, header, int(finite.argmin())))
+    return header, table
+
+
+def _bad_row(text: str, header: Sequence[str], place: int) -> str:
+    """What is wrong with the row of samples of that number, blank lines not counted."""
+    rows = csv.reader(io.StringIO(text))
+    row = next(itertools.islice(filter(None, rows), 1 + place, None))
+    return _first_bad(header, row, rows.line_num)
+
+
+def _first_bad(header: Sequence[str], row: Sequence[str], line: int) -> str:
+    """The first cell of a row that holds no finite number, with its line and column."""
+    for name, cell in zip(header, row, strict=True):
+        try:
+            plain_number(cell)
+        except ValueError as error:
+            return f"line {line}, column {printable(name, 40)}: {error}"
+    return f"line {line} holds no numbers"
 
 
 # --- picture ------------------------------------------------------------------------------------------------

@@ -101,7 +101,7 @@ ENTRIES: dict[str, EntryKind] = {
 
 _PLAIN = ("name", "source", "connection", "poles", "pole_pairs", "saturation", "gear_ratio", "flux_from")
 _LONGEST_TEXT = 100  # characters of an entry
-_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
+_NUMBER = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ from sprintlab.deployment.interface import (
     RobotState,
 )
 from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
+from sprintlab.deployment.log.reader import Ticks
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.deployment.log.writer import write_log
 
@@ -338,9 +339,6 @@ def test_a_flood_of_records_ends(path, monkeypatch):
         [chunk((struct.pack("<BQ", 4, len(channel)) + channel) * 1001)],
         [chunk(struct.pack("<BQ", 3, 0) * 1001)],
         [(5, bytes(22))] * 1001,
-        [
-            (12, struct.pack("<I", 9) + b"sprintlab" + struct.pack("<I", 8008) + bytes(8008))
-        ],  # facts of no name
     ):
         mcap_file(path, *records)
         with pytest.raises(LogError, match="more than 1000 records of no use"):
@@ -407,6 +405,35 @@ def test_names_and_lists_that_fill_memory_are_refused(path, records, match):
     with pytest.raises(LogError, match=match) as refusal:
         read_log(path)
     assert len(str(refusal.value)) < 400
+
+
+CONTRACT = 9, bytes(16) + struct.pack("<I", 13) + b"contract.json" + struct.pack("<IQ", 0, 2) + b"{}"
+TWICE = b'{"time":1,"mode":"run","velocity":[0,0,0],"targets":[],"policy_step":true,"faults":[],"time" :2}'
+
+
+@pytest.mark.parametrize(
+    ("records", "match"),
+    [
+        ([*steps(), (5, struct.pack("<HIQQ", 1, 0, 0, 0) + TWICE[:-1] + b',"compute_time":0}')], "name time"),
+        ([note(robot="bp2"), note(robot="go1")], "says twice what its robot was"),
+        ([CONTRACT, CONTRACT], "two contracts"),
+    ],
+    ids=["step", "fact", "contract"],
+)
+def test_what_stands_twice_is_refused(path, records, match):
+    """The last would count here, and the first for another reader."""
+    mcap_file(path, *records)
+    with pytest.raises(LogError, match=match):
+        read_log(path)
+
+
+def test_names_of_faults_hold_no_control_characters():
+    """They stand on the report's page."""
+    ticks = Ticks()
+    evil = '{"faults": ["a\\u001b[2J\\u202e"]}'
+    (_, _), (_, step) = steps(json.loads(evil))
+    ticks.add(0, step[22:])
+    assert ticks.faults == {0: ("a\\x1b[2J\\u202e",)}
 
 
 def test_faults_are_bounded_in_sum(path, monkeypatch):

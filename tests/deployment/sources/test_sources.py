@@ -185,7 +185,13 @@ def test_the_steps_of_a_toml_profile_become_ramps(tmp_path):
         ("a.csv", "time,forward\n0,nan\n1,2\n"),
         ("a.csv", "time,forward\n-1e308,1\n1e308,1\n0,2\n"),
         ("a.csv", "time,forward\n0,1,7\n1,2\n"),
+        ("a.csv", "time,forward\n0,1_0\n1,2\n"),
+        ("a.csv", "time,forward\n0,1e400\n1,2\n"),
+        ("a.csv", "time,forward\n０,1\n1,2\n"),
+        ("a.csv", "time,forward,forward\n0,1,2\n1,2,3\n"),
         ("a.toml", "segment = 3\n"),
+        ("a.toml", '[[segment]]\nduration = "1_0"\n'),
+        ("a.toml", "[[segment]]\nduration = 1\nforward = true\n"),
         ("a.toml", "[[segment]]\nforward = 2\n"),
         ("a.toml", "[[segment]]\nduration = 1\nspeed = 2\n"),
         ("a.toml", "[[segment]]\nduration = -1\n"),
@@ -197,6 +203,13 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, content):
     path = tmp_path / name
     path.write_text(content)
     with np.errstate(all="raise"), pytest.raises((SourceError, InvalidValueError)):  # nor a warning
+        load_velocity_table(path)
+
+
+def test_a_cell_that_is_no_number_is_named_by_line_and_column(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time,forward\n0,1\n1,2_2.0\n")
+    with pytest.raises(SourceError, match=r"line 3, column forward: '2_2\.0' is no finite number"):
         load_velocity_table(path)
 
 

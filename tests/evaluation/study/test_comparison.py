@@ -332,6 +332,9 @@ def test_a_damaged_evaluation_is_refused(tmp_path):
     path = tmp_path / "evaluation.json"
     with pytest.raises(SprintlabError, match="cannot read"):
         read_evaluation(path)
+    path.write_text('{"format_version": 1, "format_version": 2}')
+    with pytest.raises(SprintlabError, match="format_version stands twice"):
+        read_evaluation(path)
     path.write_text('{"format_version": 1}')
     with pytest.raises(SprintlabError, match="no record of this version"):
         read_evaluation(path)

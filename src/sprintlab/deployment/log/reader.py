@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.errors import printable
 from sprintlab.core.extras import require_package
-from sprintlab.core.reading import open_regular
+from sprintlab.core.reading import open_regular, parse_json
 from sprintlab.deployment.interface import (
     JointCommand,
     JointMode,
@@ -61,6 +61,7 @@ _MOST_OTHERS = 1_000_000  # records that are no states, fixes, commands or contr
 _LARGEST_WINDOW = 64 << 20
 _LARGEST_CHUNK = 64 << 20
 _LARGEST_NOTE = 4 << 20  # facts, contract
+_TICK_FIELDS = len(TickRecord.__struct_fields__)
 _MOST_NAMES = 1000  # of facts, of modes, of faults
 _MOST_FAULTS = 8 * MOST_MESSAGES  # in all control steps
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = 3, 4, 5, 6, 9, 12
@@ -153,6 +154,8 @@ class Ticks(Sequence[TickRecord]):
         """Keep one step, which holds its time itself. Raises ``msgspec.DecodeError`` or ``LogError``."""
         del time
         tick = self._decoder.decode(content)
+        if content.count(b":") > _TICK_FIELDS:  # otherwise each of them is there once
+            _check_names(content)
         self.joints = self.joints or len(tick.targets)
         if len(tick.velocity) != 3 or len(tick.targets) != self.joints:
             raise LogError(
@@ -169,7 +172,7 @@ class Ticks(Sequence[TickRecord]):
     def _add_faults(self, names: tuple[str, ...]) -> None:
         """Keep the faults of a step, each name in one place."""
         known = self._fault_names
-        self.faults[len(self)] = tuple(known.setdefault(name, name) for name in names)
+        self.faults[len(self)] = tuple(known.setdefault(name, printable(name)) for name in names)
         self._fault_count += len(names)
         if len(known) > _MOST_NAMES or self._fault_count > _MOST_FAULTS:
             raise LogError(f"its control steps have more than {_MOST_NAMES} kinds of faults, or too many")
@@ -422,6 +425,8 @@ class _Reader:
             name, at = _text(content, 16)
             _, at = _text(content, at)
             if name == CONTRACT_NAME:
+                if self._contract:
+                    raise LogError("it holds two contracts")
                 self._contract = content[at + 8 : at + 8 + struct.unpack_from("<Q", content, at)[0]].decode()
         else:
             name, at = _text(content, 0)
@@ -431,9 +436,19 @@ class _Reader:
                 key, at = _text(content, at)
                 value, at = _text(content, at)
                 self._count_other()
-                self._facts[printable(key, 100)] = printable(value)
+                if (fact := printable(key, 100)) in self._facts:
+                    raise LogError(f"it says twice what its {fact} was")
+                self._facts[fact] = printable(value)
                 if len(self._facts) > _MOST_NAMES:
                     raise LogError(f"it says more than {_MOST_NAMES} facts of its run")
+
+
+def _check_names(content: bytes) -> None:
+    """Refuse a control step in which a name stands twice."""
+    try:
+        parse_json(content)
+    except ValueError as error:
+        raise LogError(f"a control step cannot be read: {error}") from None
 
 
 def _text(content: bytes, at: int) -> tuple[str, int]:

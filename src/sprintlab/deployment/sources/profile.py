@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.reading import TEXT_LIMIT, parse_toml, read_text
+from sprintlab.core.reading import TEXT_LIMIT, parse_toml, plain_number, read_text
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits, SourceError
@@ -92,8 +92,22 @@ def _read_csv(text: str) -> tuple[Sequence[float], Sequence[Sequence[float]]]:
     if not {"time", "forward"} <= set(names) or unknown:
         raise ValueError(f"its columns must be time, forward and perhaps sideways, yaw_rate, not {names}")
     reader.fieldnames = names
-    rows = [{name: float(value) for name, value in row.items()} for row in reader]
+    if len(set(names)) < len(names):
+        raise ValueError(f"a column stands twice in it: {names}")
+    rows = [_csv_row(row, reader.line_num) for row in reader]
     return [row["time"] for row in rows], [[row.get(name, 0.0) for name in COLUMNS] for row in rows]
+
+
+def _csv_row(row: dict[str, str], line: int) -> dict[str, float]:
+    found = dict[str, float]()
+    for name, cell in row.items():
+        if name is None or cell is None:  # more cells than the header has names, or less
+            raise ValueError(f"line {line} has not as many cells as there are columns")
+        try:
+            found[name] = plain_number(cell)
+        except ValueError as error:
+            raise ValueError(f"line {line}, column {name}: {error}") from None
+    return found
 
 
 def _read_toml(text: str) -> tuple[list[float], list[list[float]]]:
@@ -103,7 +117,7 @@ def _read_toml(text: str) -> tuple[list[float], list[list[float]]]:
     time, velocity, end = [], [], 0.0
     for segment in content["segment"]:
         held = _segment_velocity(segment)
-        time += [end, end + float(segment["duration"])]
+        time += [end, end + _plain(segment, "duration")]
         velocity += [held, held]
         end = time[-1]
     return time, velocity
@@ -113,7 +127,14 @@ def _segment_velocity(segment: dict[str, Any]) -> list[float]:
     unknown = set(segment) - {"duration", *COLUMNS}
     if unknown or "duration" not in segment:
         raise ValueError(f"a segment has a duration and perhaps {', '.join(COLUMNS)}, not {sorted(segment)}")
-    return [float(segment.get(name, 0.0)) for name in COLUMNS]
+    return [_plain(segment, name) for name in COLUMNS]
+
+
+def _plain(segment: dict[str, Any], name: str) -> float:
+    value = segment.get(name, 0.0)
+    if type(value) not in (int, float):
+        raise ValueError(f"{name} is {value!r}, no number")
+    return float(value)
 
 
 class ProfileSource(ScriptedSource):

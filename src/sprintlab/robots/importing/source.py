@@ -107,18 +107,21 @@ class SourceRobot:
     corrected: tuple[str, ...]
 
 
-def read_source(path: Path, foot_radius: float | None = None) -> SourceRobot:
+def read_source(source: Path | SourceRobot, foot_radius: float | None = None) -> SourceRobot:
     """Read a quadruped with three hinges a leg.
 
     Args:
-        path: MJCF or URDF.
+        source: MJCF or URDF; or one that was read already, which is not compiled again.
         foot_radius: for a robot whose feet have no sphere: the foot is the end of the shank's last body [m].
 
     Raises:
         RobotModelError: the file cannot be read, or is no quadruped with three hinges a leg; says which joint
             or body is in the way.
     """
-    model, corrected = compiled(path)
+    if isinstance(source, SourceRobot):
+        path, model, corrected = source.path, source.model, source.corrected
+    else:
+        path, (model, corrected) = source, compiled(source)
     base = _base(model, path)
     data = posed(model, base, {})
     reader = _Reader(path, model, data, base, foot_radius)

@@ -13,7 +13,7 @@ from sprintlab.robots.description import RobotDescription
 from sprintlab.robots.importing.checks import Check, run_checks
 from sprintlab.robots.importing.choices import RobotChoices
 from sprintlab.robots.importing.fit import fit_robot
-from sprintlab.robots.importing.source import read_source
+from sprintlab.robots.importing.source import SourceRobot, read_source
 from sprintlab.robots.importing.table import robot_table, table_text
 from sprintlab.robots.loader import TABLE_FILE, load_robot_file
 from sprintlab.robots.model import ModelOptions, build_model
@@ -36,11 +36,11 @@ class ImportedRobot:
     checks: tuple[Check, ...]
 
 
-def import_robot(source_file: Path, choices: RobotChoices, output: Path) -> ImportedRobot:
+def import_robot(source: Path | SourceRobot, choices: RobotChoices, output: Path) -> ImportedRobot:
     """Write the folder of a robot from an MJCF or URDF; nothing is left behind if anything is refused.
 
     Args:
-        source_file: MJCF or URDF.
+        source: MJCF or URDF, or what ``read_source`` made of it.
         choices: what it does not say.
         output: folder in which the robot's folder is put.
 
@@ -51,11 +51,11 @@ def import_robot(source_file: Path, choices: RobotChoices, output: Path) -> Impo
     folder = output / choices.name
     if os.path.lexists(folder):
         raise RobotModelError(f"{folder} exists: choose another name, or remove it")
-    source = read_source(source_file, choices.foot_radius)
-    fitted = fit_robot(source)
-    table = robot_table(fitted, choices, source_file.name)
+    source = read_source(source, choices.foot_radius)
+    fitted, name = fit_robot(source), source.path.name
+    table = robot_table(fitted, choices, name)
     with atomic_directory(folder) as draft:
-        atomic_write_text(draft / TABLE_FILE, table_text(choices.name, table, source_file.name))
+        atomic_write_text(draft / TABLE_FILE, table_text(choices.name, table, name))
         robot = load_robot_file(draft / TABLE_FILE)
         build_model(robot, ModelOptions(collisions="full"))
         maps: Mapping[str, object] = {name: asdict(item) for name, item in fitted.maps.items()}

@@ -20,6 +20,7 @@ from sprintlab.training.settings import TrainingSettings
 
 _OWN_FOLDERS = ("milestones", "tensorboard", "wandb")
 _CRITIC_ITERATIONS = 150
+_MOST_MILESTONES = 1000
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
 
 
@@ -96,7 +97,7 @@ class TrainOptions:
         check_range("seed", self.seed, 0, 2**32 - 1)
         check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
-            check_range("milestones", self.milestones, 1.0, 1e6, "s")
+            self._check_milestones(self.milestones)
         check_range("environments", self.environments, 2, 10**6)
         check_range("critic_iterations", self.critic_iterations, 0, 10**6)
         if self.critic_iterations != _CRITIC_ITERATIONS and not is_policy_file(self.start_from):
@@ -104,6 +105,15 @@ class TrainOptions:
             raise InvalidValueError("critic_iterations", self.critic_iterations, reason)
         if self.wandb is not None and not self.tensorboard:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
+
+    def _check_milestones(self, interval: float) -> None:
+        """Refuse more files than a run needs: the options may be a stranger's, and would fill the disk."""
+        check_range("milestones", interval, 1.0, 1e6, "s")
+        count = min(60.0 * self.minutes / interval, self.iterations)
+        if count > _MOST_MILESTONES:
+            least = f"{self.minutes:g} minutes may keep {_MOST_MILESTONES} policies"
+            reason = f"{least}, one every {60.0 * self.minutes / _MOST_MILESTONES:.3g} s or less often"
+            raise InvalidValueError("milestones", interval, reason)
 
     def full_settings(self) -> TrainingSettings:
         """The settings with method, environments and seed in place."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import read_text
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import read_checkpoint, unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
@@ -28,7 +29,7 @@ from sprintlab.training.runs.policy_start import (
     read_policy_start,
 )
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
-from sprintlab.training.runs.run_file import RUN_FILE, run_text
+from sprintlab.training.runs.run_file import RUN_FILE, resumed_text, run_text
 from sprintlab.training.runs.runner import Runner, command_line
 
 POLICY_NAME = "policy.onnx"
@@ -80,8 +81,7 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         try:
             if workers.leads:
                 with _stopping_cleanly(runner, options):
-                    text = run_text(options, runner.settings, runner.command_line)
-                    atomic_write_text(options.output / RUN_FILE, text)
+                    _record(options, runner, typed or command_line())
             spent = runner.progress.seconds if restartable else 0.0
             _sit(options, runner, 60.0 * options.minutes - spent)
         finally:
@@ -89,6 +89,19 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         if workers.leads:
             _export(checkpoint)
     return checkpoint
+
+
+def _record(options: TrainOptions, runner: Runner, typed: str) -> None:
+    """The run's file: of a run that is taken up, as it began, with what this session changes."""
+    path, iteration = options.output / RUN_FILE, runner.progress.iteration
+    text = run_text(options, runner.settings, runner.command_line)
+    if options.resume:
+        text += f"# written anew at iteration {iteration}, without the file of the beginning\n"
+        with suppress(SprintlabError, ValueError):  # there is none, or it is damaged
+            begun = read_text(path)
+            if runner.settings.digest() in begun:
+                text = resumed_text(begun, options, iteration, typed)
+    atomic_write_text(path, text)
 
 
 def _export(checkpoint: Path) -> None:

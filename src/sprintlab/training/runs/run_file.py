@@ -15,8 +15,8 @@ from typing import Any
 
 import tomli_w
 
-from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.reading import read_toml
+from sprintlab.core.errors import InvalidValueError, printable
+from sprintlab.core.reading import parse_toml, read_toml
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
 from sprintlab.training.runs.named_settings import ABSENT, plain, replaced, unknown_setting
 from sprintlab.training.runs.options import TrainOptions
@@ -25,6 +25,11 @@ from sprintlab.training.settings import TrainingSettings
 
 RUN_FILE = "run.toml"
 ENVIRONMENTS = "simulation.environments"
+_CHANGED, _LONGEST_COMMAND = "changed: ", 2000
+_BEGUN_WITH = (  # the checkpoint holds them, and a session that takes the run up changes none
+    "method", "robot", "environments", "seed", "start_from", "critic_iterations", "keep_schedule",
+    "keep_motor_model",
+)  # fmt: skip
 _UNWRITTEN = ("output", "wandb", "device", "resume", "preset", "settings")
 _REFUSED = {
     "output": "must be typed: --output FOLDER",
@@ -60,8 +65,7 @@ def run_text(options: TrainOptions, settings: TrainingSettings, command_line: st
         settings: as the run has them, with method and preset applied.
         command_line: as it was typed.
     """
-    kept = {name: value for name, value in plain(options).items() if name not in _UNWRITTEN}
-    chosen = plain(settings)
+    kept, chosen = _written(options), plain(settings)
     environments = chosen["simulation"].pop("environments")
     decided = method_settings(settings.method, settings) if settings.method in ALL_METHODS else settings
     kept |= {
@@ -73,11 +77,49 @@ def run_text(options: TrainOptions, settings: TrainingSettings, command_line: st
     head = [
         "Every choice of this training. To train it again:",
         f"    sprintlab train --config {RUN_FILE} --output NEW_FOLDER",
-        *(f"typed: {line}" for line in command_line.splitlines()),
+        _typed(command_line),
         f"hash of the settings, as in the policy's contract: {settings.digest()}",
     ]
     settings_part = {name: chosen[name] for name in SETTINGS}
     return "".join(f"# {line}\n" for line in head) + tomli_w.dumps({**kept, **settings_part})
+
+
+def resumed_text(begun: str, options: TrainOptions, iteration: int, command_line: str) -> str:
+    """The file of a run that is taken up again: as it began, and at its end what this session changes.
+
+    Args:
+        begun: the file as it is.
+        options: of this session.
+        iteration: at which it goes on.
+        command_line: of this session.
+
+    Raises:
+        ValueError: the file is no TOML.
+    """
+    document = {**parse_toml(begun), **_changes(begun)}
+    now = {name: value for name, value in _written(options).items() if name not in _BEGUN_WITH}
+    changed = {name: value for name, value in now.items() if document.get(name) != value}
+    if not changed:
+        return begun
+    said = [_typed(command_line), *(f"{_CHANGED}{line}" for line in tomli_w.dumps(changed).splitlines())]
+    lines = [f"resumed at iteration {iteration}, from there on:", *said]
+    return f"{begun.rstrip()}\n\n" + "".join(f"# {line}\n" for line in lines)
+
+
+def _written(options: TrainOptions) -> dict[str, Any]:
+    return {name: value for name, value in plain(options).items() if name not in _UNWRITTEN}
+
+
+def _typed(command_line: str) -> str:
+    """A comment of TOML holds no control characters, and no line that is read is long."""
+    return f"typed: {printable(' '.join(command_line.split()), _LONGEST_COMMAND)}"
+
+
+def _changes(text: str) -> dict[str, Any]:
+    """What earlier sessions that took the run up changed."""
+    head = f"# {_CHANGED}"
+    lines = [line.removeprefix(head) for line in text.splitlines() if line.startswith(head)]
+    return {name: value for line in lines for name, value in parse_toml(line).items()}
 
 
 def _options(document: Mapping[str, Any]) -> TrainOptions:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.core.reading import read_text
+from sprintlab.core.reading import plain_number, read_text
 
 FloatArray = NDArray[np.float64]
 
@@ -286,12 +286,12 @@ def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, tit
     numbers = np.empty(len(rows))
     for position, (line, cells) in enumerate(rows):
         try:
-            numbers[position] = float(cells[index])
+            numbers[position] = plain_number(cells[index])
         except (ValueError, IndexError):
-            numbers[position] = math.nan
-        if not math.isfinite(numbers[position]):
             written = cells[index] if index < len(cells) else "nothing"
-            raise SprintlabError(f"{path} line {line}: {title.strip()} is {written!r}, no finite number")
+            raise SprintlabError(
+                f"{path} line {line}: {title.strip()} is {written!r}, no finite number"
+            ) from None
     return numbers
 
 
