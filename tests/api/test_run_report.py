@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from sprintlab import deployment
 from sprintlab.api.run_reports import report_run
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots.loader import robot_table_path
@@ -13,6 +12,6 @@ from sprintlab.robots.loader import robot_table_path
 def test_a_log_does_not_say_which_file_is_read(tmp_path, monkeypatch):
     """Its robot is a name that is known here; a path of this machine or of a network is none."""
     record = SimpleNamespace(facts={"robot": str(robot_table_path("bp2"))})
-    monkeypatch.setattr(deployment.log, "read_log", lambda path: record)
+    monkeypatch.setattr("sprintlab.deployment.log.read_log", lambda path: record)
     with pytest.raises(SprintlabError, match=r"run\.mcap is for robot .*parameters\.toml', unknown here"):
         report_run(tmp_path / "run.mcap", tmp_path / "report")
