@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_policy_of_the_package_has_its_recipe() -> None:
-    assert set(shipped_policies()) == {"sprint", "go1-sprint", "go2-sprint"}
+    assert set(shipped_policies()) == {"sprint", "sprint-fast", "go1-sprint", "go2-sprint"}
 
 
 def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
@@ -68,6 +68,59 @@ def test_the_recipe_has_the_settings_that_were_recorded(load_script: Callable[[s
             assert chosen[part] == as_it_would_be_recorded_now(part, values), (name, part)
 
 
+def test_sprint_fast_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
+    """The last training of the file began 1300 iterations sooner than the recipe's does."""
+    recipe = load_script("recipes/sprint_fast.py")
+    contract = load_policy(shipped_policy("sprint-fast")).contract
+    settings, record = recipe.fourth_settings(), contract.training
+    assert contract.robot_name == settings.robot
+    assert (record.iterations, record.seed) == (recipe.ENDS["fourth"] - SOONER, settings.seed)
+    trained = recipe.ENDS["fourth"] - recipe.ENDS["second"]
+    assert record.environment_steps == trained * 8192 * settings.ppo.steps
+    assert "averaged with those of fast" in record.command_line
+    assert contract.braking == recipe.BRAKING
+
+
+SOONER = 1300
+"""Iterations by which the recorded third and fourth training begin and end sooner than the recipe's."""
+
+
+@pytest.mark.parametrize(
+    ("name", "training", "looks", "sooner"),
+    [
+        ("first", "Y1", "fifth", 0),
+        ("second", "Y2", "fifth", 0),
+        ("third", "F1", "sixth", SOONER),
+        ("fourth", "F2", "sixth", SOONER),
+    ],
+)
+def test_the_fast_recipe_has_the_settings_that_were_recorded(
+    load_script: Callable[[str], ModuleType], name: str, training: str, looks: str, sooner: int
+) -> None:
+    settings = getattr(load_script("recipes/sprint_fast.py"), f"{name}_settings")()
+    chosen = json.loads(json.dumps(plain(settings)))
+    chosen["ppo"]["calm_iterations"] = [each - sooner for each in chosen["ppo"]["calm_iterations"]]
+    if sooner:  # the fine-tuning phase began long before: 100 iterations more or less change nothing
+        chosen["stages"]["steady_iteration"] += 100
+    for part, values in recorded_settings(looks, training).items():
+        assert chosen[part] == as_it_would_be_recorded_now(part, values), (name, part)
+
+
+def recorded_settings(looks: str, training: str) -> dict[str, Any]:
+    """Settings of a training that is recorded as another's with changes."""
+    found = json.loads((ROOT / f"results/{looks}-looks/trainings.json").read_text(encoding="utf-8"))
+    record = found["policies"][training]
+    others = json.loads((ROOT / found["settings_of"]).read_text(encoding="utf-8"))["policies"]
+    settings = others[record["base"]]["settings"]
+    for path, value in record["changes"].items():
+        *places, last = path.split(".")
+        place = settings
+        for each in places:
+            place = place.setdefault(each, {"first": 0.0})
+        place[last] = value
+    return settings
+
+
 def as_it_would_be_recorded_now(part: str, values: Any) -> Any:
     """Settings without those that did nothing and are gone, and later rewards without weight."""
     if part == "rewards":
@@ -101,3 +154,34 @@ def test_the_recipe_trains_twice_and_averages(
     assert [each.iterations for each in asked] == [2000, 3700] * 2
     assert [each.start_from for each in asked[:2]] == [None, tmp_path / "own/first/checkpoint.pt"]
     assert averaged[0] == tuple(tmp_path / "own" / name / "checkpoint.pt" for name in ("first", "second"))
+
+
+def test_the_fast_recipe_trains_four_times_and_averages_twice(
+    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[TrainOptions] = []
+
+    def train(options: TrainOptions) -> Path:
+        asked.append(options)
+        (options.output / "checkpoint.pt").parent.mkdir(parents=True)
+        return options.output / "checkpoint.pt"
+
+    averaged: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("sprintlab.training.runs.run.train", train)
+    monkeypatch.setattr("sprintlab.training.runs.options._check_source", lambda path, options: None)
+    monkeypatch.setattr(
+        "sprintlab.training.runs.averaging.average_checkpoints",
+        lambda paths, output, *shares: averaged.append((paths, *shares)) or SimpleNamespace(path=output),
+    )
+    recipe = load_script("recipes/sprint_fast.py")
+    own = tmp_path / "own"
+    first, second, third, fourth = (own / name / "checkpoint.pt" for name in recipe.ENDS)
+    assert recipe.main(replace(recipe.DEFAULTS, output=own)) == own / "policy.onnx"
+    assert [each.full_settings().seed for each in asked] == [12, 12, 31, 31]
+    assert [each.iterations for each in asked] == [1750, 3300, 4700, 6100]
+    assert [each.start_from for each in asked] == [None, first, own / "begun.onnx", third]
+    assert averaged == [((first, second),), ((first, second, fourth), recipe.SHARES, recipe.BRAKING)]
+    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64, iterations=610))
+    assert [each.full_settings().seed for each in asked[4:]] == [7] * 4
+    assert [each.full_settings().simulation.environments for each in asked] == [8192] * 4 + [64] * 4
+    assert [each.iterations for each in asked[4:]] == [175, 330, 470, 610]

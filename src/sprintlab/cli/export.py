@@ -9,7 +9,6 @@ import tyro
 
 from sprintlab.api.training import check_export, require_training
 from sprintlab.cli.output import print_json, progress_bar
-from sprintlab.control.braking import BrakingContract
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +36,8 @@ class Export:
             SprintlabError: the checkpoint is missing or refused, or the extra is not installed.
         """
         require_training()
+        from sprintlab.control.braking import BrakingContract
+
         braking = None if self.braking_power is None else BrakingContract(power=self.braking_power)
         check_export(self.checkpoint, self.output)
         from sprintlab.training.runs.export import export_checkpoint
