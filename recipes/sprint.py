@@ -63,20 +63,21 @@ def main(options: ScriptOptions) -> Path:
     Raises:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
-    first = _train(first_settings(), options, "first", max(1, round(FIRST_SHARE * options.iterations)))
-    second = _train(second_settings(), options, "second", options.iterations, first)
+    first = train_part(first_settings(), options, "first", max(1, round(FIRST_SHARE * options.iterations)))
+    second = train_part(second_settings(), options, "second", options.iterations, first)
     from sprintlab.training.runs.averaging import average_checkpoints
 
     return average_checkpoints((first, second), options.output / "policy.onnx").path
 
 
-def _train(
+def train_part(
     settings: TrainingSettings,
     options: ScriptOptions,
     name: str,
     iterations: int,
     start_from: Path | None = None,
 ) -> Path:
+    """Train in a folder of its own, or go on there; returns the checkpoint. Errors as in ``main``."""
     folder = options.output / name
     resume = options.resume and (folder / "checkpoint.pt").exists()
     chosen = replace(options, output=folder, iterations=iterations, resume=resume)

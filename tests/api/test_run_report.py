@@ -10,7 +10,7 @@ from sprintlab.robots.loader import robot_table_path
 
 
 def test_a_log_does_not_say_which_file_is_read(tmp_path, monkeypatch):
-    """Its robot is a name that is known here; a path of this machine or of a network is none."""
+    """Only the name of a known robot counts there: a path is refused."""
     record = SimpleNamespace(facts={"robot": str(robot_table_path("bp2"))})
     monkeypatch.setattr("sprintlab.deployment.log.read_log", lambda path: record)
     with pytest.raises(SprintlabError, match=r"run\.mcap is for robot .*parameters\.toml', unknown here"):

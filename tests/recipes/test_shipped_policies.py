@@ -128,23 +128,39 @@ def as_it_would_be_recorded_now(part: str, values: Any) -> Any:
     return without_removed(PpoSettings, values) if part == "ppo" else values
 
 
-def test_the_recipe_trains_twice_and_averages(
-    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    asked: list[TrainOptions] = []
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[TrainOptions]:
+    """What a recipe asks to be trained; nothing is."""
+    found: list[TrainOptions] = []
 
     def train(options: TrainOptions) -> Path:
-        asked.append(options)
+        found.append(options)
         (options.output / "checkpoint.pt").parent.mkdir(parents=True)
         return options.output / "checkpoint.pt"
 
-    averaged: list[tuple[Path, ...]] = []
     monkeypatch.setattr("sprintlab.training.runs.run.train", train)
     monkeypatch.setattr("sprintlab.training.runs.options.check_checkpoint", lambda path: {"growth": 1})
+    monkeypatch.setattr("sprintlab.training.runs.options.read_policy_start", lambda *arguments: None)
+    return found
+
+
+@pytest.fixture
+def averaged(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """Of which checkpoints a recipe asks the mean, with what else it asks of it."""
+    found: list[tuple[Any, ...]] = []
     monkeypatch.setattr(
         "sprintlab.training.runs.averaging.average_checkpoints",
-        lambda paths, output: averaged.append(paths) or SimpleNamespace(path=output),
+        lambda paths, output, *more: found.append((paths, *more)) or SimpleNamespace(path=output),
     )
+    return found
+
+
+def test_the_recipe_trains_twice_and_averages(
+    load_script: Callable[[str], ModuleType],
+    asked: list[TrainOptions],
+    averaged: list[tuple[Any, ...]],
+    tmp_path: Path,
+) -> None:
     recipe = load_script("recipes/sprint.py")
     policy = recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own"))
     recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64))
@@ -153,26 +169,16 @@ def test_the_recipe_trains_twice_and_averages(
     assert [each.full_settings().simulation.environments for each in asked] == [8192, 8192, 64, 64]
     assert [each.iterations for each in asked] == [2000, 3700] * 2
     assert [each.start_from for each in asked[:2]] == [None, tmp_path / "own/first/checkpoint.pt"]
-    assert averaged[0] == tuple(tmp_path / "own" / name / "checkpoint.pt" for name in ("first", "second"))
+    ends = tuple(tmp_path / "own" / name / "checkpoint.pt" for name in ("first", "second"))
+    assert averaged[0] == (ends,)
 
 
 def test_the_fast_recipe_trains_four_times_and_averages_twice(
-    load_script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    load_script: Callable[[str], ModuleType],
+    asked: list[TrainOptions],
+    averaged: list[tuple[Any, ...]],
+    tmp_path: Path,
 ) -> None:
-    asked: list[TrainOptions] = []
-
-    def train(options: TrainOptions) -> Path:
-        asked.append(options)
-        (options.output / "checkpoint.pt").parent.mkdir(parents=True)
-        return options.output / "checkpoint.pt"
-
-    averaged: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("sprintlab.training.runs.run.train", train)
-    monkeypatch.setattr("sprintlab.training.runs.options._check_source", lambda path, options: None)
-    monkeypatch.setattr(
-        "sprintlab.training.runs.averaging.average_checkpoints",
-        lambda paths, output, *shares: averaged.append((paths, *shares)) or SimpleNamespace(path=output),
-    )
     recipe = load_script("recipes/sprint_fast.py")
     own = tmp_path / "own"
     first, second, third, fourth = (own / name / "checkpoint.pt" for name in recipe.ENDS)

@@ -221,9 +221,8 @@ def plain_number(text: str) -> float:
     Raises:
         ValueError: it is no decimal number in ASCII, or beyond all floats.
     """
-    if _NUMBER.fullmatch(plain := text.strip(" \t\r\n")) is None:
-        raise ValueError(f"{printable(text, 40)!r} is no finite number")
-    if not math.isfinite(number := float(plain)):
+    plain = text.strip(" \t\r\n")
+    if _NUMBER.fullmatch(plain) is None or not math.isfinite(number := float(plain)):
         raise ValueError(f"{printable(text, 40)!r} is no finite number")
     return number
 

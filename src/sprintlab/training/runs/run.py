@@ -97,7 +97,7 @@ def _record(options: TrainOptions, runner: Runner, typed: str) -> None:
     text = run_text(options, runner.settings, runner.command_line)
     if options.resume:
         text += f"# written anew at iteration {iteration}, without the file of the beginning\n"
-        with suppress(SprintlabError, ValueError):  # there is none, or it is damaged
+        with suppress(SprintlabError, ValueError):  # the file is missing or damaged
             begun = read_text(path)
             if runner.settings.digest() in begun:
                 text = resumed_text(begun, options, iteration, typed)
