@@ -20,31 +20,38 @@ class Export:
         output: the ONNX file to write.
         braking_power: the forward command that reaches the network falls no faster than this power for each
             kilogram of the robot [W/kg]; as it is given when left out.
+        turning_speed: the network is asked for more than the commanded yaw rate, for twice as much at this
+            forward speed [m/s], and a loop on the gyroscope adds what is still missing; without, for the one
+            that is commanded.
         json: print JSON only.
     """
 
     checkpoint: tyro.conf.Positional[Path]
     output: tyro.conf.Positional[Path]
     braking_power: float | None = None
+    turning_speed: float | None = None
     json: bool = False
 
     def run(self) -> int:
         """Export.
 
         Raises:
-            InvalidValueError: the power is out of range.
+            InvalidValueError: the power or the speed is out of range.
             SprintlabError: the checkpoint is missing or refused, or the extra is not installed.
         """
         require_training()
         from sprintlab.control.braking import BrakingContract
+        from sprintlab.control.turning import TurningContract
 
-        braking = None if self.braking_power is None else BrakingContract(power=self.braking_power)
+        power, speed = self.braking_power, self.turning_speed
+        braking = None if power is None else BrakingContract(power=power)
+        turning = None if speed is None else TurningContract(doubling_speed=speed)
         check_export(self.checkpoint, self.output)
         from sprintlab.training.runs.export import export_checkpoint
 
         with progress_bar(quiet=self.json) as report:
             report("exporting", None)
-            exported = export_checkpoint(self.checkpoint, self.output, braking)
+            exported = export_checkpoint(self.checkpoint, self.output, braking, turning)
         if self.json:
             print_json({**exported._asdict(), "path": str(exported.path)})
             return 0

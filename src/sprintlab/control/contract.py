@@ -17,6 +17,7 @@ from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
 from sprintlab.control.standing import StandingContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
 from sprintlab.core.reading import parse_json
@@ -169,6 +170,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             not tell.
         standing: when the robot is stood still in its default pose; None: never.
         braking: how fast the forward command that reaches the network may fall; None: as fast as it is given.
+        turning: which yaw rate the network is asked for; None: the one that is commanded.
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
@@ -195,6 +197,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     estimate: tuple[EstimateTerm, ...] | None = None
     standing: StandingContract | None = None
     braking: BrakingContract | None = None
+    turning: TurningContract | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
@@ -276,6 +279,7 @@ def make_contract(
     estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
     braking: BrakingContract | None = None,
+    turning: TurningContract | None = None,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``.
 
@@ -288,6 +292,7 @@ def make_contract(
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
         braking: how fast the forward command that reaches the network may fall; ``None``: as it is given.
+        turning: which yaw rate the network is asked for; ``None``: the one that is commanded.
 
     Raises:
         InvalidValueError: a number is not finite or not positive.
@@ -303,6 +308,7 @@ def make_contract(
         estimate=None if estimate_filter is None else ESTIMATE_TERMS,
         standing=None if estimate_filter is None else StandingContract(),
         braking=braking,
+        turning=turning,
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,
         software=software,

@@ -34,6 +34,7 @@ from sprintlab.control.observation import (
 )
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.control.standing import StandingHold
+from sprintlab.control.turning import TurningLoop
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, printable
 from sprintlab.core.reading import read_bytes
 from sprintlab.robots import RobotDescription
@@ -178,7 +179,8 @@ class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
     As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose,
-    and the forward command falls no faster than the policy brakes.
+    the forward command falls no faster than the policy brakes, and a loop on the gyroscope decides which yaw
+    rate the network is asked for.
 
     Args:
         policy: the loaded policy.
@@ -198,6 +200,8 @@ class PolicyRuntime:
         self._action_scale = np.asarray(contract.action_scale)
         standing = contract.standing if policy.estimates else None
         self._standing = None if standing is None else StandingHold(standing, contract.policy_rate_hz)
+        turning = contract.turning
+        self._turning = None if turning is None else TurningLoop(turning, contract.policy_rate_hz)
         self.reset()
 
     def reset(self) -> None:
@@ -207,8 +211,9 @@ class PolicyRuntime:
         """
         self._filtered: FloatArray | None = None
         self._forward = 0.0
-        if self._standing is not None:
-            self._standing.reset()
+        for each in (self._standing, self._turning):
+            if each is not None:
+                each.reset()
         self._forget()
 
     def _forget(self) -> None:
@@ -246,7 +251,7 @@ class PolicyRuntime:
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
-        command = self._braked(np.asarray(command))
+        command = self._turned(self._braked(np.asarray(command)), measurement)
         share = self._share(measurement, command)
         frame = self._frame(measurement, command)
         if self._history is None:
@@ -268,6 +273,14 @@ class PolicyRuntime:
             contract.braking, self._forward, float(command[0]), contract.policy_rate_hz
         )
         return np.array([self._forward, command[1], command[2]])
+
+    def _turned(self, command: FloatArray, measurement: Measurement) -> FloatArray:
+        """The command whose yaw rate makes the robot turn as it is told, where the contract says how."""
+        if self._turning is None:
+            return command
+        measured = float(measurement.angular_velocity[2])
+        yaw_rate = self._turning.step(float(command[0]), float(command[2]), measured)
+        return np.array([command[0], command[1], yaw_rate])
 
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""

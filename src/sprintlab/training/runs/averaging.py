@@ -15,6 +15,7 @@ from typing import Any
 import torch
 
 from sprintlab.control.braking import BrakingContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
@@ -27,6 +28,7 @@ def average_checkpoints(
     output: Path,
     shares: Sequence[float] | None = None,
     braking: BrakingContract | None = None,
+    turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """Write the policy whose weights are the mean of these checkpoints'.
 
@@ -37,6 +39,7 @@ def average_checkpoints(
         output: the file to write; it appears only if it reads back equal.
         shares: of each checkpoint in the mean, over their sum; equal when left out.
         braking: how fast the forward command that reaches the network may fall; as it is given when left out.
+        turning: which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
         InvalidValueError: fewer than two checkpoints, or shares that are not one positive number for each.
@@ -56,7 +59,7 @@ def average_checkpoints(
         name: sum(found[name] * part for found, part in zip(weights, parts, strict=True))
         for name in weights[-1]
     }
-    return export_state({**last, "learner": {"actor": mean}}, output, braking)
+    return export_state({**last, "learner": {"actor": mean}}, output, braking, turning)
 
 
 def _parts(shares: Sequence[float] | None, count: int) -> tuple[float, ...]:

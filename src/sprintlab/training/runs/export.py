@@ -24,6 +24,7 @@ from sprintlab.control import (
 )
 from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
+from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
@@ -74,7 +75,10 @@ class ExportedPolicy(NamedTuple):
 
 
 def export_checkpoint(
-    checkpoint: Path, output: Path, braking: BrakingContract | None = None
+    checkpoint: Path,
+    output: Path,
+    braking: BrakingContract | None = None,
+    turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
 
@@ -86,23 +90,26 @@ def export_checkpoint(
         checkpoint: of a training run.
         output: the file to write.
         braking: how fast the forward command that reaches the network may fall; as it is given when left out.
+        turning: which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
-    return export_state(read_checkpoint(checkpoint), output, braking)
+    return export_state(read_checkpoint(checkpoint), output, braking, turning)
 
 
 def export_state(
-    state: dict[str, Any], output: Path, braking: BrakingContract | None = None
+    state: dict[str, Any],
+    output: Path,
+    braking: BrakingContract | None = None,
+    turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """``export_checkpoint`` of what was read, or made of several that were; raises what that does."""
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
-    data = _with_contract(
-        _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size), state, braking
-    )
+    network = _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size)
+    data = _with_contract(network, state, braking, turning)
     replayed, difference = _verify(data, actor, load_robot(settings.robot))
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, replayed, difference)
@@ -125,7 +132,9 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
     return buffer.getvalue()
 
 
-def _with_contract(data: bytes, state: dict[str, Any], braking: BrakingContract | None) -> bytes:
+def _with_contract(
+    data: bytes, state: dict[str, Any], braking: BrakingContract | None, turning: TurningContract | None
+) -> bytes:
     settings: TrainingSettings = state["settings"]
     progress = state["progress"]
     record = TrainingRecord(
@@ -147,6 +156,7 @@ def _with_contract(data: bytes, state: dict[str, Any], braking: BrakingContract 
         proprioception_filter=LowPass(),
         estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
         braking=braking,
+        turning=turning,
     )
     model = onnx.load_from_string(data)
     onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(contract)})

@@ -1,0 +1,121 @@
+"""The network is asked for the yaw rate that makes the robot turn as it is told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sprintlab.control import Measurement, PolicyRuntime, load_policy
+from sprintlab.control.contract import CONTRACT_KEY, PolicyContract, decode_contract, encode_contract
+from sprintlab.control.observation import observation_frame
+from sprintlab.control.turning import TurningContract, TurningLoop
+from sprintlab.core.errors import InvalidValueError, PolicyFileError
+from sprintlab.robots import RobotDescription
+
+CONTRACT = TurningContract(doubling_speed=12.0, smoothing=0.0, integral=2.0, limit=1.25)
+
+
+@pytest.mark.parametrize(
+    ("forward", "asked", "measured", "expected"),
+    [
+        (12.0, 0.3, 0.3, 0.6),  # no error: twice what is commanded, at the doubling speed
+        (6.0, 0.4, 0.4, 0.5),
+        (-6.0, 0.4, 0.4, 0.5),  # backward alike
+        (12.0, 0.3, 0.1, 0.6 + 2.0 * 0.2 / 50.0),  # and the integral of what is missing
+        (12.0, 0.0, 0.1, -2.0 * 0.1 / 50.0),
+        (12.0, 1.0, 1.0, 1.25),  # never more than the limit
+        (0.4, 0.5, 0.0, 0.5),  # hardly moving: as it is commanded
+    ],
+)
+def test_one_step(forward: float, asked: float, measured: float, expected: float) -> None:
+    assert TurningLoop(CONTRACT, 50.0).step(forward, asked, measured) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("share", "offset"), [(0.35, 0.0), (0.7, -0.15), (1.1, 0.1)])
+def test_a_robot_that_turns_too_little_or_to_one_side_turns_as_told(share: float, offset: float) -> None:
+    """Its yaw rate follows what the network is asked for within 0.2 s."""
+    loop, measured = TurningLoop(CONTRACT, 50.0), 0.0
+    for _ in range(200):
+        wanted = share * loop.step(10.0, 0.3, measured) + offset
+        measured += (wanted - measured) / 10.0
+    assert measured == pytest.approx(0.3, abs=0.02)
+
+
+def test_corrections_within_a_stride_are_passed_on_as_they_are() -> None:
+    """A heading loop's ripple at 5 Hz, of which a turn's excess would make twice as much."""
+    time = np.arange(0.0, 4.0, 0.02)
+    ripple = 0.1 * np.sin(2.0 * np.pi * 5.0 * time)
+    loop = TurningLoop(msgspec.structs.replace(CONTRACT, smoothing=0.3, integral=0.0), 50.0)
+    given_on = np.array([loop.step(12.0, float(asked), 0.0) for asked in ripple])
+    assert np.ptp(given_on[100:]) < 1.1 * np.ptp(ripple)
+    for _ in range(200):
+        steady = loop.step(12.0, 0.3, 0.0)
+    assert steady == pytest.approx(0.6, abs=0.01)
+
+
+def test_the_integral_is_forgotten_at_rest_and_after_a_reset() -> None:
+    loop = TurningLoop(CONTRACT, 50.0)
+    for forget in (loop.reset, lambda: loop.step(0.0, 0.0, 0.0)):
+        for _ in range(50):
+            loop.step(5.0, 0.5, 0.0)
+        assert loop.step(5.0, 0.0, 0.0) > 0.5
+        forget()
+        assert loop.step(5.0, 0.0, 0.0) == 0.0
+
+
+@given(*[st.floats(allow_nan=False, allow_infinity=False)] * 3, st.sampled_from((0.0, 2.0)))
+def test_any_numbers_give_a_yaw_rate_within_the_limit(
+    forward: float, asked: float, measured: float, integral: float
+) -> None:
+    loop = TurningLoop(TurningContract(smoothing=0.0, integral=integral), 50.0)
+    for _ in range(2):
+        given_on = loop.step(forward, asked, measured)
+        assert abs(given_on) <= 1.25 or (abs(forward) < 0.5 and given_on == asked)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("doubling_speed", 0.0), ("integral", -1.0), ("integral", float("nan")), ("limit", float("inf"))],
+)
+def test_impossible_numbers_are_refused(field: str, value: float) -> None:
+    with pytest.raises(InvalidValueError, match=f"turning.{field}"):
+        TurningContract(**{field: value})
+
+
+def test_the_contract_carries_them(contract: PolicyContract) -> None:
+    turning = msgspec.structs.replace(contract, turning=CONTRACT)
+    assert decode_contract(encode_contract(turning)) == turning
+    fields = json.loads(encode_contract(turning))
+    with pytest.raises(PolicyFileError, match="turning"):
+        decode_contract(json.dumps({**fields, "turning": {"limit": 0.0}}))
+    del fields["turning"]
+    assert decode_contract(json.dumps(fields)).turning is None
+
+
+def test_the_network_is_asked_for_more(
+    write_policy: Callable[..., Path],
+    contract: PolicyContract,
+    robot: RobotDescription,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[float] = []
+    monkeypatch.setattr(
+        "sprintlab.control.policy.observation_frame",
+        lambda layout, **terms: seen.append(float(terms["command"][2])) or observation_frame(layout, **terms),
+    )
+    turning = {CONTRACT_KEY: encode_contract(msgspec.structs.replace(contract, turning=CONTRACT))}
+    runtime = PolicyRuntime(load_policy(write_policy(metadata=turning)), robot)
+    pose = np.asarray(robot.default_pose, dtype=float)
+    still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), pose, np.zeros(pose.size))
+    for _ in range(2):
+        runtime.step(still, np.array([12.0, 0.0, 0.3]))
+    runtime.reset()
+    runtime.step(still._replace(angular_velocity=np.array([0.0, 0.0, 0.3])), np.array([12.0, 0.0, 0.3]))
+    assert seen == pytest.approx([0.612, 0.624, 0.6])
