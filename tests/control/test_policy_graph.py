@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -283,6 +284,34 @@ def number_for_a_name():
     return model([node])
 
 
+def long_number_of_a_field():
+    """A hidden operator: of a field's number the runtime reads 32 bits, and then this is a node too."""
+    made, hidden = model([]), helper.make_node("Relu", ["observation"], ["y"]).SerializeToString()
+    graph = made.graph.SerializeToString() + b"\x8a\x80\x80\x80\x10" + bytes([len(hidden)]) + hidden
+    made.ClearField("graph")
+    text = made.SerializeToString() + b"\x3a" + varint(len(graph)) + graph
+    return SimpleNamespace(SerializeToString=lambda: text)
+
+
+def varint(number):
+    bytes_ = [number >> 7 * place & 127 | 128 for place in range(max(1, -(-number.bit_length() // 7)))]
+    return bytes([*bytes_[:-1], bytes_[-1] & 127])
+
+
+def long_truth():
+    """2^32 is no truth for the runtime, which reads 32 bits: it fills the large tensor."""
+    nodes = [
+        helper.make_node("Where", ["truth", "small", "large"], ["size"]),
+        helper.make_node("ConstantOfShape", ["size"], ["filled"]),
+    ]
+    truth = TensorProto(name="truth", data_type=TensorProto.BOOL, dims=[1], int32_data=[2**31 - 1])
+    made = model(nodes, truth, constant("small", [1]), constant("large", [10**9])).SerializeToString()
+    before = b"\x2a\x05" + varint(2**31 - 1)
+    assert made.count(before) == 1
+    text = made.replace(before, b"\x2a\x05" + varint(2**32))
+    return SimpleNamespace(SerializeToString=lambda: text)
+
+
 def product_of_nothing():
     """Three stacked products of no numbers, of which the runtime makes one."""
     return model(
@@ -305,6 +334,8 @@ STRANGE += [
     numbers_that_the_runtime_passes_over,
     attribute_of_another_kind,
     number_for_a_name,
+    long_number_of_a_field,
+    long_truth,
 ]
 
 
