@@ -5,6 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+
+from sprintlab.core.reading import read_toml
 
 COMMAND = """
 import multiprocessing, subprocess, sys
@@ -34,3 +37,10 @@ def test_processes_of_a_command_import_nothing_from_the_folder_it_is_started_in(
     done = subprocess.run([sys.executable, tmp_path / "own" / "command.py"], cwd=strange, check=False)
     assert sorted(path.name for path in strange.iterdir()) == ["multiprocessing.py", "struct.py"]
     assert done.returncode == 0
+
+
+def test_no_matplotlib_is_used_that_evaluates_the_settings_in_the_working_folder() -> None:
+    """It reads ./matplotlibrc; up to 3.10.8 its color cycle was evaluated, and could run anything."""
+    project = read_toml(Path(__file__).parents[2] / "pyproject.toml")["project"]
+    (matplotlib,) = (each for each in map(Requirement, project["dependencies"]) if each.name == "matplotlib")
+    assert "3.10.8" not in matplotlib.specifier
