@@ -356,6 +356,42 @@ def test_a_tensor_is_refused_by_its_own_size_before_it_is_counted(make):
         check_graph(make().SerializeToString())
 
 
+def in_the_runtimes_own_format(folder):
+    """A network with an operator that no policy may use; the place of its root is a multiple of eight."""
+    import onnxruntime
+
+    for count in range(8):
+        whole = model([helper.make_node("RandomNormalLike", ["observation"], ["drawn" * (count + 1)])])
+        options = onnxruntime.SessionOptions()
+        options.optimized_model_filepath = str(folder / "hidden.ort")
+        options.log_severity_level = 4
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+        options.add_session_config_entry("session.save_model_format", "ORT")
+        onnxruntime.InferenceSession(whole.SerializeToString(), options, providers=["CPUExecutionProvider"])
+        content = (folder / "hidden.ort").read_bytes()
+        if content[0] % 8 == 0:
+            return content
+    raise AssertionError("none of them has its root there")
+
+
+def test_a_file_of_two_networks_is_the_one_that_was_checked(tmp_path):
+    """ONNX Runtime has a format of its own, known by four letters; an ONNX file can have them there.
+
+    As ONNX this one has an ir_version of 1, a name of 79 letters, the hidden network in an unknown field, and
+    then a policy. The runtime reads in it where the hidden network's root lies, and the four letters.
+    """
+    hidden, root = in_the_runtimes_own_format(tmp_path), 0x00920108
+    head = root.to_bytes(4, "little") + b"ORTM" + b"x" * (79 - 3)
+    begin = root - hidden[0] + 8
+    unknown = b"\xa2\x06" + varint(begin + len(hidden) - 8 - len(head) - 6)
+    policy = onnx.load(shipped_policy())
+    policy.ClearField("ir_version")
+    policy.ClearField("producer_name")
+    path = tmp_path / "policy.onnx"
+    path.write_bytes((head + unknown).ljust(begin, b"\0") + hidden[8:] + policy.SerializeToString())
+    assert load_policy(path)._session.get_modelmeta().producer_name == "RTM" + "x" * 76
+
+
 def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):
     """An index far outside, which nobody knows before the robot has measured."""
     path = tmp_path / "policy.onnx"
