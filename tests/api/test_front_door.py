@@ -71,6 +71,15 @@ def test_policies_are_found_by_name_and_name_their_robot():
         sl.load_policy("nobody")
 
 
+def test_no_file_hides_a_policy_that_comes_with_the_package(tmp_path, monkeypatch):
+    """Who types its name in a stranger's folder would drive the robot with the stranger's policy."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sprint").write_bytes(b"no policy")
+    assert sl.load_policy("sprint").contract.robot_name == "bp2"
+    with pytest.raises(PolicyFileError, match="damaged or no policy"):
+        sl.load_policy("./sprint")
+
+
 def test_a_method_is_changed_by_dotted_names():
     settings = sl.method("baseline", {"ppo.steps": 16, "rewards.progress": 1}, robot="go1", environments=64)
     assert (settings.actuator_model, settings.robot, settings.ppo.steps) == ("square", "go1", 16)

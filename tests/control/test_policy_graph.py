@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -283,6 +284,34 @@ def number_for_a_name():
     return model([node])
 
 
+def long_number_of_a_field():
+    """A hidden operator: of a field's number the runtime reads 32 bits, and then this is a node too."""
+    made, hidden = model([]), helper.make_node("Relu", ["observation"], ["y"]).SerializeToString()
+    graph = made.graph.SerializeToString() + b"\x8a\x80\x80\x80\x10" + bytes([len(hidden)]) + hidden
+    made.ClearField("graph")
+    text = made.SerializeToString() + b"\x3a" + varint(len(graph)) + graph
+    return SimpleNamespace(SerializeToString=lambda: text)
+
+
+def varint(number):
+    bytes_ = [number >> 7 * place & 127 | 128 for place in range(max(1, -(-number.bit_length() // 7)))]
+    return bytes([*bytes_[:-1], bytes_[-1] & 127])
+
+
+def long_truth():
+    """2^32 is no truth for the runtime, which reads 32 bits: it fills the large tensor."""
+    nodes = [
+        helper.make_node("Where", ["truth", "small", "large"], ["size"]),
+        helper.make_node("ConstantOfShape", ["size"], ["filled"]),
+    ]
+    truth = TensorProto(name="truth", data_type=TensorProto.BOOL, dims=[1], int32_data=[2**31 - 1])
+    made = model(nodes, truth, constant("small", [1]), constant("large", [10**9])).SerializeToString()
+    before = b"\x2a\x05" + varint(2**31 - 1)
+    assert made.count(before) == 1
+    text = made.replace(before, b"\x2a\x05" + varint(2**32))
+    return SimpleNamespace(SerializeToString=lambda: text)
+
+
 def product_of_nothing():
     """Three stacked products of no numbers, of which the runtime makes one."""
     return model(
@@ -305,6 +334,8 @@ STRANGE += [
     numbers_that_the_runtime_passes_over,
     attribute_of_another_kind,
     number_for_a_name,
+    long_number_of_a_field,
+    long_truth,
 ]
 
 
@@ -323,6 +354,42 @@ def test_program_is_refused_in_time(tmp_path, make):
 def test_a_tensor_is_refused_by_its_own_size_before_it_is_counted(make):
     with pytest.raises(GraphError, match="needs a tensor of"):
         check_graph(make().SerializeToString())
+
+
+def in_the_runtimes_own_format(folder):
+    """A network with an operator that no policy may use; the place of its root is a multiple of eight."""
+    import onnxruntime
+
+    for count in range(8):
+        whole = model([helper.make_node("RandomNormalLike", ["observation"], ["drawn" * (count + 1)])])
+        options = onnxruntime.SessionOptions()
+        options.optimized_model_filepath = str(folder / "hidden.ort")
+        options.log_severity_level = 4
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+        options.add_session_config_entry("session.save_model_format", "ORT")
+        onnxruntime.InferenceSession(whole.SerializeToString(), options, providers=["CPUExecutionProvider"])
+        content = (folder / "hidden.ort").read_bytes()
+        if content[0] % 8 == 0:
+            return content
+    raise AssertionError("none of them has its root there")
+
+
+def test_a_file_of_two_networks_is_the_one_that_was_checked(tmp_path):
+    """ONNX Runtime has a format of its own, known by four letters; an ONNX file can have them there.
+
+    As ONNX this one has an ir_version of 1, a name of 79 letters, the hidden network in an unknown field, and
+    then a policy. The runtime reads in it where the hidden network's root lies, and the four letters.
+    """
+    hidden, root = in_the_runtimes_own_format(tmp_path), 0x00920108
+    head = root.to_bytes(4, "little") + b"ORTM" + b"x" * (79 - 3)
+    begin = root - hidden[0] + 8
+    unknown = b"\xa2\x06" + varint(begin + len(hidden) - 8 - len(head) - 6)
+    policy = onnx.load(shipped_policy())
+    policy.ClearField("ir_version")
+    policy.ClearField("producer_name")
+    path = tmp_path / "policy.onnx"
+    path.write_bytes((head + unknown).ljust(begin, b"\0") + hidden[8:] + policy.SerializeToString())
+    assert load_policy(path)._session.get_modelmeta().producer_name == "RTM" + "x" * 76
 
 
 def test_network_that_fails_on_what_it_is_given_says_so(tmp_path):

@@ -333,3 +333,16 @@ def test_every_number_of_a_table_has_bounds_by_its_name(quantity):
     for number in (9e18, -9e18):
         with pytest.raises(RobotModelError, match=rf"{quantity}.value = .* must lie in \["):
             table._value(quantity, number if size == 1 else [number] * size)
+
+
+def test_mujocos_warnings_go_to_no_file(tmp_path, monkeypatch, capsys):
+    """MuJoCo's own log, in the folder where a command is started, may be a stranger's link to any file."""
+    (tmp_path / "MUJOCO_LOG.TXT").symlink_to(tmp_path / "precious")
+    (tmp_path / "precious").write_text("kept")
+    monkeypatch.chdir(tmp_path)
+    model = build_model(load_robot("bp2"), ModelOptions())
+    data = mujoco.MjData(model)
+    data.qvel[:] = 1e300
+    mujoco.mj_step(model, data)
+    assert (tmp_path / "precious").read_text() == "kept"
+    assert "QVEL" in capsys.readouterr().err

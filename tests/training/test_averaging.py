@@ -18,6 +18,7 @@ from sprintlab.control import load_policy
 from sprintlab.control.braking import BrakingContract
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.runs.averaging import average_checkpoints
+from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
@@ -96,3 +97,13 @@ def test_what_has_no_mean_is_refused_and_nothing_is_written(checkpoints: list[Pa
     with pytest.raises(SprintlabError, match="other networks"):
         average_checkpoints([wider, *checkpoints], output)
     assert not output.exists()
+
+
+@pytest.mark.parametrize("weight", [3, "text", None])
+def test_weights_that_are_no_tensors_are_refused(
+    checkpoints: list[Path], tmp_path: Path, weight: object
+) -> None:
+    strange = tmp_path / "strange.pt"
+    write_checkpoint({**read_checkpoint(checkpoints[0]), "learner": {"actor": {"w": weight}}}, strange)
+    with pytest.raises(SprintlabError, match="not of the size"):
+        average_checkpoints([strange, *checkpoints], tmp_path / "mean.onnx")

@@ -179,6 +179,9 @@ def test_modules_are_not_imported_for_a_stranger(path: Path, tmp_path: Path, mon
         lambda v, h: v.update(settings=3),
         lambda v, h: v["progress"].update(log=[{"reward": "x"}]),
         lambda v, h: v["progress"].update(log=3),
+        lambda v, h: v["progress"].update(environment_steps=2**64 - 1),  # one more is never read again
+        lambda v, h: v["progress"].update(iteration=-(10**18)),
+        lambda v, h: v["progress"].update(iteration=1.5),
         lambda v, h: v.pop("learner"),
         lambda v, h: h["state.learner.actor.0.weight"].update(shape=[10**6, 10**6]),
         lambda v, h: h["state.learner.actor.0.weight"].update(data_offsets=[0, 2**60]),

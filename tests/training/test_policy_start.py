@@ -11,10 +11,11 @@ import pytest
 
 pytest.importorskip("mujoco_warp")
 
+import msgspec
 import onnx
 import torch
 
-from sprintlab.control import shipped_policy
+from sprintlab.control import CONTRACT_KEY, encode_contract, shipped_policy
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs.export import EXPORT_TOLERANCE, compare_on_random_inputs
@@ -151,6 +152,20 @@ def test_a_network_without_one_of_the_names_is_refused(tmp_path: Path, name: str
     path = tmp_path / "policy.onnx"
     path.write_bytes(model.SerializeToString())
     with pytest.raises(SprintlabError, match=f"its network has no {name}"):
+        read_policy_start(path, SETTINGS, 10**6)
+
+
+@pytest.mark.parametrize(("name", "count"), [("iterations", -1), ("environment_steps", 2**64 - 1)])
+def test_counts_with_which_no_run_could_go_on_are_refused(tmp_path: Path, name: str, count: int) -> None:
+    """Beyond 64 bits a checkpoint is not read again: the whole training would be lost."""
+    contract = START.policy.contract
+    training = msgspec.structs.replace(contract.training, **{name: count})
+    text = encode_contract(msgspec.structs.replace(contract, training=training))
+    model = onnx.load_from_string(POLICY.read_bytes())
+    onnx.helper.set_model_props(model, {CONTRACT_KEY: text})
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(InvalidValueError, match=f"training.{name}"):
         read_policy_start(path, SETTINGS, 10**6)
 
 

@@ -42,18 +42,18 @@ class OfAPolicy(Printed):
 
 
 def policy_path(policy: PolicyChoice) -> Path:
-    """A policy file by path, or one that comes with the package by name.
+    """A policy that comes with the package by name, which no file's name hides, or else a file by path.
 
     Raises:
         PolicyFileError: there is no such policy.
     """
-    from sprintlab.control import shipped_policy
+    from sprintlab.control import shipped_policies, shipped_policy
 
     if isinstance(policy, Path):
         return policy
     has_folder = "\\" in policy or "/" in policy
     is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
-    return Path(policy) if is_path else shipped_policy(policy)
+    return Path(policy) if is_path and policy not in shipped_policies() else shipped_policy(policy)
 
 
 def robot_for(policy: Path, robot: RobotChoice) -> str:

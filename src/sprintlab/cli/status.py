@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
@@ -12,6 +13,7 @@ from sprintlab.core.streams import lasting_streams
 
 REFUSED = 2
 INTERRUPTED = 130
+_SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def exit_status(program: str, work: Callable[[], int]) -> int:
@@ -21,8 +23,25 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         program: name that begins the sentence on stderr.
         work: parses and runs; returns the status where nothing fails.
     """
-    with lasting_streams():
+    with lasting_streams(), _no_modules_of_this_folder():
         return _status(program, work)
+
+
+@contextmanager
+def _no_modules_of_this_folder() -> Generator[None]:
+    """Python processes that a command or its libraries start do not look for modules where it was started.
+
+    ``python -c`` and ``python -m`` look there first, and in a stranger's folder may lie a ``struct.py``.
+    Python 3.10 cannot be told.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(_SAFE_PATH)
+        if before is not None:
+            os.environ[_SAFE_PATH] = before
 
 
 def _status(program: str, work: Callable[[], int]) -> int:

@@ -375,6 +375,8 @@ def _open_session(path: Path) -> Any:
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
+    # Otherwise four letters at a file's begin make it another network, in the runtime's own format.
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     try:
         # There is nothing to fall back to, and the runtime prints that it does.
         return runtime.InferenceSession(

@@ -29,12 +29,10 @@ Value = npt.NDArray[Any] | None
 
 # Types of tensors that a policy may hold: ONNX's number, and NumPy's type.
 _TYPES: dict[int, str] = {1: "<f4", 2: "u1", 3: "i1", 6: "<i4", 7: "<i8", 9: "?", 11: "<f8"}
-_FOLLOWED = {
-    7,
-    9,
-}  # types whose values are followed: here and in the runtime they are the same to the last bit
+_INT64, _BOOL = 7, 9
+_FOLLOWED = {_INT64, _BOOL}
+"""Types whose values are followed: here and in the runtime they are the same to the last bit."""
 _WHOLE = set(range(2, 8)) | {12, 13}
-_INT64 = 7
 # Kinds of attributes, and the field in which each keeps its value.
 _FLOAT, _WHOLE_NUMBER, _TENSOR, _WHOLE_NUMBERS = 1, 2, 4, 7
 _VALUE_FIELDS = {_FLOAT: -2, _WHOLE_NUMBER: 3, 3: 4, _TENSOR: 5, 6: 7, _WHOLE_NUMBERS: 8, 8: 9}
@@ -145,6 +143,8 @@ class _Wire:
             if self._fields > _MOST_FIELDS:
                 raise GraphError(f"has more than {_MOST_FIELDS} entries")
             key, at = _varint(data, at)
+            if key >> 32:  # runtimes drop the rest, and read another field
+                raise GraphError("is damaged")
             kind = key & 7
             if kind == 0:
                 value, at = _varint(data, at)
@@ -282,6 +282,8 @@ def _listed(fields: Mapping[int, list[Any]], kind: int, count: int) -> Value:
     numbers = _whole_numbers(found)
     if len(numbers) != count:
         raise GraphError("holds a tensor whose size is not that of its shape")
+    if kind == _BOOL and not {0, 1}.issuperset(numbers):  # of more than 32 bits runtimes drop the rest
+        raise GraphError("is damaged: a truth value is neither 0 nor 1")
     return np.array(numbers, dtype=_TYPES[kind]) if kind in _FOLLOWED else None
 
 

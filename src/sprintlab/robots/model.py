@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -37,6 +38,11 @@ _GROUND_BIT, _ROBOT_BIT = 1, 2
 COLLISION_GROUP, VISUAL_GROUP = 3, 2
 _PITCH = (0.0, 1.0, 0.0)
 _AXES = {"abad": (1.0, 0.0, 0.0), "hip": _PITCH, "knee": _PITCH, "waist": _PITCH}
+
+if mujoco.get_mju_user_warning() is None:
+    # By itself MuJoCo also writes warnings to MUJOCO_LOG.TXT in the folder where a command was started, and
+    # through a link of that name into any file.
+    mujoco.set_mju_user_warning(lambda text: print(f"MuJoCo: {text}", file=sys.stderr))
 
 
 @dataclass(frozen=True, kw_only=True)

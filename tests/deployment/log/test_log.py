@@ -335,6 +335,7 @@ def test_a_flood_of_records_ends(path, monkeypatch):
         [(1, b"")] * 1001,
         [(4, channel)] * 1001,
         [chunk(MESSAGE * 1001)],
+        [chunk(b"")] * 101,
         [chunk(MESSAGE)] * 501,
         [chunk((struct.pack("<BQ", 4, len(channel)) + channel) * 1001)],
         [chunk(struct.pack("<BQ", 3, 0) * 1001)],
@@ -414,7 +415,7 @@ TWICE = b'{"time":1,"mode":"run","velocity":[0,0,0],"targets":[],"policy_step":t
 @pytest.mark.parametrize(
     ("records", "match"),
     [
-        ([*steps(), (5, struct.pack("<HIQQ", 1, 0, 0, 0) + TWICE[:-1] + b',"compute_time":0}')], "name time"),
+        ([*steps(), (5, struct.pack("<HIQQ", 1, 0, 0, 0) + TWICE[:-1] + b',"compute_time":0}')], "twice"),
         ([note(robot="bp2"), note(robot="go1")], "says twice what its robot was"),
         ([CONTRACT, CONTRACT], "two contracts"),
     ],
@@ -424,6 +425,13 @@ def test_what_stands_twice_is_refused(path, records, match):
     """The last would count here, and the first for another reader."""
     mcap_file(path, *records)
     with pytest.raises(LogError, match=match):
+        read_log(path)
+
+
+def test_a_step_of_many_fields_is_refused_before_it_is_decoded(path):
+    """Packed, ten kilobytes of them took gigabytes and minutes."""
+    mcap_file(path, *steps({str(number): {} for number in range(1000)}))
+    with pytest.raises(LogError, match="more than its fields"):
         read_log(path)
 
 

@@ -20,7 +20,7 @@ from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable_file
 from sprintlab.training.runs.checkpoint import read_checkpoint
-from sprintlab.training.runs.export import ExportedPolicy, export_state
+from sprintlab.training.runs.export import ExportedPolicy, actor_from_checkpoint, export_state
 
 
 def average_checkpoints(
@@ -51,7 +51,7 @@ def average_checkpoints(
     parts = _parts(shares, len(checkpoints))
     check_writable_file(output)
     states = [read_checkpoint(path) for path in checkpoints]
-    last, weights = states[-1], [state["learner"]["actor"] for state in states]
+    last, weights = states[-1], [actor_from_checkpoint(state).state_dict() for state in states]
     for path, state, found in zip(checkpoints, states, weights, strict=True):
         if state["settings"].robot != last["settings"].robot or _sizes(found) != _sizes(weights[-1]):
             raise SprintlabError(f"{path} is of another robot or other networks than {checkpoints[-1]}")

@@ -36,6 +36,8 @@ CHECKPOINT_LIMIT = 1 << 30
 _HEADER_LIMIT = 128 << 20
 _MOST_VALUES = 4_000_000  # a log of 100,000 iterations of a training
 _MOST_TENSORS = 100_000
+LARGEST_COUNT = 10**15
+"""Most iterations or steps that a run has done: it goes on counting, and files keep 64 bits."""
 _NAME = "sprintlab checkpoint"
 _NO_CHECKSUM = "0" * 64
 _DEEPEST = 60
@@ -359,9 +361,10 @@ def _check_state(state: Any) -> None:
         raise ValueError("its versions are no texts")
     progress = Progress(**state["progress"])
     counts = (progress.iteration, progress.environment_steps, progress.policy_rests_until)
-    for row in (dict(enumerate(counts)), *progress.log):
-        if not all(isinstance(number, int | float) for number in row.values()):
-            raise ValueError("its log holds what is no number")
+    if not all(type(count) is int and 0 <= count <= LARGEST_COUNT for count in counts):
+        raise ValueError(f"its counts are not whole numbers from 0 to {LARGEST_COUNT}")
+    if not all(isinstance(number, int | float) for row in progress.log for number in row.values()):
+        raise ValueError("its log holds what is no number")
     if not math.isfinite(progress.seconds):
         raise ValueError("its time is no finite number")
     if not isinstance(state["config_hash"], str) or not isinstance(state["learner"]["actor"], dict):

@@ -20,7 +20,7 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
 from sprintlab.core.reading import read_bytes
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import Progress
+from sprintlab.training.runs.checkpoint import LARGEST_COUNT, Progress
 from sprintlab.training.settings import NORMALIZER_FLOOR, TrainingSettings
 
 if TYPE_CHECKING:
@@ -61,12 +61,13 @@ def read_policy_start(path: Path, settings: TrainingSettings, iterations: int) -
         PolicyFileError: it is no policy file, or its network lacks something.
         ContractMismatchError: it is of another robot.
         SprintlabError: its observation or the sizes of its networks are not those of the settings.
-        InvalidValueError: it has as many iterations already.
+        InvalidValueError: it has as many iterations already, or has counted what no run counts.
     """
     policy = load_policy(path, load_robot(settings.robot))
-    reached = policy.contract.training.iterations
-    check_range(f"{path}: training.iterations", reached, 0, 10**9)
-    check_iterations_left(path, reached, iterations)
+    done = policy.contract.training
+    check_range(f"{path}: training.iterations", done.iterations, 0, 10**9)
+    check_range(f"{path}: training.environment_steps", done.environment_steps, 0, LARGEST_COUNT)
+    check_iterations_left(path, done.iterations, iterations)
     observation = settings.observation.for_joints(policy.layout.joints)
     if not policy.estimates or policy.layout != observation:
         raise SprintlabError(f"{path}: scales or history_length of its observation are not of these settings")

@@ -1,0 +1,46 @@
+"""A command that is started in a stranger's folder runs no Python that lies there."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from sprintlab.core.reading import read_toml
+
+COMMAND = """
+import multiprocessing, subprocess, sys
+from sprintlab.cli.status import exit_status
+
+def work():
+    for how in (["-c", "import struct"], ["-m", "struct"]):
+        subprocess.run([sys.executable, *how])
+    process = multiprocessing.get_context("spawn").Process(target=print)
+    process.start()
+    process.join()
+    return process.exitcode
+
+if __name__ == "__main__":
+    sys.exit(exit_status("command", work))
+"""
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 cannot be told where not to look")
+def test_processes_of_a_command_import_nothing_from_the_folder_it_is_started_in(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "command.py").write_text(COMMAND)
+    strange = tmp_path / "strange"
+    strange.mkdir()
+    for module in ("struct", "multiprocessing"):
+        (strange / f"{module}.py").write_text(f"open('{module} ran', 'w').close()")
+    done = subprocess.run([sys.executable, tmp_path / "own" / "command.py"], cwd=strange, check=False)
+    assert sorted(path.name for path in strange.iterdir()) == ["multiprocessing.py", "struct.py"]
+    assert done.returncode == 0
+
+
+def test_no_matplotlib_is_used_that_evaluates_the_settings_in_the_working_folder() -> None:
+    """It reads ./matplotlibrc; up to 3.10.8 its color cycle was evaluated, and could run anything."""
+    project = read_toml(Path(__file__).parents[2] / "pyproject.toml")["project"]
+    (matplotlib,) = (each for each in map(Requirement, project["dependencies"]) if each.name == "matplotlib")
+    assert "3.10.8" not in matplotlib.specifier
