@@ -53,6 +53,7 @@ def test_options_alone_are_enough(call, here, monkeypatch):
     assert (here / "robots" / "go1" / "train.py").is_file()
 
 
+@pytest.mark.usefixtures("forked_compiler")
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -1,7 +1,4 @@
-"""Runs of a third of their cost, for tests that are about neither physics nor how a robot stands up.
-
-``python -c "from tests.deployment.quick import main; main()" COMMAND ...`` is ``sprintlab COMMAND ...`` so.
-"""
+"""Runs of a third of their cost, for tests that are about neither physics nor how a robot stands up."""
 
 import sys
 from collections.abc import Callable
@@ -20,12 +17,16 @@ def hurry(change: Callable[[object, str, object], None] = setattr) -> None:
         change(modes, name, 0.65 * getattr(modes, name))
 
 
-def main() -> None:
-    """The command in a hurry, on coarse steps; in lock-step it looks at the bus less often."""
+def main(*arguments: str) -> None:
+    """``sprintlab ARGUMENTS`` in a hurry, on coarse steps; in lock-step it looks at the bus less often.
+
+    It changes the process that it runs in.
+    """
     from sprintlab.cli.main import main as sprintlab
 
     hurry()
+    modes._CALM_PATIENCE = 1.0  # twice what a robot at rest is watched for
     PlantOptions.__init__.__kwdefaults__.update(COARSE)
     for module in (loop, simulator_loop):
         module._POLL = 2e-4
-    sys.exit(sprintlab(sys.argv[1:]))
+    sys.exit(sprintlab(arguments))

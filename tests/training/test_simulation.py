@@ -7,10 +7,12 @@ import pytest
 pytest.importorskip("mujoco_warp")
 
 import mujoco
+import mujoco_warp
 import numpy as np
+import torch
 
 from sprintlab.robots import load_robot
-from sprintlab.training.environment.simulation import NOT_NEEDED, training_model
+from sprintlab.training.environment.simulation import NOT_NEEDED, BatchSimulation, training_model
 from sprintlab.training.settings import SimulationSettings
 
 
@@ -37,3 +39,24 @@ def test_the_robot_moves_as_with_everything_enabled() -> None:
             mujoco.mj_step(model, data)
         states.append(data.qpos.copy())
     np.testing.assert_array_equal(states[0], states[1])
+
+
+def test_a_recorded_physics_step_is_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the bit, over falls and landings, from targets that change; and it is Python that it saves."""
+    settings = SimulationSettings(environments=4)
+    recorded, plain = (BatchSimulation(load_robot("bp2"), settings, "refined", "cpu") for _ in "ab")
+    monkeypatch.setattr(plain, "_step_physics", lambda: mujoco_warp.step(plain.model, plain.data))
+    launched = []
+    step = mujoco_warp.step
+    random = torch.Generator().manual_seed(0)
+    for _ in range(10):
+        target = plain.target + 0.2 * torch.randn(plain.target.shape, generator=random)
+        for simulation in (recorded, plain):
+            simulation.target.copy_(target)
+            with monkeypatch.context() as patch:
+                patch.setattr(mujoco_warp, "step", lambda *given: launched.append(given[1]) or step(*given))
+                simulation.step()
+        for name, value in plain.state().items():
+            assert torch.equal(recorded.state()[name], value), name
+    assert (plain.qvel != 0.0).all()
+    assert sum(data is recorded.data for data in launched) == 2 < len(launched) == 2 + 10 * settings.substeps

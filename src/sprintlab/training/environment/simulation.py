@@ -119,6 +119,7 @@ class BatchSimulation:
         self._allocate_physics()
         self._allocate_actuation(actuator_model)
         self.monitor = LoadMonitor(robot, self)
+        self._recorded_physics: Any = None
         self._graph = self._capture()
 
     def _allocate_physics(self) -> None:
@@ -249,7 +250,7 @@ class BatchSimulation:
         self._launch["inputs"] = [drives, *weights, *others, 1.0 / self.settings.substeps]
 
     def _capture(self) -> Any:
-        """The substeps as one CUDA graph; None on the CPU, where they are launched one by one."""
+        """The substeps as one CUDA graph; None on the CPU, where ``_step_physics`` records a part of them."""
         if not self._warp_device.is_cuda:
             return None
         with suspended_garbage_collection(), wp.ScopedDevice(self._warp_device):
@@ -275,8 +276,23 @@ class BatchSimulation:
         for substep in range(self.settings.substeps):
             self.actuate(substep)
             watch(substep)
-            mujoco_warp.step(self.model, self.data)
+            self._step_physics()
             self.monitor.launch(substep)
+
+    def _step_physics(self) -> None:
+        """Advance the physics by one of its steps.
+
+        On the CPU the step is recorded and replayed: its hundred launches from Python take several times as
+        long as the work on a few robots.
+        """
+        if self._recorded_physics is not None:
+            wp.capture_launch(self._recorded_physics)
+            return
+        mujoco_warp.step(self.model, self.data)  # also loads every kernel, which a recording cannot
+        if self._warp_device.is_cpu:
+            with suspended_garbage_collection(), wp.ScopedCapture() as recording:
+                mujoco_warp.step(self.model, self.data)  # is noted, not done
+            self._recorded_physics = recording.graph
 
     def step(self, watch: Callable[[int], None] | None = None) -> None:
         """Advance by one policy step; does not wait for the device.
