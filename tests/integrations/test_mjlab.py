@@ -345,7 +345,7 @@ def test_the_example_trains_mjlabs_go1(tmp_path, monkeypatch):
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
     settings = example.unitree_go1_ppo_runner_cfg()
-    settings.num_steps_per_env = 6
+    settings.num_steps_per_env = 2
     monkeypatch.setattr(example, "unitree_go1_ppo_runner_cfg", lambda: settings)
     example.train(4, 2, "refined", "cpu", tmp_path)
     checkpoint = torch.load(sorted(tmp_path.glob("model_*.pt"))[-1], weights_only=False)
