@@ -29,9 +29,10 @@ CONTRACT = TurningContract(doubling_speed=12.0, smoothing=0.0, integral=2.0, lim
         (6.0, 0.4, 0.4, 0.5),
         (-6.0, 0.4, 0.4, 0.5),  # backward alike
         (12.0, 0.3, 0.1, 0.6 + 2.0 * 0.2 / 50.0),  # and the integral of what is missing
-        (12.0, 0.0, 0.1, -2.0 * 0.1 / 50.0),
-        (12.0, 1.0, 1.0, 1.25),  # never more than the limit
-        (0.4, 0.5, 0.0, 0.5),  # hardly moving: as it is commanded
+        (0.0, 0.5, 0.4, 0.5 + 2.0 * 0.1 / 50.0),  # on the spot too
+        (12.0, 0.05, 0.0, 0.05),  # straight on: as it is commanded
+        (10.0, 1.0, 0.5, 0.5 + 0.5 * 100.0 / 144.0),  # no harder turn than 5 m/s^2
+        (4.0, 1.2, 1.2, 1.25),  # and no more than 1.25 rad/s
     ],
 )
 def test_one_step(forward: float, asked: float, measured: float, expected: float) -> None:
@@ -60,14 +61,32 @@ def test_corrections_within_a_stride_are_passed_on_as_they_are() -> None:
     assert steady == pytest.approx(0.6, abs=0.01)
 
 
-def test_the_integral_is_forgotten_at_rest_and_after_a_reset() -> None:
+def test_while_it_brakes_the_robot_is_asked_for_what_is_commanded() -> None:
+    loop = TurningLoop(msgspec.structs.replace(CONTRACT, smoothing=0.3), 50.0)
+    for _ in range(100):
+        turning = loop.step(10.0, 0.3, 0.2)
+    for forward in np.arange(10.0, 4.0, -2.0 / 50.0):
+        braking = loop.step(float(forward), 0.3, 0.2)
+    assert turning > 0.5
+    assert braking == pytest.approx(0.3, abs=0.01)
+
+
+def test_after_a_turn_the_correction_fades() -> None:
+    loop = TurningLoop(msgspec.structs.replace(CONTRACT, smoothing=0.3), 50.0)
+    for _ in range(100):
+        loop.step(10.0, 0.3, 0.1)
+    after = [loop.step(10.0, 0.0, 0.05) for _ in range(150)]
+    assert after[0] > 0.3
+    assert after[-1] == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_integral_is_forgotten_after_a_reset() -> None:
     loop = TurningLoop(CONTRACT, 50.0)
-    for forget in (loop.reset, lambda: loop.step(0.0, 0.0, 0.0)):
-        for _ in range(50):
-            loop.step(5.0, 0.5, 0.0)
-        assert loop.step(5.0, 0.0, 0.0) > 0.5
-        forget()
-        assert loop.step(5.0, 0.0, 0.0) == 0.0
+    for _ in range(50):
+        loop.step(5.0, 0.5, 0.0)
+    assert loop.step(5.0, 0.2, 0.2) > 0.5
+    loop.reset()
+    assert loop.step(5.0, 0.0, 0.0) == 0.0
 
 
 @given(*[st.floats(allow_nan=False, allow_infinity=False)] * 3, st.sampled_from((0.0, 2.0)))
@@ -76,8 +95,7 @@ def test_any_numbers_give_a_yaw_rate_within_the_limit(
 ) -> None:
     loop = TurningLoop(TurningContract(smoothing=0.0, integral=integral), 50.0)
     for _ in range(2):
-        given_on = loop.step(forward, asked, measured)
-        assert abs(given_on) <= 1.25 or (abs(forward) < 0.5 and given_on == asked)
+        assert abs(loop.step(forward, asked, measured)) <= 1.25
 
 
 @pytest.mark.parametrize(

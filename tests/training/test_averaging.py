@@ -16,6 +16,7 @@ from onnx import numpy_helper
 
 from sprintlab.control import load_policy
 from sprintlab.control.braking import BrakingContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.runs.averaging import average_checkpoints
 from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
@@ -82,11 +83,15 @@ def test_the_contract_is_that_of_the_last(checkpoints: list[Path], tmp_path: Pat
     assert (policy.contract.training.command_line, policy.contract.training.seed) == ("train last", 1)
 
 
-def test_the_contract_limits_braking_where_asked(checkpoints: list[Path], tmp_path: Path) -> None:
-    braking = BrakingContract(power=20.0)
-    path = average_checkpoints(checkpoints, tmp_path / "mean.onnx", braking=braking).path
-    assert load_policy(path).contract.braking == braking
-    assert load_policy(average_checkpoints(checkpoints, path).path).contract.braking is None
+def test_the_contract_says_how_commands_reach_the_network_where_asked(
+    checkpoints: list[Path], tmp_path: Path
+) -> None:
+    braking, turning = BrakingContract(power=20.0), TurningContract(doubling_speed=8.0)
+    path = average_checkpoints(checkpoints, tmp_path / "mean.onnx", braking=braking, turning=turning).path
+    contract = load_policy(path).contract
+    assert (contract.braking, contract.turning) == (braking, turning)
+    contract = load_policy(average_checkpoints(checkpoints, path).path).contract
+    assert (contract.braking, contract.turning) == (None, None)
 
 
 def test_what_has_no_mean_is_refused_and_nothing_is_written(checkpoints: list[Path], tmp_path: Path) -> None:

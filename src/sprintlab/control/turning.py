@@ -11,11 +11,11 @@ import msgspec
 
 from sprintlab.core.checks import check_range
 
-SLOWEST_CORRECTED = 0.5
-"""Below this forward command the yaw rate is asked for as it is, and the integral is forgotten [m/s]."""
-_FASTEST, _LARGEST = 10.0, 100.0
-"""Of the doubling speed, and of yaw rates [rad/s]: beyond, nothing grows, so that any command and any
-measurement give a finite yaw rate."""
+BRAKING = 1.0
+"""A forward command that falls faster than this brakes [m/s^2]: the ground is needed for that."""
+_FASTEST, _LARGEST, _SLOWEST = 10.0, 100.0, 0.1
+"""Of the doubling speed, of yaw rates [rad/s] and of forward commands [m/s]: beyond, nothing grows, so that
+any command and any measurement give a finite yaw rate."""
 
 
 class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -24,10 +24,14 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     Attributes:
         doubling_speed: forward command at which the network is asked for twice the yaw rate [m/s]; the
             excess grows with the square of the command.
-        smoothing: time constant of the commanded yaw rate that counts for the excess [s]: a heading loop's
-            small corrections within a stride are passed on as they are.
+        smoothing: time constant of the smoothed command [s]: what a heading loop corrects within a stride is
+            passed on as it is.
+        onset: smoothed yaw rate about which the loop begins to act [rad/s]: not at all up to half of it,
+            wholly from one and a half of it on. Straight on, a policy runs as without the loop.
         integral: rate at which the error of the yaw rate adds to what is asked for [1/s].
         limit: greatest yaw rate that the network is asked for [rad/s].
+        lateral_limit: hardest turn that is asked for, forward command times yaw rate [m/s^2]: for a harder
+            one the ground may not do.
 
     Raises:
         InvalidValueError: a number is out of range.
@@ -35,14 +39,18 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     doubling_speed: float = 12.0
     smoothing: float = 0.3
+    onset: float = 0.1
     integral: float = 2.0
     limit: float = 1.25
+    lateral_limit: float = 5.0
 
     def __post_init__(self) -> None:
         check_range("turning.doubling_speed", self.doubling_speed, 1.0, 1e6, "m/s")
         check_range("turning.smoothing", self.smoothing, 0.0, 60.0, "s")
+        check_range("turning.onset", self.onset, 1e-3, 10.0, "rad/s")
         check_range("turning.integral", self.integral, 0.0, 20.0, "1/s")
         check_range("turning.limit", self.limit, 0.1, 10.0, "rad/s")
+        check_range("turning.lateral_limit", self.lateral_limit, 1.0, 1e6, "m/s^2")
 
 
 class TurningLoop:
@@ -59,27 +67,34 @@ class TurningLoop:
 
     def reset(self) -> None:
         """Forget the integral and the commands so far."""
-        self._smooth = self._correction = 0.0
+        self._forward = self._smooth = self._correction = 0.0
 
     def step(self, forward: float, asked: float, measured: float) -> float:
         """The yaw rate [rad/s] that the network is asked for in this policy step.
 
-        ``asked + (forward / doubling_speed)^2 smooth + integral * sum(asked - measured) / rate_hz``, where
-        ``smooth`` is the low-passed ``asked``, and the sum and the whole stay within the limit.
+        ``asked + share (forward / doubling_speed)^2 smooth + sum(share integral (asked - measured)) dt``:
+        ``asked`` within ``lateral_limit``, ``smooth`` the same behind a low-pass, ``share`` how much the loop
+        acts, and the sum and the whole within ``limit``. Straight on, and while the robot brakes, the second
+        and the third term fade.
 
         Args:
             forward: forward command that the network is given [m/s].
             asked: yaw rate that is commanded [rad/s].
             measured: by the gyroscope [rad/s].
         """
-        if abs(forward) < SLOWEST_CORRECTED:
-            self.reset()
-            return asked
         contract, period = self._contract, 1.0 / self._rate_hz
-        asked, measured = (min(max(value, -_LARGEST), _LARGEST) for value in (asked, measured))
-        self._smooth += (asked - self._smooth) * period / (contract.smoothing + period)
-        self._correction = self._limited(self._correction + contract.integral * (asked - measured) * period)
-        excess = min(abs(forward) / contract.doubling_speed, _FASTEST) ** 2
+        hardest = min(contract.limit, contract.lateral_limit / max(abs(forward), _SLOWEST))
+        asked = min(max(asked, -hardest), hardest)
+        measured = min(max(measured, -_LARGEST), _LARGEST)
+        braking = abs(self._forward) - abs(forward) > BRAKING * period
+        self._forward = forward
+        fading = period / (contract.smoothing + period)
+        self._smooth += ((0.0 if braking else asked) - self._smooth) * fading
+        share = 0.0 if braking else min(max(abs(self._smooth) / contract.onset - 0.5, 0.0), 1.0)
+        more = share * contract.integral * (asked - measured) * period
+        kept = (1.0 - (1.0 - share) * fading) * self._correction
+        self._correction = self._limited(kept + more)
+        excess = share * min(abs(forward) / contract.doubling_speed, _FASTEST) ** 2
         return self._limited(asked + excess * self._smooth + self._correction)
 
     def _limited(self, yaw_rate: float) -> float:
