@@ -26,8 +26,8 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             excess grows with the square of the command.
         smoothing: time constant of the smoothed command [s]: what a heading loop corrects within a stride is
             passed on as it is.
-        onset: smoothed yaw rate about which the loop begins to act [rad/s]: not at all up to half of it,
-            wholly from one and a half of it on. Straight on, a policy runs as without the loop.
+        onset: smoothed yaw rate from which on the loop acts [rad/s], wholly from one and a half of it on.
+            Straight on, a policy runs as without the loop.
         integral: rate at which the error of the yaw rate adds to what is asked for [1/s].
         limit: greatest yaw rate that the network is asked for [rad/s].
         lateral_limit: hardest turn that is asked for, forward command times yaw rate [m/s^2]: for a harder
@@ -39,7 +39,7 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     doubling_speed: float = 12.0
     smoothing: float = 0.3
-    onset: float = 0.1
+    onset: float = 0.11
     integral: float = 2.0
     limit: float = 1.25
     lateral_limit: float = 5.0
@@ -90,7 +90,7 @@ class TurningLoop:
         self._forward = forward
         fading = period / (contract.smoothing + period)
         self._smooth += ((0.0 if braking else asked) - self._smooth) * fading
-        share = 0.0 if braking else min(max(abs(self._smooth) / contract.onset - 0.5, 0.0), 1.0)
+        share = 0.0 if braking else min(max(2.0 * (abs(self._smooth) / contract.onset - 1.0), 0.0), 1.0)
         more = share * contract.integral * (asked - measured) * period
         kept = (1.0 - (1.0 - share) * fading) * self._correction
         self._correction = self._limited(kept + more)
