@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
-from sprintlab.control import Measurement, PolicyRuntime, load_policy
+from sprintlab.control import Measurement, PolicyRuntime
 from sprintlab.control.braking import BrakingContract, limit_braking
-from sprintlab.control.contract import CONTRACT_KEY, PolicyContract, decode_contract, encode_contract
-from sprintlab.control.observation import observation_frame
-from sprintlab.core.errors import InvalidValueError, PolicyFileError
-from sprintlab.robots import RobotDescription
+from sprintlab.core.errors import InvalidValueError
 
 LIMITS = BrakingContract(power=30.0, deceleration=5.0)
 
@@ -47,35 +41,18 @@ def test_impossible_limits_are_refused(field: str, value: float) -> None:
         BrakingContract(**{field: value})
 
 
-def test_the_contract_carries_them(contract: PolicyContract) -> None:
-    limited = msgspec.structs.replace(contract, braking=LIMITS)
-    assert decode_contract(encode_contract(limited)) == limited
-    fields = json.loads(encode_contract(limited))
-    with pytest.raises(PolicyFileError, match="braking"):
-        decode_contract(json.dumps({**fields, "braking": {"power": 0.0}}))
-    del fields["braking"]
-    assert decode_contract(json.dumps(fields)).braking is None
+def test_the_contract_carries_them(assert_carried: Callable[..., None]) -> None:
+    assert_carried("braking", LIMITS, {"power": 0.0})
 
 
 def test_the_network_sees_the_limited_command(
-    write_policy: Callable[..., Path],
-    contract: PolicyContract,
-    robot: RobotDescription,
-    monkeypatch: pytest.MonkeyPatch,
+    watched_runtime: Callable[..., tuple[PolicyRuntime, Measurement, list[np.ndarray]]],
 ) -> None:
-    seen: list[float] = []
-    monkeypatch.setattr(
-        "sprintlab.control.policy.observation_frame",
-        lambda layout, **terms: seen.append(float(terms["command"][0])) or observation_frame(layout, **terms),
-    )
-    limited = {CONTRACT_KEY: encode_contract(msgspec.structs.replace(contract, braking=LIMITS))}
-    runtime = PolicyRuntime(load_policy(write_policy(metadata=limited)), robot)
-    pose = np.asarray(robot.default_pose, dtype=float)
-    still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), pose, np.zeros(pose.size))
+    runtime, still, seen = watched_runtime(braking=LIMITS)
     for speed in (0.3, 0.0, 0.0, 0.0, 0.0):
         runtime.step(still, np.array([speed, 0.0, 0.0]))
-    assert seen == pytest.approx([0.3, 0.2, 0.1, 0.0, 0.0])
+    assert [command[0] for command in seen] == pytest.approx([0.3, 0.2, 0.1, 0.0, 0.0])
     runtime.step(still, np.array([9.0, 0.0, 0.0]))
     runtime.reset()
     runtime.step(still, np.zeros(3))
-    assert seen[5:] == pytest.approx([9.0, 0.0])
+    assert [command[0] for command in seen[5:]] == pytest.approx([9.0, 0.0])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -12,12 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprintlab.control import Measurement, PolicyRuntime, load_policy
-from sprintlab.control.contract import CONTRACT_KEY, PolicyContract, decode_contract, encode_contract
-from sprintlab.control.observation import observation_frame
+from sprintlab.control import Measurement, PolicyRuntime
 from sprintlab.control.turning import TurningContract, TurningLoop
-from sprintlab.core.errors import InvalidValueError, PolicyFileError
-from sprintlab.robots import RobotDescription
+from sprintlab.core.errors import InvalidValueError
 
 CONTRACT = TurningContract(doubling_speed=12.0, smoothing=0.0, integral=2.0, limit=1.25)
 
@@ -107,33 +102,16 @@ def test_impossible_numbers_are_refused(field: str, value: float) -> None:
         TurningContract(**{field: value})
 
 
-def test_the_contract_carries_them(contract: PolicyContract) -> None:
-    turning = msgspec.structs.replace(contract, turning=CONTRACT)
-    assert decode_contract(encode_contract(turning)) == turning
-    fields = json.loads(encode_contract(turning))
-    with pytest.raises(PolicyFileError, match="turning"):
-        decode_contract(json.dumps({**fields, "turning": {"limit": 0.0}}))
-    del fields["turning"]
-    assert decode_contract(json.dumps(fields)).turning is None
+def test_the_contract_carries_them(assert_carried: Callable[..., None]) -> None:
+    assert_carried("turning", CONTRACT, {"limit": 0.0})
 
 
 def test_the_network_is_asked_for_more(
-    write_policy: Callable[..., Path],
-    contract: PolicyContract,
-    robot: RobotDescription,
-    monkeypatch: pytest.MonkeyPatch,
+    watched_runtime: Callable[..., tuple[PolicyRuntime, Measurement, list[np.ndarray]]],
 ) -> None:
-    seen: list[float] = []
-    monkeypatch.setattr(
-        "sprintlab.control.policy.observation_frame",
-        lambda layout, **terms: seen.append(float(terms["command"][2])) or observation_frame(layout, **terms),
-    )
-    turning = {CONTRACT_KEY: encode_contract(msgspec.structs.replace(contract, turning=CONTRACT))}
-    runtime = PolicyRuntime(load_policy(write_policy(metadata=turning)), robot)
-    pose = np.asarray(robot.default_pose, dtype=float)
-    still = Measurement(np.zeros(3), np.array([0.0, 0.0, -1.0]), pose, np.zeros(pose.size))
+    runtime, still, seen = watched_runtime(turning=CONTRACT)
     for _ in range(2):
         runtime.step(still, np.array([12.0, 0.0, 0.3]))
     runtime.reset()
     runtime.step(still._replace(angular_velocity=np.array([0.0, 0.0, 0.3])), np.array([12.0, 0.0, 0.3]))
-    assert seen == pytest.approx([0.612, 0.624, 0.6])
+    assert [command[2] for command in seen] == pytest.approx([0.612, 0.624, 0.6])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import msgspec
 
+from sprintlab.control.filters import low_pass
 from sprintlab.core.checks import check_range
 
 BRAKING = 1.0
@@ -84,18 +85,19 @@ class TurningLoop:
         """
         contract, period = self._contract, 1.0 / self._rate_hz
         hardest = min(contract.limit, contract.lateral_limit / max(abs(forward), _SLOWEST))
-        asked = min(max(asked, -hardest), hardest)
-        measured = min(max(measured, -_LARGEST), _LARGEST)
+        asked, measured = _within(hardest, asked), _within(_LARGEST, measured)
         braking = abs(self._forward) - abs(forward) > BRAKING * period
         self._forward = forward
         fading = period / (contract.smoothing + period)
-        self._smooth += ((0.0 if braking else asked) - self._smooth) * fading
+        self._smooth = low_pass(self._smooth, 0.0 if braking else asked, fading)
         share = 0.0 if braking else min(max(2.0 * (abs(self._smooth) / contract.onset - 1.0), 0.0), 1.0)
         more = share * contract.integral * (asked - measured) * period
         kept = (1.0 - (1.0 - share) * fading) * self._correction
-        self._correction = self._limited(kept + more)
+        self._correction = _within(contract.limit, kept + more)
         excess = share * min(abs(forward) / contract.doubling_speed, _FASTEST) ** 2
-        return self._limited(asked + excess * self._smooth + self._correction)
+        return _within(contract.limit, asked + excess * self._smooth + self._correction)
 
-    def _limited(self, yaw_rate: float) -> float:
-        return min(max(yaw_rate, -self._contract.limit), self._contract.limit)
+
+def _within(limit: float, value: float) -> float:
+    """The number of at most this magnitude that is nearest to a value."""
+    return min(max(value, -limit), limit)
