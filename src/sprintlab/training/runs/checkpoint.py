@@ -364,7 +364,7 @@ def _check_state(state: Any) -> None:
     if not all(type(count) is int and 0 <= count <= LARGEST_COUNT for count in counts):
         raise ValueError(f"its counts are not whole numbers from 0 to {LARGEST_COUNT}")
     if not all(isinstance(number, int | float) for row in progress.log for number in row.values()):
-        raise ValueError("its log holds what is no number")
+        raise ValueError("a value in its log is not a number")
     if not math.isfinite(progress.seconds):
         raise ValueError("its time is no finite number")
     if not isinstance(state["config_hash"], str) or not isinstance(state["learner"]["actor"], dict):
