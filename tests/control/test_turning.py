@@ -28,6 +28,8 @@ CONTRACT = TurningContract(doubling_speed=12.0, smoothing=0.0, integral=2.0, lim
         (12.0, 0.05, 0.0, 0.05),  # straight on: as it is commanded
         (10.0, 1.0, 0.5, 0.5 + 0.5 * 100.0 / 144.0),  # no harder turn than 5 m/s^2
         (4.0, 1.2, 1.2, 1.25),  # and no more than 1.25 rad/s
+        (12.75, 0.3, 0.3, 0.3 + 0.5 * 0.3 * (12.75 / 12.0) ** 2),  # half way to where it has faded
+        (13.0, 0.3, 0.1, 0.3),  # at the top speed as it is commanded
     ],
 )
 def test_one_step(forward: float, asked: float, measured: float, expected: float) -> None:
@@ -95,7 +97,13 @@ def test_any_numbers_give_a_yaw_rate_within_the_limit(
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("doubling_speed", 0.0), ("integral", -1.0), ("integral", float("nan")), ("limit", float("inf"))],
+    [
+        ("doubling_speed", 0.0),
+        ("integral", -1.0),
+        ("integral", float("nan")),
+        ("limit", float("inf")),
+        ("fastest", -1.0),
+    ],
 )
 def test_impossible_numbers_are_refused(field: str, value: float) -> None:
     with pytest.raises(InvalidValueError, match=f"turning.{field}"):

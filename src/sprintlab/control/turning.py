@@ -12,6 +12,8 @@ import msgspec
 from sprintlab.control.filters import low_pass
 from sprintlab.core.checks import check_range
 
+FADING = 0.5
+"""The loop acts on forward commands up to so much faster than ``fastest`` [m/s]."""
 BRAKING = 1.0
 """A forward command that falls faster than this brakes [m/s^2]: the ground is needed for that."""
 _FASTEST, _LARGEST, _SLOWEST = 10.0, 100.0, 0.1
@@ -33,6 +35,8 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         limit: greatest yaw rate that the network is asked for [rad/s].
         lateral_limit: hardest turn that is asked for, forward command times yaw rate [m/s^2]: for a harder
             one the ground may not do.
+        fastest: forward command up to which the loop acts [m/s]; 0.5 m/s above it it has faded. A robot that
+            is pushed off its straight course at top speed is asked for too much by it, and tilts.
 
     Raises:
         InvalidValueError: a number is out of range.
@@ -44,6 +48,7 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     integral: float = 2.0
     limit: float = 1.25
     lateral_limit: float = 5.0
+    fastest: float = 12.5
 
     def __post_init__(self) -> None:
         check_range("turning.doubling_speed", self.doubling_speed, 1.0, 1e6, "m/s")
@@ -52,6 +57,7 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         check_range("turning.integral", self.integral, 0.0, 20.0, "1/s")
         check_range("turning.limit", self.limit, 0.1, 10.0, "rad/s")
         check_range("turning.lateral_limit", self.lateral_limit, 1.0, 1e6, "m/s^2")
+        check_range("turning.fastest", self.fastest, 0.0, 1e6, "m/s")
 
 
 class TurningLoop:
@@ -75,8 +81,8 @@ class TurningLoop:
 
         ``asked + share (forward / doubling_speed)^2 smooth + sum(share integral (asked - measured)) dt``:
         ``asked`` within ``lateral_limit``, ``smooth`` the same behind a low-pass, ``share`` how much the loop
-        acts, and the sum and the whole within ``limit``. Straight on, and while the robot brakes, the second
-        and the third term fade.
+        acts, and the sum and the whole within ``limit``. Straight on, faster than ``fastest``, and while the
+        robot brakes, the second and the third term fade.
 
         Args:
             forward: forward command that the network is given [m/s].
@@ -90,12 +96,23 @@ class TurningLoop:
         self._forward = forward
         fading = period / (contract.smoothing + period)
         self._smooth = low_pass(self._smooth, 0.0 if braking else asked, fading)
-        share = 0.0 if braking else min(max(2.0 * (abs(self._smooth) / contract.onset - 1.0), 0.0), 1.0)
+        share = 0.0 if braking else self._share(forward)
         more = share * contract.integral * (asked - measured) * period
         kept = (1.0 - (1.0 - share) * fading) * self._correction
         self._correction = _within(contract.limit, kept + more)
         excess = share * min(abs(forward) / contract.doubling_speed, _FASTEST) ** 2
         return _within(contract.limit, asked + excess * self._smooth + self._correction)
+
+    def _share(self, forward: float) -> float:
+        """How much the loop acts, from 0 to 1."""
+        turning = 2.0 * (abs(self._smooth) / self._contract.onset - 1.0)
+        slow = (self._contract.fastest - abs(forward)) / FADING + 1.0
+        return _fraction(turning) * _fraction(slow)
+
+
+def _fraction(value: float) -> float:
+    """The number from 0 to 1 that is nearest to a value."""
+    return min(max(value, 0.0), 1.0)
 
 
 def _within(limit: float, value: float) -> float:
