@@ -1,7 +1,6 @@
 """The live page in a real browser."""
 
 import json
-import math
 import signal
 import subprocess
 import sys
@@ -140,17 +139,6 @@ def test_address_can_be_opened_on_this_machine(robot, policy, host, address):
     page.end()
     page.run()
     assert page.address.startswith(address)
-
-
-def test_a_visitor_who_sends_what_no_control_offers_does_not_end_the_page(robot, policy):
-    """Each of these ended ``sprintlab play``, the pace with a traceback."""
-    page = Page(Session(robot, {"sprint": policy}), PageOptions(port=8281, duration=0.3))
-    before = page.session.knobs
-    for name, value in (("speed", math.nan), ("policy", "another"), ("motor_model", "none")):
-        page._actions.put(lambda name=name, value=value: page.session.turn(**{name: value}))
-    page._controls._pace._impl.value = "twice"
-    page.run()
-    assert page.session.knobs == before
 
 
 def test_port_out_of_range_is_refused():
