@@ -1,5 +1,6 @@
 """A command that is started in a stranger's folder runs no Python that lies there."""
 
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from sprintlab.cli.status import exit_status
 from sprintlab.core.reading import read_toml
 
 COMMAND = """
@@ -37,6 +39,40 @@ def test_processes_of_a_command_import_nothing_from_the_folder_it_is_started_in(
     done = subprocess.run([sys.executable, tmp_path / "own" / "command.py"], cwd=strange, check=False)
     assert sorted(path.name for path in strange.iterdir()) == ["multiprocessing.py", "struct.py"]
     assert done.returncode == 0
+
+
+DRAWS = """
+import sys
+from sprintlab.cli.status import exit_status
+
+def work():
+    from matplotlib import rcParams
+    from sprintlab.core import theme
+    return int(rcParams["text.usetex"])
+
+sys.exit(exit_status("command", work))
+"""
+
+
+def test_the_matplotlibrc_in_the_working_folder_is_not_read(tmp_path: Path) -> None:
+    """Its usetex ended figures in a traceback, or ran a stranger's preamble; a pipe was waited for."""
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\n")
+    assert subprocess.run([sys.executable, "-c", DRAWS], cwd=tmp_path, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("place", [".", "tls/{}", "glibc-hwcaps/x86-64-v3"])
+def test_no_command_begins_where_pytorch_would_load_a_strangers_library(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """libcusparseLt.so.0 has $ORIGIN: as its search path; the part behind the colon is the working folder."""
+    monkeypatch.chdir(tmp_path)
+    library = tmp_path / place.format(platform.machine()) / "libcuda.so.1"
+    library.parent.mkdir(parents=True, exist_ok=True)
+    library.symlink_to("nowhere")
+    assert exit_status("command", lambda: 0) == 2
+    assert "libcuda.so.1 in the working folder" in capsys.readouterr().err
+    library.unlink()
+    assert exit_status("command", lambda: 0) == 0
 
 
 def test_no_matplotlib_is_used_that_evaluates_the_settings_in_the_working_folder() -> None:

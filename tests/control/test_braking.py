@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import Measurement, PolicyRuntime
-from sprintlab.control.braking import BrakingContract, limit_braking
+from sprintlab.control.braking import BrakingContract, braking_time, limit_braking
 from sprintlab.core.errors import InvalidValueError
 
 LIMITS = BrakingContract(power=30.0, deceleration=5.0)
@@ -56,3 +56,15 @@ def test_the_network_sees_the_limited_command(
     runtime.reset()
     runtime.step(still, np.zeros(3))
     assert [command[0] for command in seen[5:]] == pytest.approx([9.0, 0.0])
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.05, 3.0, 12.0])
+@pytest.mark.parametrize(("power", "deceleration"), [(30.0, 5.0), (1.0, 50.0), (1000.0, 0.5)])
+def test_the_time_to_rest_is_that_of_the_limited_command(
+    speed: float, power: float, deceleration: float
+) -> None:
+    limits, rate = BrakingContract(power=power, deceleration=deceleration), 1000.0
+    steps, command = 0, speed
+    while command > 0.0:
+        steps, command = steps + 1, limit_braking(limits, command, 0.0, rate)
+    assert braking_time(limits, speed) == pytest.approx(steps / rate, rel=0.01, abs=0.1)

@@ -142,6 +142,7 @@ def test_projected_gravity_is_the_world_down_axis_in_the_body_frame(torch):
         {"command_scale": (0.25, 1.0)},
         {"command_scale": (0.25, float("nan"), 1.0)},
         {"history_length": 0},
+        {"history_length": 1001},  # a checkpoint's 10^9 ended train --resume and export in a traceback
         {"history_length": 2.5},
     ],
 )

@@ -39,7 +39,7 @@ def test_training_refuses_with_one_sentence(arguments, words, tmp_path, capsys):
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
 
 
-@pytest.mark.parametrize("name", ["milestones", "tensorboard", "wandb"])
+@pytest.mark.parametrize("name", ["milestones", "tensorboard", "wandb", ".wandb"])
 @pytest.mark.parametrize("kind", ["link", "dangling", "file"])
 def test_what_leads_a_run_out_of_its_folder_is_refused(name, kind, tmp_path):
     """The folder of a run may come from a stranger, with a link to a folder of one's own in it."""
@@ -54,6 +54,17 @@ def test_what_leads_a_run_out_of_its_folder_is_refused(name, kind, tmp_path):
     with pytest.raises(SprintlabError, match=f"{name} is no folder of the run"):
         check_places(TrainOptions(output=tmp_path / "run", device="cpu"))
     assert not elsewhere.exists() or not list(elsewhere.iterdir())
+
+
+@pytest.mark.parametrize("folder", ["wandb", ".wandb"])
+def test_a_strangers_folder_does_not_say_where_curves_are_sent(folder, tmp_path, monkeypatch):
+    """wandb sent the account's key to the base_url of the file, and ran what .git/config there named."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / folder).mkdir()
+    (tmp_path / folder / "settings").write_text("[default]\nbase_url = http://192.0.2.1\nsave_code = true\n")
+    check_places(TrainOptions(output=tmp_path / "run", device="cpu"))
+    with pytest.raises(SprintlabError, match=f"{folder}/settings in the working folder"):
+        check_places(TrainOptions(output=tmp_path / "run", device="cpu", wandb="speed"))
 
 
 @pytest.mark.parametrize("change", [{"robot": 5}, {"robot": None}, {"method": [1]}, {"method": None}])

@@ -1,5 +1,6 @@
 """Every control of the live page, turned in a real browser; what it did is read from the session."""
 
+import math
 import os
 import struct
 import threading
@@ -203,3 +204,14 @@ def test_sticks_move_the_sliders_and_buttons_act(window, page, pad, knobs, monke
 
 def event(kind, number, value):
     return struct.pack("=IhBB", 0, value, kind, number)
+
+
+def test_a_visitor_who_sends_what_no_control_offers_does_not_end_the_page(robot, policy):
+    """Each of these ended ``sprintlab play``, the pace with a traceback."""
+    page = Page(Session(robot, {"sprint": policy}), PageOptions(port=8281, duration=0.3))
+    before = page.session.knobs
+    for name, value in (("speed", math.nan), ("policy", "another"), ("motor_model", "none")):
+        page._actions.put(lambda name=name, value=value: page.session.turn(**{name: value}))
+    page._controls._pace._impl.value = "twice"
+    page.run()
+    assert page.session.knobs == before

@@ -18,7 +18,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table, styled
-from sprintlab.core.extras import package_version
+from sprintlab.core.extras import keep_compiled_code_private, package_version
 
 State = Literal["ok", "missing", "broken", "not tried"]
 LEAST_DISK = 1e9
@@ -316,6 +316,7 @@ def _compilation() -> Outcome:
     if not _installed("torch"):
         return _NO_PYTORCH
     device = "cuda:0" if _has_cuda() else "cpu"
+    keep_compiled_code_private()
     wrong = _probe(_COMPILE, device)
     if wrong is None:
         triton = f"Triton {metadata.version('triton')}, " if _installed("triton") else ""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import glob
+import itertools
 import os
+import platform
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -14,6 +17,8 @@ from sprintlab.core.streams import lasting_streams
 REFUSED = 2
 INTERRUPTED = 130
 _SAFE_PATH = "PYTHONSAFEPATH"
+_LIBRARIES = ("libcuda.so.1", "libnvrtc.so.12", "libnvrtc.so.13", "libcask_profile_interface.so")
+"""What PyTorch's cuSPARSELt looks for in the working folder, too: its search path ends with a colon."""
 
 
 def exit_status(program: str, work: Callable[[], int]) -> int:
@@ -23,6 +28,7 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         program: name that begins the sentence on stderr.
         work: parses and runs; returns the status where nothing fails.
     """
+    _without_the_matplotlibrc_of_this_folder()
     with lasting_streams(), _no_modules_of_this_folder():
         return _status(program, work)
 
@@ -44,8 +50,35 @@ def _no_modules_of_this_folder() -> Generator[None]:
             os.environ[_SAFE_PATH] = before
 
 
+def _without_the_matplotlibrc_of_this_folder() -> None:
+    """matplotlib reads it before the account's own, once, when it is imported: a pipe, or a TeX preamble."""
+    if not os.path.lexists("matplotlibrc"):
+        return
+    here = os.getcwd()
+    os.chdir(os.path.dirname(__file__))
+    try:
+        import matplotlib as matplotlib
+    finally:
+        os.chdir(here)
+
+
+def _check_libraries_of_this_folder() -> None:
+    """Refuse a folder whose libraries every process that imports PyTorch would load and run.
+
+    Raises:
+        SprintlabError: names the library.
+    """
+    machine = platform.machine()
+    searched = itertools.product(("", "tls"), ("", "haswell", machine), ("", machine))
+    folders = [*(os.path.join(*parts) for parts in searched), *glob.glob("glibc-hwcaps/*")]
+    for path in (os.path.join(folder, name) for folder in folders for name in _LIBRARIES):
+        if os.path.lexists(path):
+            raise SprintlabError(f"{path} in the working folder would be run by PyTorch: start elsewhere")
+
+
 def _status(program: str, work: Callable[[], int]) -> int:
     try:
+        _check_libraries_of_this_folder()
         with tidy_termination():
             status = work()
         sys.stdout.flush()

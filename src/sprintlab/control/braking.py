@@ -53,3 +53,9 @@ def limit_braking(contract: BrakingContract, previous: float, asked: float, rate
     if previous < 0.0:
         return min(asked, previous + step)
     return asked
+
+
+def braking_time(contract: BrakingContract, speed: float) -> float:
+    """How long the forward command takes from ``speed`` [m/s] to rest [s], where rest is asked for."""
+    slow = min(speed, max(contract.power / contract.deceleration, _SLOWEST))
+    return (speed**2 - slow**2) / (2.0 * contract.power) + slow / contract.deceleration

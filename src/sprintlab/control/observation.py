@@ -13,6 +13,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
 _LARGEST_SCALE = 1e6  # what a sensor can show stays finite in 32 bits
+_LONGEST_HISTORY = 1000  # frames, twenty seconds: more is a stranger's, and takes gigabytes
 
 
 class TermSpecification(NamedTuple):
@@ -79,8 +80,9 @@ class ObservationLayout:
             for scale in term.scales:
                 check_positive(f"{term.name} scale", scale)
                 check_range(f"{term.name} scale", scale, 0.0, _LARGEST_SCALE)
-        if type(self.history_length) is not int or self.history_length < 1:
-            raise InvalidValueError("history_length", self.history_length, "a whole number of at least 1")
+        if type(self.history_length) is not int or not 1 <= self.history_length <= _LONGEST_HISTORY:
+            allowed = f"a whole number from 1 to {_LONGEST_HISTORY}"
+            raise InvalidValueError("history_length", self.history_length, allowed)
 
     def for_joints(self, joints: int) -> Observation:
         """The observation of a robot with so many joints."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 from importlib import metadata
+from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
 
@@ -24,6 +26,15 @@ def require_package(module: str, *, extra: str, use: str) -> None:
         raise SprintlabError(
             f"{use} needs the package {module}, which is not installed: pip install 'sprintlab[{extra}]'"
         )
+
+
+def keep_compiled_code_private() -> None:
+    """Let PyTorch keep what it compiles in the account's home, where nothing else is said.
+
+    By itself it takes a folder of ``/tmp`` that bears the account's name. Any other account can make that
+    folder first, and put its own code there, which PyTorch runs.
+    """
+    os.environ.setdefault("TORCHINDUCTOR_CACHE_DIR", str(Path.home() / ".cache" / "sprintlab" / "torch"))
 
 
 def package_version(name: str) -> str:

@@ -287,11 +287,15 @@ class _Scene:
 
 
 def _fonts(height: int) -> tuple[Any, Any]:
-    """A large and a small font, from the files that matplotlib carries."""
-    import matplotlib
+    """A large and a small font, from the files that matplotlib carries.
+
+    It is not imported: it would read a matplotlibrc of the working folder.
+    """
     from PIL import ImageFont
 
-    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    found = importlib.util.find_spec("matplotlib")
+    assert found is not None and found.origin is not None  # the package needs it
+    folder = Path(found.origin).parent / "mpl-data" / "fonts" / "ttf"
     large = ImageFont.truetype(str(folder / "DejaVuSans-Bold.ttf"), height // 13)
     return large, ImageFont.truetype(str(folder / "DejaVuSans.ttf"), height // 22)
 

@@ -9,6 +9,8 @@ from typing import ParamSpec, TypeVar
 
 import torch
 
+from sprintlab.core.extras import keep_compiled_code_private
+
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
@@ -42,6 +44,7 @@ def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Argumen
     """
     if not fused:
         return work
+    keep_compiled_code_private()
     torch._dynamo.config.recompile_limit = VERSIONS
     return torch.compile(work, dynamic=False, fullgraph=True, options=COMPILER_OPTIONS)
 

@@ -62,8 +62,8 @@ class Controls:
 
     @property
     def pace(self) -> float:
-        """Simulated seconds a second; 0 while paused."""
-        return 0.0 if self._paused.value else PACES[self._pace.value]
+        """Simulated seconds a second; 0 while paused, and at a pace that only a visitor knows."""
+        return 0.0 if self._paused.value else PACES.get(self._pace.value, 0.0)
 
     def follow(self, reading: PadReading) -> None:
         """Let a gamepad move the sliders and press the buttons."""

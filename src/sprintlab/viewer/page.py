@@ -7,14 +7,15 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 
 import viser
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.errors import SprintlabError
 from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
 from sprintlab.viewer.listening import free_port
@@ -150,11 +151,9 @@ class Page:
             self._controls.show_pad(self._pad)
 
     def _take_actions(self) -> None:
-        while True:
-            try:
+        while not self._actions.empty():
+            with suppress(SprintlabError):  # a visitor may send what no knob can be turned to: it stays
                 self._actions.get_nowait()()
-            except Empty:
-                return
 
     def _advance(self, wall_time: float) -> Snapshot:
         """Let the simulation catch up with the clock, as far as one picture may take it."""

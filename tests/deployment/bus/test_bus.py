@@ -432,6 +432,20 @@ def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name, co
         foreign.unlink(missing_ok=True)
 
 
+def test_a_lock_of_another_account_lets_no_controller_in(bus_name, monkeypatch):
+    """Who made it can take it away while a controller holds it, and a second one got in."""
+    path = shared_folder() / f"{PREFIX}{bus_name}.controller"
+    path.write_bytes(b"SPRTLOCK")
+    own = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: own + 1)
+    try:
+        with pytest.raises(BusError, match="another account's"):
+            open_bus(f"shm://{bus_name}")
+        assert path.read_bytes() == b"SPRTLOCK"
+    finally:
+        path.unlink(missing_ok=True)
+
+
 def test_a_damaged_message_is_dropped_and_counted(bus_name, make_state):
     endpoint = open_endpoint(f"shm://{bus_name}")
     interface = open_bus(f"shm://{bus_name}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 
 import msgspec
@@ -17,11 +18,14 @@ from sprintlab.control import (
     shipped_policies,
     shipped_policy,
 )
+from sprintlab.control.braking import BrakingContract
+from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import modes as modes_module
 from sprintlab.deployment.controller.modes import Mode, Run
 from sprintlab.deployment.interface import JointMode, OperatorCommand, Request, RobotStatus, encode
 from sprintlab.deployment.safety import Fault, trunk_tilt
+from sprintlab.robots import load_robot
 
 
 class Operator:
@@ -57,6 +61,18 @@ def run_once(rig):
     rig.run(1.2)
     rig.source.request = Request.LIE_DOWN
     until(rig, "passive", 12.0)
+
+
+@pytest.mark.parametrize("braking", [{"power": 1.0}, {"deceleration": 0.5}])
+def test_a_policy_that_would_run_on_when_told_to_brake_is_refused(braking, sprint_policy):
+    """Told to stand, it ran on for 6.6 s at 11 m/s, and was then stopped at that speed."""
+    robot, contract = load_robot("bp2"), sprint_policy.contract
+    policy = copy.copy(sprint_policy)
+    policy.contract = replace(contract, braking=BrakingContract(**braking))
+    with pytest.raises(ContractMismatchError, match=r"braking .* from 12 m/s to rest"):
+        Controller(policy, robot, Operator())
+    policy.contract = replace(contract, braking=BrakingContract())
+    Controller(policy, robot, Operator())
 
 
 @pytest.fixture
@@ -267,7 +283,7 @@ def restless(speed):
 
 
 def test_a_brake_that_never_calms_the_joints_ends_in_a_stop(running, monkeypatch):
-    monkeypatch.setattr(modes_module, "_BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
+    monkeypatch.setattr(modes_module, "BRAKE_RESERVE", -2.5)  # seconds: not worth waiting for
     running.on_states = restless(7.0)
     running.source.request = Request.STAND
     tick = running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 1.5)

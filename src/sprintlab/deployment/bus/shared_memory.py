@@ -339,7 +339,7 @@ def _open_locked(path: Path) -> IO[bytes] | None:
     """A lock file of one's own; None while another process has it.
 
     Raises:
-        BusError: it cannot be made, or a foreign file has its name, which is left alone.
+        BusError: it cannot be made, or another account's or a foreign file has its name, which is left alone.
     """
     while True:
         file = _create(path, _LOCK_CONTENT, len(_LOCK_CONTENT))
@@ -355,6 +355,9 @@ def _open_locked(path: Path) -> IO[bytes] | None:
             file.close()
             return None
         if _is_still(path, file):
+            if os.fstat(file.fileno()).st_uid != os.geteuid():
+                file.close()
+                raise BusError(f"{path} is another account's, which can take it away: remove it first")
             if os.pread(file.fileno(), 9, 0) != _LOCK_CONTENT:
                 file.close()
                 raise BusError(f"{path} is no file of sprintlab, and its name is needed: move it away")

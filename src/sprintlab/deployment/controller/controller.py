@@ -17,9 +17,12 @@ import numpy as np
 from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.control.braking import braking_time
+from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller.course import Course, LastFix
 from sprintlab.deployment.controller.modes import (
     ACTIVE_MODES,
+    BRAKE_RESERVE,
     Behaviour,
     LieDown,
     Mode,
@@ -83,7 +86,8 @@ class Controller:
         moving_since: time in the last run at which the command was first not zero [s]; None before.
 
     Raises:
-        ContractMismatchError: the policy was not made for this robot.
+        ContractMismatchError: the policy was not made for this robot, or says that its speed falls so slowly
+            that every brake would end in a stop at speed.
     """
 
     def __init__(
@@ -105,6 +109,7 @@ class Controller:
         self._commands = CommandWriter(robot, self.session)
         self._operator = SourceMonitor(self._safety.source_timeout)
         self._limiter = VelocityLimiter(limits or VelocityLimits())
+        _check_braking(policy, self._limiter.limits)
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
         self._course = Course(0.0)
@@ -449,6 +454,19 @@ class Controller:
     def _time(self) -> float:
         """Of this step, since the controller's start [s]."""
         return (self._now - (self._start or 0)) * 1e-9
+
+
+def _check_braking(policy: Policy, limits: VelocityLimits) -> None:
+    """Refuse a policy that goes on at speed when it is told to brake. Raises ``ContractMismatchError``."""
+    braking = policy.contract.braking
+    if braking is None:
+        return
+    taken, longest = braking_time(braking, limits.forward), limits.forward / limits.braking + BRAKE_RESERVE
+    if taken > longest:
+        raise ContractMismatchError(
+            f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
+            f"takes {taken:.1f} s from {limits.forward:g} m/s to rest, and a robot may take {longest:.1f} s"
+        )
 
 
 def _standing_state(robot: RobotDescription) -> RobotState:

@@ -31,7 +31,8 @@ _STAND_ERROR = 0.35  # rad: a stand-up that misses by more has failed
 _BRAKED_TIME = 0.6  # s at zero command before the policy hands over
 _BRAKED_SPEED = 6.0  # rad/s: joints of a robot that stands
 _STANDING_SPEED = 0.5  # m/s: estimated of a robot that steps on the spot
-_BRAKE_RESERVE = 3.0  # s on top of the time the command needs to reach zero
+BRAKE_RESERVE = 3.0
+"""On top of the time that the commanded speed needs to reach zero [s]: then a brake has failed."""
 _CALM_SPEED = 1.0  # rad/s: joints of a robot that has come to rest under the policy
 _CALM_TIME = 0.5  # s
 _CALM_PATIENCE = 3.0  # s after which a robot lies down whether it has come to rest or not
@@ -184,7 +185,7 @@ class Run(Behaviour):
         at_rest = fastest_joint(state) < _BRAKED_SPEED or (speed is not None and speed < _STANDING_SPEED)
         if self._slow.update(at_rest and not velocity[:2].any(), time):
             return Mode.STAND
-        longest = self._command_time + _BRAKED_TIME + _BRAKE_RESERVE
+        longest = self._command_time + _BRAKED_TIME + BRAKE_RESERVE
         return Fault.BRAKE_FAILED if time - self._brake_started > longest else None
 
 

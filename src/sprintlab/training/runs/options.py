@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from sprintlab.training.runs.policy_start import is_policy_file, read_policy_sta
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
-_OWN_FOLDERS = ("milestones", "tensorboard", "wandb")
+_OWN_FOLDERS = ("milestones", "tensorboard", "wandb", ".wandb")
 _CRITIC_ITERATIONS = 150
 _MOST_MILESTONES = 1000
 _GPU_FILES = ("/dev/nvidiactl", "/dev/nvhost-gpu", "/dev/dxg")
@@ -170,6 +171,8 @@ def check_places(options: TrainOptions, restartable: bool = False) -> None:
         check_schedule(options.settings.schedule)
     check_writable(options.output / "checkpoint.pt")
     _check_own_folders(options.output)
+    if options.wandb is not None:
+        _check_settings_of_wandb()
 
 
 def _check_source(path: Path, options: TrainOptions) -> None:
@@ -185,6 +188,20 @@ def _check_own_folders(output: Path) -> None:
     for folder in (output / name for name in _OWN_FOLDERS):
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             raise SprintlabError(f"{folder} is no folder of the run, and its name is needed: move it away")
+
+
+def _check_settings_of_wandb() -> None:
+    """wandb obeys a file in the working folder, which may be a stranger's.
+
+    It says to whom curves and the account's key go, and that the folder's code is saved: for that wandb
+    calls git, which runs what the folder's own ``.git/config`` names.
+    """
+    for path in (Path("wandb", "settings"), Path(".wandb", "settings")):
+        if os.path.lexists(path):
+            raise SprintlabError(
+                f"{path} in the working folder would say where the curves are sent: move it away, or start "
+                "elsewhere; your own settings belong into ~/.config/wandb/settings or WANDB_... variables"
+            )
 
 
 def _check_device(device: str) -> None:
