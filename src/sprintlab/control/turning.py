@@ -42,8 +42,8 @@ class TurningContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         InvalidValueError: a number is out of range.
     """
 
-    doubling_speed: float = 12.0
-    smoothing: float = 0.3
+    doubling_speed: float = 14.0
+    smoothing: float = 0.15
     onset: float = 0.11
     integral: float = 2.0
     limit: float = 1.25
