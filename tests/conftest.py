@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from tests.forked import Forked
-from tests.short_trials import shorten_trials
+from tests.short_trials import BRIEF, shorten_trials
 
 from sprintlab.control import (
     CONTRACT_KEY,
@@ -83,6 +83,12 @@ def load_script() -> Callable[[str], ModuleType]:
 def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short trials on coarse steps, where a test is not about what they hold."""
     shorten_trials(monkeypatch.setitem)
+
+
+@pytest.fixture
+def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorter still: too short to come to rest, which is for tests of the first engine."""
+    shorten_trials(monkeypatch.setitem, BRIEF)
 
 
 @pytest.fixture
