@@ -23,7 +23,7 @@ from sprintlab.evaluation.second_engine import (
 )
 from sprintlab.plant import DRAKE_TIMESTEP
 
-SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.2, plant=COARSE)
+SHORT = ProtocolSettings(trials=1, required=1, start=0.5, top=0.5, hold=0.5, plant=COARSE)
 
 
 @pytest.fixture

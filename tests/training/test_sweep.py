@@ -453,7 +453,7 @@ class ForkedWorker:
 
 
 class OneInterpreter(LocalCluster):
-    """The first worker is the one that users get; those that take its place begin in hundredths of a second."""
+    """The first worker is the one that users get; those in its place begin at once."""
 
     started = 0
 
