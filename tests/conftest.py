@@ -92,6 +92,28 @@ def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def light_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a race in one look, also where the dark one belongs: ``test_report.py`` draws both."""
+    from sprintlab.core.theme import LIGHT, png_bytes
+
+    monkeypatch.setattr(
+        "sprintlab.evaluation.report.png_in_both_looks", lambda draw: (png_bytes(draw(LIGHT)),) * 2
+    )
+
+
+@pytest.fixture
+def short_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy is compared over a fifth of a second when it is exported, not over four."""
+    monkeypatch.setattr("sprintlab.training.runs.observed_run._SECONDS", 0.2)
+
+
+@pytest.fixture
+def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loop in this process locks none: all that was ever imported or mapped would become resident."""
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: False)
+
+
+@pytest.fixture
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of a race take seconds to draw: for tests that do not look at them."""
     monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
