@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from tests.forked import Forked
-from tests.short_trials import shorten_trials
+from tests.short_trials import BRIEF, shorten_trials
 
 from sprintlab.control import (
     CONTRACT_KEY,
@@ -83,6 +83,34 @@ def load_script() -> Callable[[str], ModuleType]:
 def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short trials on coarse steps, where a test is not about what they hold."""
     shorten_trials(monkeypatch.setitem)
+
+
+@pytest.fixture
+def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorter still: too short to come to rest, which is for tests of the first engine."""
+    shorten_trials(monkeypatch.setitem, BRIEF)
+
+
+@pytest.fixture
+def light_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a race in one look, also where the dark one belongs: ``test_report.py`` draws both."""
+    from sprintlab.core.theme import LIGHT, png_bytes
+
+    monkeypatch.setattr(
+        "sprintlab.evaluation.report.png_in_both_looks", lambda draw: (png_bytes(draw(LIGHT)),) * 2
+    )
+
+
+@pytest.fixture
+def short_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy is compared over a fifth of a second when it is exported, not over four."""
+    monkeypatch.setattr("sprintlab.training.runs.observed_run._SECONDS", 0.2)
+
+
+@pytest.fixture
+def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loop in this process locks none: all that was ever imported or mapped would become resident."""
+    monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: False)
 
 
 @pytest.fixture

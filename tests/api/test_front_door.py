@@ -123,13 +123,15 @@ SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
     "import sprintlab as sl\n": (
         f"import sys; sys.path.append({str(ROOT)!r})\n"
-        "import sprintlab as sl\nfrom tests.short_trials import shorten_trials\nshorten_trials()\n"
+        "import sprintlab as sl\nfrom tests.short_trials import BRIEF, shorten_trials\nshorten_trials()\n"
+        "shorten_trials(defaults=BRIEF)\n"
         "from sprintlab.evaluation import report\n"  # tests/cli/test_race.py draws one
         "report.png_in_both_looks = lambda draw: (b'light', b'dark')\n"
+        "from sprintlab.training.runs import observed_run\nobserved_run._SECONDS = 0.2\n"
     ),
     '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
     "iterations=1600, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
-    "trials=10": "trials=1, top_speed=1.0, distance=0.5, workers=1",
+    "trials=10": "trials=1, top_speed=1.0, distance=0.05, workers=1",
 }
 
 
@@ -159,7 +161,7 @@ def test_a_script_without_a_guard_is_told_so_once(tmp_path):
     assert "bootstrapping" not in result.stderr
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_the_notebook_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     notebook = json.loads((ROOT / "examples/quickstart.ipynb").read_text(encoding="utf-8"))

@@ -10,6 +10,8 @@ from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import LoopOptions
 from sprintlab.deployment.simulator import PaceOptions
 
+pytestmark = pytest.mark.usefixtures("unlocked_memory")
+
 
 @pytest.fixture(autouse=True)
 def in_a_folder_of_its_own(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.calling import Outcome, caller
-from tests.short_trials import COARSE, shorten_trials
+from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.cli.main import main
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -44,8 +44,9 @@ def run_once(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 def standing_race(policy: Path, robot: RobotDescription) -> RaceResult:
     with pytest.MonkeyPatch.context() as patch:
         shorten_trials(patch.setitem)
+        shorten_trials(patch.setitem, BRIEF)
         settings = ProtocolSettings(trials=1, required=1, plant=COARSE)
-        return evaluate_race(policy, robot, top_speed=2.0, distance=1.0, settings=settings, workers=1)
+        return evaluate_race(policy, robot, top_speed=2.0, distance=0.5, settings=settings, workers=1)
 
 
 @pytest.fixture

@@ -2,10 +2,32 @@
 
 import json
 import os
+from dataclasses import replace
 
 import pytest
 
+import sprintlab.speed_limit
+
 QUICK = ("--quick", "--starts", 1)
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Limits that were searched for: a robot's is the same in every test."""
+    return {}
+
+
+@pytest.fixture
+def searched_once(monkeypatch, known):
+    search = sprintlab.speed_limit.speed_limit
+
+    def search_or_repeat(robot, *, trained, progress, **asked):
+        key = (robot.name, repr(asked))
+        if key not in known:
+            known[key] = search(robot, **asked)
+        return replace(known[key], trained=tuple(trained))
+
+    monkeypatch.setattr("sprintlab.speed_limit.speed_limit", search_or_repeat)
 
 
 def test_the_limit_as_json_with_a_picture(call, tmp_path):
@@ -22,6 +44,7 @@ def test_the_limit_as_json_with_a_picture(call, tmp_path):
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("searched_once")
 def test_the_limit_as_a_table(call, tmp_path):
     outcome = call("limit", "go1", *QUICK, "--results", tmp_path)
     assert outcome.status == 0
@@ -44,6 +67,7 @@ def test_results_that_are_no_folder_are_refused_before_any_work(call, tmp_path, 
     assert refused.err == f"sprintlab: there is no folder {place}\n"
 
 
+@pytest.mark.usefixtures("searched_once")
 def test_no_results_are_needed(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert json.loads(call("limit", "go1", *QUICK, "--json").out)["trained"] == []

@@ -22,13 +22,13 @@ PROMISED = {
 FIGURES = {"sprint", "speed", "torque_speed", "gait", "base_rates", "power"}
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials", "light_pictures")
 def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     folder = tmp_path / "run"
-    # One metre instead of a hundred: a robot that stands has failed the sooner, the shorter the way.
+    # Half a metre instead of a hundred: a robot that stands has failed the sooner, the shorter the way.
     outcome = call(
         "race", policy, "--out", folder, "--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video",
-        "--distance", 1,
+        "--distance", 0.5,
     )  # fmt: skip
     assert outcome.status == 0
     assert "not finished" in outcome.out and str(folder / "report.html") in outcome.out
@@ -63,7 +63,7 @@ def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot
     assert outcome.status == 2 and f"this would run {robot_name}" in outcome.err
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
     run_once("sprintlab.evaluation.pool.run_request")
     options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)

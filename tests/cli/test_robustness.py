@@ -7,7 +7,7 @@ import pytest
 SHORT = ("--top-speed", 2, "--trials", 2, "--cause-trials", 1, "--distance", 0.2, "--workers", 1)
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_it_prints_draws_and_goes_on(call, policy, tmp_path):
     where = ("--out", tmp_path / "sprints", "--figure", tmp_path / "picture.png")
     outcome = call("robustness", policy, *SHORT, *where)

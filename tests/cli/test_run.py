@@ -89,6 +89,7 @@ def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
     assert link.is_symlink()
 
 
+@pytest.mark.usefixtures("unlocked_memory")
 def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):
     """The bus is there, its robot is mute: status 1, the table tells why, only ``off`` was sent."""
 

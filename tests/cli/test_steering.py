@@ -4,10 +4,14 @@ import json
 
 import numpy as np
 import pytest
+from tests.short_trials import shorten_trials
+
+from sprintlab.evaluation.turning import TurningSettings
 
 
 @pytest.mark.usefixtures("short_trials")
-def test_a_policy_that_stands_is_mapped(call, policy, tmp_path, run_once):
+def test_a_policy_that_stands_is_mapped(call, policy, tmp_path, run_once, monkeypatch):
+    shorten_trials(monkeypatch.setitem, {TurningSettings: {"turn": 2.0}})
     run_once("sprintlab.evaluation.turning.turn_once")
     figure = tmp_path / "turning.svg"
     options = ("--speeds", 0, "--workers", 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import CONTRACT_KEY, load_policy, shipped_policies, shipped_policy
-from sprintlab.control.policy_graph import OPERATORS, GraphError, check_graph
+from sprintlab.control.policy_graph import _OPERATORS, GraphError, check_graph
 from sprintlab.core.errors import PolicyFileError
 
 onnx = pytest.importorskip("onnx")
@@ -526,4 +526,4 @@ def test_a_form_is_refused_or_gives_what_the_runtime_gives():
 
 
 def test_no_operator_branches_or_draws():
-    assert not {"Loop", "If", "Scan", "RandomNormal", "Range", "Resize", "Pad", "OneHot"} & set(OPERATORS)
+    assert not {"Loop", "If", "Scan", "RandomNormal", "Range", "Resize", "Pad", "OneHot"} & set(_OPERATORS)

@@ -126,7 +126,8 @@ def _through(settings, folder):
     from sprintlab.robots import load_robot
     from sprintlab.training.runs.checkpoint import read_checkpoint
 
-    settings = replace(settings, ppo=replace(settings.ppo, steps=2, mini_batches=1, epochs=1))
+    tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
+    settings = replace(settings, ppo=tiny)
     checkpoint = train_settings(
         settings,
         output=folder / "run",
@@ -143,7 +144,7 @@ def _through(settings, folder):
         policy,
         load_robot(settings.robot),
         top_speed=0.5,
-        distance=0.2,
+        distance=0.05,
         settings=protocol_settings(1, 0),
         workers=1,
     )
@@ -158,7 +159,7 @@ def _training():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials", "short_replay")
 def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
     settings = _training()(schedule=example("A command schedule")["StaircaseSchedule"]())
     result, kept = _through(settings, tmp_path)
@@ -166,7 +167,7 @@ def test_a_schedule_of_ones_own_trains_exports_and_races(example, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials", "short_replay")
 def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
     _training()
     from sprintlab.training.environment import rewards
@@ -183,7 +184,7 @@ def test_a_reward_of_ones_own_trains_exports_and_races(example, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials", "short_replay")
 def test_a_robot_of_ones_own_trains_exports_and_races(example, tmp_path):
     example("A robot")
     result, kept = _through(_training()(robot="longshank"), tmp_path)

@@ -86,7 +86,7 @@ def test_falls_and_undefined_numbers_are_told(gait):
     assert "fell" in clock_verdict(check) and clock_table(check).row_count == 3
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_standing_policy_stands_with_every_clock(standing_policy, robot):
     with TrialPool(standing_policy, robot, workers=1) as pool:
         check = check_clock(pool, 0.5, settings=QUICK)
@@ -95,6 +95,7 @@ def test_a_standing_policy_stands_with_every_clock(standing_policy, robot):
     assert abs(check.clocks[0].held_speed) < 0.05 and math.isnan(check.followed)
 
 
+@pytest.mark.usefixtures("brief_trials")
 def test_the_plant_asks_the_policy_when_the_clock_says_so(standing_policy, robot, monkeypatch):
     from sprintlab.control import PolicyRuntime, load_policy
     from sprintlab.evaluation.trial import TrialRequest, run_trial

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.short_trials import COARSE
 
 from sprintlab.cli.main import main
 from sprintlab.control import load_policy
@@ -128,7 +129,7 @@ def test_bands_of_several_trials_merge_by_their_samples():
 
 
 def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, robot):
-    request = TrialRequest(top_speed=0.5, hold=0.5, keep_trajectory=True)
+    request = TrialRequest(top_speed=0.5, hold=0.5, keep_trajectory=True, plant=COARSE)
     trial = run_trial(load_policy(estimating_policy), robot, request)
     assert trial.trajectory is not None and trial.trajectory.estimate is not None
     height = trial.trajectory.estimate[:, 3]
@@ -138,11 +139,11 @@ def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, ro
     assert band.contact_accuracy > 0.9 and band.velocity_error < 0.1 and band.height_error < 0.05
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_evaluate_prints_the_estimates(estimating_policy, tmp_path, capsys):
     options = ("--start", "0.5", "--top", "0.5", "--trials", "1", "--workers", "1")
     out = tmp_path / "numbers.json"
     assert main(["evaluate", str(estimating_policy), *options, "--out", str(out)]) == 0
     assert "Estimate against truth at the highest speed, raw" in capsys.readouterr().out
     (band,) = json.loads(out.read_text())["raw"]["estimate"]
-    assert band["samples"] > 100 and band["contact_accuracy"] > 0.9
+    assert band["samples"] > 50 and band["contact_accuracy"] > 0.9

@@ -53,7 +53,7 @@ def test_what_is_not_defined_is_null_and_not_met():
     assert math.isnan(standing.change(standing.grounds[1])) and not standing.met(standing.grounds[1])
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_policy_that_stands_stays_upright_everywhere(standing_policy, robot):
     told = []
     with TrialPool(standing_policy, robot, workers=1) as pool:

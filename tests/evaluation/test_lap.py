@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.commands import Track
 from sprintlab.control import load_policy
@@ -81,7 +82,10 @@ def test_the_command_falls_once_the_lap_is_run():
 def test_a_robot_that_stands_does_not_finish(standing_policy, robot):
     track = Track(radius=1.0, straight=0.0)
     lap = run_lap(
-        load_policy(standing_policy), robot, TrialRequest(top_speed=8.0, keep_trajectory=True), track
+        load_policy(standing_policy),
+        robot,
+        TrialRequest(top_speed=8.0, keep_trajectory=True, plant=COARSE),
+        track,
     )
     assert not lap.finished and lap.energy > 0.0 and lap.trial.completed
 

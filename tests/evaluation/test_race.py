@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from tests.short_trials import COARSE, shorten_trials
+from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -27,9 +27,9 @@ SHORT = ProtocolSettings(trials=2, required=1, start=0.5, top=0.5, hold=0.5)
 @pytest.fixture(scope="module")
 def race(standing_policy, robot):
     with pytest.MonkeyPatch.context() as patch:
-        shorten_trials(patch.setitem)  # but in SHORT's own steps of physics
+        shorten_trials(patch.setitem, BRIEF)  # in a user's steps of physics
         return evaluate_race(
-            standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, step_check=True, workers=1
+            standing_policy, robot, top_speed=0.5, distance=0.05, settings=SHORT, step_check=True, workers=1
         )
 
 
@@ -59,10 +59,10 @@ def test_the_race_keeps_what_the_report_draws(race):
     assert race.audit.passed
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot):
     coarse = replace(SHORT, plant=COARSE)
-    result = evaluate_race(standing_policy, robot, distance=0.1, settings=coarse, workers=1)
+    result = evaluate_race(standing_policy, robot, distance=0.05, settings=coarse, workers=1)
     assert result.top_speed == 0.5
     assert "0.5 m/s" in result.notes[0]
 

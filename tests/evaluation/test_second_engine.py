@@ -74,12 +74,12 @@ def test_the_second_engine_runs_what_the_first_ran():
     assert all(trial.plant.engine == "drake" and trial.plant.timestep == DRAKE_TIMESTEP for trial in trials)
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_race_in_both_engines(standing_policy, robot):
     """Numbers in result.json, a table and a sentence in the report; standing still earns no mark."""
     pytest.importorskip("pydrake", reason="needs drake: pip install 'sprintlab[drake]'")
     race = evaluate_race(
-        standing_policy, robot, top_speed=0.5, distance=0.2, settings=SHORT, second_engine="drake", workers=1
+        standing_policy, robot, top_speed=0.5, distance=0.05, settings=SHORT, second_engine="drake", workers=1
     )
     numbers = race.to_dict()
     assert numbers["engine"] == "mujoco"

@@ -1,7 +1,10 @@
 """A trial on a battery with warm windings: what is recorded, and what follows from it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.control import load_policy
 from sprintlab.evaluation.figures import joint_powers
@@ -20,7 +23,8 @@ from sprintlab.plant import PlantOptions
 
 @pytest.fixture(scope="module")
 def supplied(standing_policy, robot):
-    plant = PlantOptions(battery=Battery(), state_of_charge=0.6, heat=WindingHeat(), winding_temperature=90.0)
+    charged = {"battery": Battery(), "state_of_charge": 0.6}
+    plant = replace(COARSE, **charged, heat=WindingHeat(), winding_temperature=90.0)
     request = TrialRequest(top_speed=0.5, hold=0.5, plant=plant, keep_trajectory=True)
     return run_trial(load_policy(standing_policy), robot, request)
 
@@ -49,7 +53,7 @@ def test_powers_are_those_of_the_warm_windings(supplied, robot):
 
 
 def test_a_plain_trial_records_none_of_it(standing_policy, robot):
-    request = TrialRequest(top_speed=0.5, hold=0.5, keep_trajectory=True)
+    request = TrialRequest(top_speed=0.5, hold=0.5, plant=COARSE, keep_trajectory=True)
     trial = run_trial(load_policy(standing_policy), robot, request)
     assert trial.metrics.lowest_bus_voltage is None and trial.metrics.hottest_winding is None
     assert "copper_loss" not in trial.trajectory.arrays()

@@ -157,6 +157,7 @@ def test_a_gear_passes_on_what_is_left_after_turning_the_rotor(make_policy, robo
     assert (np.abs(turned * robot.armature).max(axis=0) > 0.5).all()
 
 
+@pytest.mark.usefixtures("short_trials")
 def test_who_does_not_stop_has_not_completed(robot, stander, monkeypatch):
     """The same trial, once with a limit that nothing keeps: what would run on has not completed."""
     request = TrialRequest(top_speed=0.5, hold=0.5)

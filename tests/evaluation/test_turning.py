@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.short_trials import COARSE
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation import turning
@@ -64,7 +65,7 @@ def test_only_moderate_turns_make_the_least_gain_and_a_fall_makes_it_undefined()
 
 
 def test_a_policy_that_stands_does_not_turn(standing_policy, robot):
-    settings = TurningSettings(speeds=(0.0,), fractions=(-0.5, 0.5), turn=2.0)
+    settings = TurningSettings(speeds=(0.0,), fractions=(-0.5, 0.5), turn=2.0, plant=COARSE)
     shares = []
     with TrialPool(standing_policy, robot, workers=1) as pool:
         found = turning_map(pool, settings, lambda _, share: shares.append(share))

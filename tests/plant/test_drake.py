@@ -271,9 +271,9 @@ def test_motors_limit_the_torque() -> None:
 
 
 @pytest.mark.parametrize("name", ["sprint", "go1-sprint"])
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_policy_runs_in_drake(name: str) -> None:
-    """A few seconds of a shipped policy: it goes as it does in MuJoCo, in believable contact."""
+    """A second and a half of a shipped policy: it goes as it does in MuJoCo, in believable contact."""
     policy = load_policy(shipped_policy(name))
     robot = load_robot(policy.contract.robot_name)
     runs = [

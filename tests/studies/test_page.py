@@ -272,7 +272,7 @@ def test_a_pipe_in_place_of_a_variant_is_not_waited_for(tmp_path):
     assert "sprint" in page_text(tmp_path)
 
 
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_policy_runs_with_the_motor_of_its_training_and_with_the_real_one(tmp_path) -> None:
     committed = RESULTS / "no-envelope" / "seed-0"
     place = tmp_path / "no-envelope" / "seed-0"

@@ -18,13 +18,21 @@ import torch
 from torch._inductor.runtime.cache_dir_utils import cache_dir
 
 from sprintlab.training.environment.episodes import Ends
+from sprintlab.training.environment.rewards import aggregate
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.graphs import compiled
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.losses import estimator_losses, generalized_advantages, policy_losses
 from sprintlab.training.methods import method_settings
-from sprintlab.training.settings import PpoSettings, SimulationSettings, StridePrior, TrainingSettings
+from sprintlab.training.settings import (
+    AGGREGATIONS,
+    PpoSettings,
+    RewardWeight,
+    SimulationSettings,
+    StridePrior,
+    TrainingSettings,
+)
 
 SETTINGS = TrainingSettings(
     simulation=SimulationSettings(environments=4),
@@ -42,26 +50,30 @@ def learner() -> EstimatorPpo:
     return EstimatorPpo(SprintEnvironment(SETTINGS, "cpu"), True, Workers())
 
 
-def environment_of(method: str) -> SprintEnvironment:
+def test_the_step_after_physics_is_one_piece() -> None:
+    """With every reward that there is, ``stride-prior``'s among them. The motor is no part of it."""
     strides = Path(__file__).parents[2] / "studies" / "paper" / "strides.npz"
-    prior = StridePrior(file=str(strides)) if method == "stride-prior" else None
-    return SprintEnvironment(method_settings(method, replace(SETTINGS, prior=prior)), "cpu")
-
-
-@pytest.mark.parametrize("method", ("hound", "stride-prior"))
-def test_the_step_after_physics_is_one_piece(method: str) -> None:
-    """Every kind of reward: ``stride-prior`` is ``sprint`` and two terms more. The motor is no part of it."""
-    environment = environment_of(method)
+    settings = method_settings("stride-prior", replace(SETTINGS, prior=StridePrior(file=str(strides))))
+    weight = RewardWeight(first=-0.1, second=-0.1)
+    every = dict.fromkeys(settings.rewards.penalties(), weight)
+    environment = SprintEnvironment(replace(settings, rewards=replace(settings.rewards, **every)), "cpu")
     before = environment.episode_length_buf.clone()
     traced(environment._transition)()
     assert torch.equal(environment.episode_length_buf, before + 1)
+
+
+@pytest.mark.parametrize("aggregation", AGGREGATIONS)
+def test_adding_up_rewards_is_one_piece(aggregation: str) -> None:
+    rewards = replace(SETTINGS.rewards, aggregation=aggregation)
+    both = torch.tensor([1.0, 0.5]), torch.tensor([-0.1, -2.0])
+    torch.testing.assert_close(traced(aggregate)(*both, rewards), aggregate(*both, rewards))
 
 
 @pytest.mark.parametrize(
     "method", ("uniform-commands", "fixed-acceleration", "rlvrl", "lp-acrl", "after-hacl")
 )
 def test_every_schedule_and_its_grid_are_one_piece_each(method: str) -> None:
-    environment = environment_of(method)
+    environment = SprintEnvironment(method_settings(method, SETTINGS), "cpu")
     nobody, everyone = torch.zeros(4, dtype=torch.bool), torch.ones(4, dtype=torch.bool)
     traced(environment._learn_grid)(Ends(*(nobody for _ in Ends._fields)))
     environment.draws.refill()

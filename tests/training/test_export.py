@@ -42,8 +42,9 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
+def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn, monkeypatch):
     """First layers are filled up with zeros for a GPU's sake; a robot's computer need not know."""
+    monkeypatch.setattr("sprintlab.training.runs.observed_run._SECONDS", 0.2)
     exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
     graph = onnx.load(exported.path).graph
     assert "Pad" not in {node.op_type for node in graph.node}
@@ -51,14 +52,18 @@ def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
     assert not [warning for warning in recwarn if "Constant folding" in str(warning.message)]
 
 
-def test_a_run_goes_through_both_runtimes(checkpoint, tmp_path):
-    exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
+@pytest.fixture(scope="module")
+def exported(checkpoint, tmp_path_factory):
+    return export_checkpoint(checkpoint, tmp_path_factory.mktemp("exported") / "policy.onnx")
+
+
+def test_a_run_goes_through_both_runtimes(exported):
     assert exported.replayed >= 10 and exported.difference <= 1e-4
     assert load_policy(exported.path, load_robot("bp2")).contract.training.config_hash == SETTINGS.digest()
 
 
-def test_a_run_shows_what_the_network_sees_and_says(checkpoint, tmp_path):
-    policy = load_policy(export_checkpoint(checkpoint, tmp_path / "policy.onnx").path)
+def test_a_run_shows_what_the_network_sees_and_says(exported):
+    policy = load_policy(exported.path)
     seen = observe_run(policy, load_robot("bp2"))
     assert seen.observation.shape == (len(seen.action), policy.layout.input_size)
     newest = seen.observation[:, -policy.layout.input_size // policy.layout.history_length :]

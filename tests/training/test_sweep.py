@@ -8,11 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 import types
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -430,34 +429,61 @@ def test_without_slurm_it_is_refused(tmp_path: Path, monkeypatch) -> None:
 # --- a real worker ---------------------------------------------------------------------------------------
 
 
+class ForkedWorker:
+    """The work of a job in a copy of this process, which has imported what it needs."""
+
+    def __init__(self, plans: Sequence[RunPlan]) -> None:
+        self.job_id = str(child := os.fork())
+        self.status: int | None = None
+        if child == 0:
+            status = 1
+            try:
+                work(plans)
+                status = 0
+            finally:
+                os._exit(status)
+
+    def done(self, force_check: bool = False) -> bool:
+        if self.status is None and os.waitpid(int(self.job_id), os.WNOHANG)[0]:
+            self.status = 0
+        return self.status is not None
+
+    def stderr(self) -> str | None:
+        return None
+
+
+class OneInterpreter(LocalCluster):
+    """The first worker is the one that users get; those in its place begin at once."""
+
+    started = 0
+
+    def submit(self, plans: Sequence[RunPlan], slot: int) -> Any:
+        self.started += 1
+        return super().submit(plans, slot) if self.started == 1 else ForkedWorker(plans)
+
+
 @pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
 def test_a_killed_worker_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch) -> None:
     pytest.importorskip("mujoco_warp")
     pytest.importorskip("submitit")
+    import torch
+
+    from sprintlab.training.runs import cloud
+
+    torch.set_num_threads(1)  # no pool that a fork would lose
+    monkeypatch.setattr(cloud, "record_cloud", partial(cloud.record_cloud, steps=4))
     made = plans(tmp_path, seeds=(0,), iterations=3)
     victim = made[0].folder
     killed: list[int] = []
 
-    def kill() -> None:
-        while not (victim / "checkpoint.pt").exists():
-            time.sleep(0.02)
-        killed.append(int((victim / ".lock").read_text()))
-        os.kill(killed[0], signal.SIGKILL)
+    def kill(_runs: Sequence[RunStatus]) -> None:
+        if not killed and (victim / "checkpoint.pt").exists():
+            killed.append(int((victim / ".lock").read_text()))
+            os.kill(killed[0], signal.SIGKILL)
 
-    def work_with_a_small_cloud(plans: Sequence[RunPlan]) -> None:  # in the worker: handed over by its code
-        from functools import partial
-
-        from sprintlab.training.runs import cloud, sweep
-
-        cloud.record_cloud = partial(cloud.record_cloud, steps=4)
-        sweep.work(plans)
-
-    monkeypatch.setattr("sprintlab.training.runs.sweep.work", work_with_a_small_cloud)
-    killer = threading.Thread(target=kill, daemon=True)
-    killer.start()
-    sweep = Sweep(made, LocalCluster(tmp_path / ".jobs", 2, [], 10.0))
-    sweep.run(lambda runs: None, pause=0.2)
-    killer.join()
+    sweep = Sweep(made, OneInterpreter(tmp_path / ".jobs", 2, [], 10.0))
+    sweep.run(kill, pause=0.02)
     assert [run.restarts for run in sweep.runs] == [1]
     assert int((victim / ".lock").read_text()) != killed[0]
     for plan in made:

@@ -15,10 +15,11 @@ from sprintlab.training.settings import TrainingSettings
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("short_trials")
+@pytest.mark.usefixtures("brief_trials")
 def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
     settings = TrainingSettings(robot="bp2-waist")
-    settings = replace(settings, ppo=replace(settings.ppo, steps=2, mini_batches=1, epochs=1))
+    tiny = replace(settings.ppo, steps=2, mini_batches=1, epochs=1, hidden=(16,))
+    settings = replace(settings, ppo=tiny)
     checkpoint = train_settings(
         settings,
         output=tmp_path / "run",
@@ -35,6 +36,6 @@ def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
     assert policy.infer(np.zeros((1, 10 * 48), dtype=np.float32)).shape == (1, 13)
 
     policy = tmp_path / "policy.onnx"
-    result = race(policy, top_speed=0.5, distance=0.5, trials=1, workers=1)
+    result = race(policy, top_speed=0.5, distance=0.05, trials=1, workers=1)
     assert result.robot == "bp2-waist"
     assert len(result.plot("torque_speed").axes) == 16 and len(result.plot("power").axes) == 2

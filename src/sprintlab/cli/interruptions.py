@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import signal
-import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.signals import handled_by
 
 _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # not on Windows
 TERMINATED = 128 + signal.SIGTERM
@@ -25,9 +25,6 @@ def tidy_termination() -> Generator[None]:
 
     Of a storm of signals, as of a key that is held, one a second counts: the others would end the tidying.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals belong to the main thread
-        return
     last = -_REPEATED
 
     def leave(number: int, _: object) -> None:
@@ -39,16 +36,14 @@ def tidy_termination() -> Generator[None]:
 
     ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     kinds = (signal.SIGTERM, signal.SIGINT) if ctrl_c else (signal.SIGTERM,)
-    before = {kind: signal.signal(kind, leave) for kind in kinds}
     try:
-        yield
+        with handled_by(leave, kinds):
+            yield
     except Exception as error:  # a compiled function that is interrupted may say something else
         if not _asked or isinstance(error, SprintlabError):
             raise
         raise _ending() from error
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
         _asked.clear()
 
 
@@ -76,11 +71,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
     kinds = [signal.SIGINT, signal.SIGTERM]
     if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
         kinds.append(_HANGUP)
-    before = {kind: signal.signal(kind, note) for kind in kinds}
-    try:
+    with handled_by(note, kinds):
         if _asked:
             raise _ending()
         yield lambda: len(received)
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)

@@ -358,13 +358,13 @@ def decode_contract(text: str) -> PolicyContract:
     if len(text) > _LONGEST:
         raise PolicyFileError(f"its contract has more than {_LONGEST} characters")
     try:
-        parse_json(text)  # of two equal names in an object msgspec takes the last
-        version = msgspec.json.decode(text, type=_Header).format_version
+        content = parse_json(text, finite=True)
+        version = msgspec.convert(content, _Header).format_version
         if version != FORMAT_VERSION:
             raise PolicyFileError(
                 f"its contract has format {version}, this version reads format {FORMAT_VERSION}"
             )
-        return msgspec.json.decode(text, type=PolicyContract)
+        return msgspec.convert(content, PolicyContract)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise PolicyFileError(f"its contract cannot be read: {error}") from error
 

@@ -707,5 +707,3 @@ _OPERATORS: dict[str, _Rule] = {
     "Transpose": _transpose,
     "Split": _split,
 }
-OPERATORS = tuple(sorted(_OPERATORS))
-"""Operators that a policy's network may use."""

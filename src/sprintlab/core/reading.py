@@ -227,6 +227,14 @@ def plain_number(text: str) -> float:
     return number
 
 
+def table_number(cell: str, column: str, line: int) -> float:
+    """The number of a cell as ``plain_number`` reads it; what it refuses is told with its line and column."""
+    try:
+        return plain_number(cell)
+    except ValueError as error:
+        raise ValueError(f"line {line}, column {printable(column, 40)}: {error}") from None
+
+
 @contextmanager
 def refused_as_damaged(path: object) -> Generator[None, None, None]:
     """What numbers of a stranger bring about in the block becomes one sentence about their file.

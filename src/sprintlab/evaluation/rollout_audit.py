@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive
-from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
-from sprintlab.core.reading import plain_number, read_bytes
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_bytes, table_number
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
 from sprintlab.core.thinning import thinned_cloud
 from sprintlab.motors import (
@@ -400,32 +400,23 @@ def _table(text: str, path: Path) -> tuple[list[str], FloatArray]:
             raise SprintlabError(f"{path}: every row needs {len(header)} numbers, as the header has names")
         plain = _NUMBERS_ONLY.fullmatch("".join(row))  # of such signs float makes nothing else, and fast
         try:
-            numbers.extend(map(float if plain else plain_number, row))
-        except ValueError as error:
-            raise ValueError(_first_bad(header, row, rows.line_num)) from error
+            numbers.extend(map(float, row) if plain else _row(header, row, rows.line_num))
+        except ValueError:
+            _row(header, row, rows.line_num)  # says where
+            raise
     if not header or len(numbers) < 2 * len(header):
         raise SprintlabError(f"{path} holds no header and two samples")
     table = np.frombuffer(numbers).reshape(-1, len(header))
     if not (finite := np.isfinite(table).all(axis=1)).all():
-        raise ValueError(_bad_row(text, header, int(finite.argmin())))
+        rows = csv.reader(io.StringIO(text))  # up to the row of that number, blank lines not counted
+        row = next(itertools.islice(filter(None, rows), 1 + int(finite.argmin()), None))
+        _row(header, row, rows.line_num)
     return header, table
 
 
-def _bad_row(text: str, header: Sequence[str], place: int) -> str:
-    """What is wrong with the row of samples of that number, blank lines not counted."""
-    rows = csv.reader(io.StringIO(text))
-    row = next(itertools.islice(filter(None, rows), 1 + place, None))
-    return _first_bad(header, row, rows.line_num)
-
-
-def _first_bad(header: Sequence[str], row: Sequence[str], line: int) -> str:
-    """The first cell of a row that holds no finite number, with its line and column."""
-    for name, cell in zip(header, row, strict=True):
-        try:
-            plain_number(cell)
-        except ValueError as error:
-            return f"line {line}, column {printable(name, 40)}: {error}"
-    return f"line {line} holds no numbers"
+def _row(header: Sequence[str], row: Sequence[str], line: int) -> list[float]:
+    """The numbers of a row; the first cell without a finite one is told with its line and column."""
+    return [table_number(cell, name, line) for name, cell in zip(header, row, strict=True)]
 
 
 # --- picture ------------------------------------------------------------------------------------------------

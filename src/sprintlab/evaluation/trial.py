@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -115,6 +115,7 @@ class SprintCourse:
 
     profile: SprintProfile
     distance: float
+    _: KW_ONLY
     rest: float = 2.0
     slowest_share: float = 0.25
     finish_time: float | None = None

@@ -304,6 +304,7 @@ def test_an_attended_loop_waits_for_its_operator(start):
     assert report.end == "passive" and report.steps > 500
 
 
+@pytest.mark.usefixtures("unlocked_memory")
 def test_the_garbage_collector_stays_out_and_comes_back():
     assert gc.isenabled()
     with real_time(None) as grant:
@@ -311,6 +312,7 @@ def test_the_garbage_collector_stays_out_and_comes_back():
     assert gc.isenabled() and gc.get_freeze_count() == 0
 
 
+@pytest.mark.usefixtures("unlocked_memory")
 def test_what_is_not_permitted_is_remarked_upon(monkeypatch):
     def refuse(*arguments):
         raise PermissionError(1, "Operation not permitted")
@@ -324,6 +326,7 @@ def test_what_is_not_permitted_is_remarked_upon(monkeypatch):
 BURN = "import os, sys; os.sched_setaffinity(0, {int(sys.argv[1])}); print(flush=True)\nwhile True: pass"
 
 
+@pytest.mark.usefixtures("unlocked_memory")
 def test_priority_keeps_the_steps_of_a_busy_machine(start):
     """The loop on a core that three other processes keep busy, with the real-time scheduler and without.
 

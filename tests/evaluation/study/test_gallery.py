@@ -50,6 +50,12 @@ def drawn(monkeypatch, run):
     return asked
 
 
+@pytest.fixture
+def unpainted(monkeypatch):
+    """Figures are made and not painted, where a test is about which ones there are."""
+    monkeypatch.setattr(gallery, "png_bytes", lambda figure, dpi: PNG)
+
+
 def candidate(policy, method="sprint"):
     return Candidate(method=method, seed=0, policy=policy)
 
@@ -73,7 +79,7 @@ def test_every_figure_of_one_policy(drawn, standing_policy, robot, tmp_path):
 
 
 def test_policies_trained_with_another_motor_are_shown_in_their_own_world(
-    drawn, standing_policy, make_policy, robot, monkeypatch, tmp_path
+    drawn, unpainted, standing_policy, make_policy, robot, monkeypatch, tmp_path
 ):
     models = {"no-envelope": "square", "simplified-dc": "simplified-dc", "sprint": "refined"}
     monkeypatch.setattr(gallery, "_training_model", lambda one: models[one.method])
@@ -83,7 +89,7 @@ def test_policies_trained_with_another_motor_are_shown_in_their_own_world(
     assert drawn[:4] == ["square", "refined", "simplified-dc", "refined"]
 
 
-def test_curves_of_finished_runs_make_a_learning_figure(drawn, standing_policy, robot, tmp_path):
+def test_curves_of_finished_runs_make_a_learning_figure(drawn, unpainted, standing_policy, robot, tmp_path):
     for seed in range(2):
         folder = tmp_path / "runs" / "sprint" / f"seed-{seed}"
         folder.mkdir(parents=True)
@@ -92,7 +98,8 @@ def test_curves_of_finished_runs_make_a_learning_figure(drawn, standing_policy, 
     main = candidate(standing_policy)
     runs = tuple(find_runs(tmp_path / "runs"))
     drawings = write_gallery(Gallery(robot=robot, policies=(main,), runs=runs, main=main), tmp_path)
-    assert drawings[-1].name == "learning" and (tmp_path / "learning.png").read_bytes().startswith(PNG)
+    assert drawings[-1].name == "learning" and (tmp_path / "learning.png").is_file()
+    assert png_bytes(drawings[-1].draw(), dpi=gallery.DPI).startswith(PNG)
 
 
 @pytest.fixture

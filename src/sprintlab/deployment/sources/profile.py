@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.reading import TEXT_LIMIT, parse_toml, plain_number, read_text
+from sprintlab.core.reading import TEXT_LIMIT, parse_toml, read_text, table_number
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits, SourceError
@@ -99,15 +99,9 @@ def _read_csv(text: str) -> tuple[Sequence[float], Sequence[Sequence[float]]]:
 
 
 def _csv_row(row: dict[str, str], line: int) -> dict[str, float]:
-    found = dict[str, float]()
-    for name, cell in row.items():
-        if name is None or cell is None:  # more cells than the header has names, or less
-            raise ValueError(f"line {line} has not as many cells as there are columns")
-        try:
-            found[name] = plain_number(cell)
-        except ValueError as error:
-            raise ValueError(f"line {line}, column {name}: {error}") from None
-    return found
+    if None in row or None in row.values():  # more cells than the header has names, or less
+        raise ValueError(f"line {line} has not as many cells as there are columns")
+    return {name: table_number(cell, name, line) for name, cell in row.items()}
 
 
 def _read_toml(text: str) -> tuple[list[float], list[list[float]]]:

@@ -7,7 +7,6 @@ import re
 import signal
 import stat
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from types import FrameType
 from typing import IO
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.signals import handled_by
 
 LOCK_NAME = ".lock"
 
@@ -88,16 +88,8 @@ class StopRequest:
     @contextmanager
     def listening(self) -> Iterator[StopRequest]:
         """Catch both signals inside the block; outside the main thread signals stay as they are."""
-        if threading.current_thread() is not threading.main_thread():
+        with handled_by(self._note, (signal.SIGINT, signal.SIGTERM)):
             yield self
-            return
-        caught = (signal.SIGINT, signal.SIGTERM)
-        before = {each: signal.signal(each, self._note) for each in caught}
-        try:
-            yield self
-        finally:
-            for each, handler in before.items():
-                signal.signal(each, handler)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         if self.signal is not None and number == signal.SIGINT:

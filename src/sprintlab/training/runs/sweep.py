@@ -14,11 +14,9 @@ import shutil
 import signal
 import subprocess
 import tempfile
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,6 +24,7 @@ from typing import Any, Protocol
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json, atomic_write_text
+from sprintlab.core.signals import handled_by
 from sprintlab.training.runs.sweep_plan import RECORD_NAME, RunPlan
 
 CURVE_ROWS = 500
@@ -165,7 +164,8 @@ class LocalCluster:
         executor.update_parameters(
             timeout_min=self._minutes, gpus_per_node=len(gpu), visible_gpus=gpu, tasks_per_node=1
         )
-        with _interrupts_ignored():  # a child inherits that: Ctrl-C is for the sweep, which ends its jobs
+        # A child inherits that: Ctrl-C is for the sweep, which ends its jobs.
+        with handled_by(signal.SIG_IGN, [signal.SIGINT]):
             return executor.submit(work, list(plans))
 
     def leave(self, jobs: Sequence[Job]) -> None:
@@ -178,18 +178,6 @@ class LocalCluster:
                 last = second == LEAVE_SECONDS - 1
                 os.kill(int(job.job_id), signal.SIGKILL if last else signal.SIGTERM)
             time.sleep(1.0)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class SlurmCluster:
