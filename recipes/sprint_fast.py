@@ -24,7 +24,7 @@ from pathlib import Path
 import sprint
 
 from sprintlab.api.training import ScriptOptions, run_script
-from sprintlab.control.braking import BrakingContract
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.training.settings import RewardWeight, TrainingSettings
 
@@ -33,8 +33,9 @@ ENDS = {"first": 1750, "second": 3300, "third": 4700, "fourth": 6100}
 DEFAULTS = ScriptOptions(output=Path("runs/sprint-fast"), iterations=ENDS["fourth"], minutes=60.0)
 SHARES = (0.1, 0.1, 0.8)
 """Of the ends of the first, the second and the fourth training in the policy."""
-BRAKING = BrakingContract(power=30.0)
-"""How fast the policy's forward command falls at most: braking harder, a front foot presses too much."""
+PACE = PaceContract(power=30.0, lead=3.0)
+"""How fast the policy's forward command falls at most: braking harder, a front foot presses too much. And how
+far it runs ahead of the robot: asked for much more than they can, heavy and weak robots fall."""
 TURNING = TurningContract()
 """How much more than the commanded yaw rate the policy is asked for: by itself it turns too little."""
 
@@ -111,7 +112,7 @@ def main(options: ScriptOptions) -> Path:
     third = _train(third_settings(), options, "third", begun)
     fourth = _train(fourth_settings(), options, "fourth", third)
     ends = (first, second, fourth)
-    return average_checkpoints(ends, options.output / "policy.onnx", SHARES, BRAKING, TURNING).path
+    return average_checkpoints(ends, options.output / "policy.onnx", SHARES, PACE, TURNING).path
 
 
 def _train(

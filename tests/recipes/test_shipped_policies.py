@@ -78,7 +78,7 @@ def test_sprint_fast_was_trained_by_its_recipe(load_script: Callable[[str], Modu
     trained = recipe.ENDS["fourth"] - recipe.ENDS["second"]
     assert record.environment_steps == trained * 8192 * settings.ppo.steps
     assert "averaged with those of fast" in record.command_line
-    assert (contract.braking, contract.turning) == (recipe.BRAKING, recipe.TURNING)
+    assert (contract.pace, contract.turning) == (recipe.PACE, recipe.TURNING)
 
 
 SOONER = 1300
@@ -186,7 +186,7 @@ def test_the_fast_recipe_trains_four_times_and_averages_twice(
     assert [each.full_settings().seed for each in asked] == [12, 12, 31, 31]
     assert [each.iterations for each in asked] == [1750, 3300, 4700, 6100]
     assert [each.start_from for each in asked] == [None, first, own / "begun.onnx", third]
-    mean = ((first, second, fourth), recipe.SHARES, recipe.BRAKING, recipe.TURNING)
+    mean = ((first, second, fourth), recipe.SHARES, recipe.PACE, recipe.TURNING)
     assert averaged == [((first, second),), mean]
     recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64, iterations=610))
     assert [each.full_settings().seed for each in asked[4:]] == [7] * 4

@@ -15,7 +15,7 @@ import torch
 from onnx import numpy_helper
 
 from sprintlab.control import load_policy
-from sprintlab.control.braking import BrakingContract
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.runs.averaging import average_checkpoints
@@ -86,12 +86,12 @@ def test_the_contract_is_that_of_the_last(checkpoints: list[Path], tmp_path: Pat
 def test_the_contract_says_how_commands_reach_the_network_where_asked(
     checkpoints: list[Path], tmp_path: Path
 ) -> None:
-    braking, turning = BrakingContract(power=20.0), TurningContract(doubling_speed=8.0)
-    path = average_checkpoints(checkpoints, tmp_path / "mean.onnx", braking=braking, turning=turning).path
+    pace, turning = PaceContract(power=20.0), TurningContract(doubling_speed=8.0)
+    path = average_checkpoints(checkpoints, tmp_path / "mean.onnx", pace=pace, turning=turning).path
     contract = load_policy(path).contract
-    assert (contract.braking, contract.turning) == (braking, turning)
+    assert (contract.pace, contract.turning) == (pace, turning)
     contract = load_policy(average_checkpoints(checkpoints, path).path).contract
-    assert (contract.braking, contract.turning) == (None, None)
+    assert (contract.pace, contract.turning) == (None, None)
 
 
 def test_what_has_no_mean_is_refused_and_nothing_is_written(checkpoints: list[Path], tmp_path: Path) -> None:

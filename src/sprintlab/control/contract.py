@@ -13,9 +13,9 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.standing import StandingContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.core.checks import check_finite, check_positive, check_range
@@ -169,7 +169,8 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         estimate: terms of the network's estimate in order; None without an estimator, and in files that do
             not tell.
         standing: when the robot is stood still in its default pose; None: never.
-        braking: how fast the forward command that reaches the network may fall; None: as fast as it is given.
+        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast it
+            may fall; None: as it is given.
         turning: which yaw rate the network is asked for; None: the one that is commanded.
 
     Raises:
@@ -196,7 +197,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     position_limits: tuple[Interval, ...] | None = None
     estimate: tuple[EstimateTerm, ...] | None = None
     standing: StandingContract | None = None
-    braking: BrakingContract | None = None
+    pace: PaceContract | None = None
     turning: TurningContract | None = None
 
     def __post_init__(self) -> None:
@@ -278,7 +279,7 @@ def make_contract(
     proprioception_filter: LowPass,
     estimate_filter: LowPass | None = None,
     action_limit: float = ACTION_LIMIT,
-    braking: BrakingContract | None = None,
+    pace: PaceContract | None = None,
     turning: TurningContract | None = None,
 ) -> PolicyContract:
     """The contract of a policy trained for ``robot``.
@@ -291,7 +292,8 @@ def make_contract(
         proprioception_filter: the low-pass used in training; its rate is the policy's.
         estimate_filter: the low-pass on the estimate inside the network; ``None`` without an estimator.
         action_limit: greatest magnitude of an action that is used.
-        braking: how fast the forward command that reaches the network may fall; ``None``: as it is given.
+        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast it
+            may fall; ``None``: as it is given.
         turning: which yaw rate the network is asked for; ``None``: the one that is commanded.
 
     Raises:
@@ -307,7 +309,7 @@ def make_contract(
         ),
         estimate=None if estimate_filter is None else ESTIMATE_TERMS,
         standing=None if estimate_filter is None else StandingContract(),
-        braking=braking,
+        pace=pace,
         turning=turning,
         policy_rate_hz=proprioception_filter.rate_hz,
         motor_rate_hz=MOTOR_RATE_HZ,

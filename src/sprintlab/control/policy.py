@@ -13,7 +13,6 @@ import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
-from sprintlab.control.braking import limit_braking
 from sprintlab.control.contract import (
     CONTRACT_KEY,
     ESTIMATE_TERMS,
@@ -32,6 +31,7 @@ from sprintlab.control.observation import (
     push_history,
     split_proprioception,
 )
+from sprintlab.control.pace import limit_braking, limit_lead
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.control.standing import StandingHold
 from sprintlab.control.turning import TurningLoop
@@ -179,8 +179,8 @@ class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
     As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose,
-    the forward command falls no faster than the policy brakes, and a loop on the gyroscope decides which yaw
-    rate the network is asked for.
+    the forward command runs ahead of the robot, and falls, no more than the policy follows well, and a loop
+    on the gyroscope decides which yaw rate the network is asked for.
 
     Args:
         policy: the loaded policy.
@@ -251,7 +251,7 @@ class PolicyRuntime:
         for field, size in zip(Measurement._fields, (3, 3, joints, joints), strict=True):
             _check_numbers(f"measurement.{field}", getattr(measurement, field), size)
         _check_numbers("command", command, 3)
-        command = self._turned(self._braked(np.asarray(command)), measurement)
+        command = self._shaped(np.asarray(command), measurement)
         share = self._share(measurement, command)
         frame = self._frame(measurement, command)
         if self._history is None:
@@ -264,23 +264,26 @@ class PolicyRuntime:
         self._previous_action = clip(action, -limit, limit)
         return joint_targets(action, self._default_pose, self._action_scale, limit)
 
-    def _braked(self, command: FloatArray) -> FloatArray:
-        """The command whose forward speed falls as fast as the contract allows, at most."""
-        contract = self._policy.contract
-        if contract.braking is None:
-            return command
-        self._forward = limit_braking(
-            contract.braking, self._forward, float(command[0]), contract.policy_rate_hz
-        )
-        return np.array([self._forward, command[1], command[2]])
+    def _shaped(self, given: FloatArray, measurement: Measurement) -> FloatArray:
+        """The command that the network is given: paced and turned as the contract says."""
+        contract, forward = self._policy.contract, float(given[0])
+        pace = contract.pace
+        if pace is not None:
+            forward = limit_braking(pace, self._forward, forward, contract.policy_rate_hz)
+        self._forward = forward
+        return np.array([self._led(forward), given[1], self._turned(forward, float(given[2]), measurement)])
 
-    def _turned(self, command: FloatArray, measurement: Measurement) -> FloatArray:
-        """The command whose yaw rate makes the robot turn as it is told, where the contract says how."""
+    def _led(self, forward: float) -> float:
+        """The forward command that runs ahead of the estimated speed by no more than the contract allows."""
+        pace = self._policy.contract.pace
+        estimated = 0.0 if self._estimate is None else float(self._estimate[0, 0])
+        return forward if pace is None else limit_lead(pace, estimated, forward)
+
+    def _turned(self, forward: float, yaw_rate: float, measurement: Measurement) -> float:
+        """The yaw rate that makes the robot turn as it is told, where the contract says how."""
         if self._turning is None:
-            return command
-        measured = float(measurement.angular_velocity[2])
-        yaw_rate = self._turning.step(float(command[0]), float(command[2]), measured)
-        return np.array([command[0], command[1], yaw_rate])
+            return yaw_rate
+        return self._turning.step(forward, yaw_rate, float(measurement.angular_velocity[2]))
 
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""

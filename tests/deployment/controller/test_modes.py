@@ -18,7 +18,7 @@ from sprintlab.control import (
     shipped_policies,
     shipped_policy,
 )
-from sprintlab.control.braking import BrakingContract
+from sprintlab.control.pace import PaceContract
 from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.controller import modes as modes_module
@@ -68,10 +68,10 @@ def test_a_policy_that_would_run_on_when_told_to_brake_is_refused(braking, sprin
     """Told to stand, it ran on for 6.6 s at 11 m/s, and was then stopped at that speed."""
     robot, contract = load_robot("bp2"), sprint_policy.contract
     policy = copy.copy(sprint_policy)
-    policy.contract = replace(contract, braking=BrakingContract(**braking))
+    policy.contract = replace(contract, pace=PaceContract(**braking))
     with pytest.raises(ContractMismatchError, match=r"braking .* from 12 m/s to rest"):
         Controller(policy, robot, Operator())
-    policy.contract = replace(contract, braking=BrakingContract())
+    policy.contract = replace(contract, pace=PaceContract())
     Controller(policy, robot, Operator())
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
-from sprintlab.control.braking import braking_time
+from sprintlab.control.pace import braking_time
 from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller.course import Course, LastFix
 from sprintlab.deployment.controller.modes import (
@@ -458,7 +458,7 @@ class Controller:
 
 def _check_braking(policy: Policy, limits: VelocityLimits) -> None:
     """Refuse a policy that goes on at speed when it is told to brake. Raises ``ContractMismatchError``."""
-    braking = policy.contract.braking
+    braking = policy.contract.pace
     if braking is None:
         return
     taken, longest = braking_time(braking, limits.forward), limits.forward / limits.braking + BRAKE_RESERVE

@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 
-from sprintlab.control.braking import BrakingContract
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
@@ -27,7 +27,7 @@ def average_checkpoints(
     checkpoints: Sequence[Path],
     output: Path,
     shares: Sequence[float] | None = None,
-    braking: BrakingContract | None = None,
+    pace: PaceContract | None = None,
     turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """Write the policy whose weights are the mean of these checkpoints'.
@@ -38,7 +38,8 @@ def average_checkpoints(
         checkpoints: of one training, or of trainings that went on from it; milestones will do.
         output: the file to write; it appears only if it reads back equal.
         shares: of each checkpoint in the mean, over their sum; equal when left out.
-        braking: how fast the forward command that reaches the network may fall; as it is given when left out.
+        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast
+            it may fall; as it is given when left out.
         turning: which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
@@ -59,7 +60,7 @@ def average_checkpoints(
         name: sum(found[name] * part for found, part in zip(weights, parts, strict=True))
         for name in weights[-1]
     }
-    return export_state({**last, "learner": {"actor": mean}}, output, braking, turning)
+    return export_state({**last, "learner": {"actor": mean}}, output, pace, turning)
 
 
 def _parts(shares: Sequence[float] | None, count: int) -> tuple[float, ...]:

@@ -22,8 +22,8 @@ from sprintlab.control import (
     load_policy,
     make_contract,
 )
-from sprintlab.control.braking import BrakingContract
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.core.files import atomic_write_bytes
@@ -77,7 +77,7 @@ class ExportedPolicy(NamedTuple):
 def export_checkpoint(
     checkpoint: Path,
     output: Path,
-    braking: BrakingContract | None = None,
+    pace: PaceContract | None = None,
     turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """Write the policy of a checkpoint as ONNX; the file appears only if it reads back equal.
@@ -89,27 +89,28 @@ def export_checkpoint(
     Args:
         checkpoint: of a training run.
         output: the file to write.
-        braking: how fast the forward command that reaches the network may fall; as it is given when left out.
+        pace: how far the forward command that reaches the network may run ahead of the robot, and how fast
+            it may fall; as it is given when left out.
         turning: which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
         SprintlabError: the checkpoint cannot be read, or the disk refuses.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
-    return export_state(read_checkpoint(checkpoint), output, braking, turning)
+    return export_state(read_checkpoint(checkpoint), output, pace, turning)
 
 
 def export_state(
     state: dict[str, Any],
     output: Path,
-    braking: BrakingContract | None = None,
+    pace: PaceContract | None = None,
     turning: TurningContract | None = None,
 ) -> ExportedPolicy:
     """``export_checkpoint`` of what was read, or made of several that were; raises what that does."""
     actor = actor_from_checkpoint(state)
     settings: TrainingSettings = state["settings"]
     network = _onnx_bytes(actor, settings.observation.for_joints(len(actor.std)).input_size)
-    data = _with_contract(network, state, braking, turning)
+    data = _with_contract(network, state, pace, turning)
     replayed, difference = _verify(data, actor, load_robot(settings.robot))
     atomic_write_bytes(output, data)
     return ExportedPolicy(output, replayed, difference)
@@ -133,7 +134,7 @@ def _onnx_bytes(network: torch.nn.Module, input_size: int) -> bytes:
 
 
 def _with_contract(
-    data: bytes, state: dict[str, Any], braking: BrakingContract | None, turning: TurningContract | None
+    data: bytes, state: dict[str, Any], pace: PaceContract | None, turning: TurningContract | None
 ) -> bytes:
     settings: TrainingSettings = state["settings"]
     progress = state["progress"]
@@ -155,7 +156,7 @@ def _with_contract(
         software=state["versions"],
         proprioception_filter=LowPass(),
         estimate_filter=LowPass(cutoff_hz=ESTIMATE_CUTOFF_HZ),
-        braking=braking,
+        pace=pace,
         turning=turning,
     )
     model = onnx.load_from_string(data)

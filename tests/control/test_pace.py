@@ -1,4 +1,4 @@
-"""The forward command falls no faster than the policy's contract allows."""
+"""The forward command runs ahead, and falls, no more than the policy's contract allows."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from sprintlab.control import Measurement, PolicyRuntime
-from sprintlab.control.braking import BrakingContract, braking_time, limit_braking
+from sprintlab.control.pace import PaceContract, braking_time, limit_braking, limit_lead
 from sprintlab.core.errors import InvalidValueError
 
-LIMITS = BrakingContract(power=30.0, deceleration=5.0)
+LIMITS = PaceContract(power=30.0, deceleration=5.0)
 
 
 @pytest.mark.parametrize(
@@ -34,21 +34,21 @@ def test_only_the_fall_is_limited(previous: float, asked: float, expected: float
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("power", 0.0), ("power", 1e6), ("deceleration", -1.0), ("deceleration", float("inf"))],
+    [("power", 0.0), ("power", 1e6), ("deceleration", -1.0), ("deceleration", float("inf")), ("lead", 0.0)],
 )
 def test_impossible_limits_are_refused(field: str, value: float) -> None:
-    with pytest.raises(InvalidValueError, match=f"braking.{field}"):
-        BrakingContract(**{field: value})
+    with pytest.raises(InvalidValueError, match=f"pace.{field}"):
+        PaceContract(**{field: value})
 
 
 def test_the_contract_carries_them(assert_carried: Callable[..., None]) -> None:
-    assert_carried("braking", LIMITS, {"power": 0.0})
+    assert_carried("pace", LIMITS, {"power": 0.0})
 
 
 def test_the_network_sees_the_limited_command(
     watched_runtime: Callable[..., tuple[PolicyRuntime, Measurement, list[np.ndarray]]],
 ) -> None:
-    runtime, still, seen = watched_runtime(braking=LIMITS)
+    runtime, still, seen = watched_runtime(pace=LIMITS)
     for speed in (0.3, 0.0, 0.0, 0.0, 0.0):
         runtime.step(still, np.array([speed, 0.0, 0.0]))
     assert [command[0] for command in seen] == pytest.approx([0.3, 0.2, 0.1, 0.0, 0.0])
@@ -58,12 +58,40 @@ def test_the_network_sees_the_limited_command(
     assert [command[0] for command in seen[5:]] == pytest.approx([9.0, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("estimated", "asked", "expected"),
+    [
+        (5.0, 12.0, 8.0),
+        (5.0, 7.0, 7.0),
+        (5.0, -2.0, -2.0),  # how fast it falls is the braking's matter
+        (0.0, 12.0, 3.0),
+        (-0.5, 12.0, 3.0),  # pushed back: from rest on
+        (-2.0, -9.0, -5.0),  # backward, the mirror image
+        (1.0, -9.0, -3.0),
+    ],
+)
+def test_the_command_runs_ahead_by_no_more_than_the_lead(
+    estimated: float, asked: float, expected: float
+) -> None:
+    assert limit_lead(PaceContract(lead=3.0), estimated, asked) == expected
+    assert limit_lead(PaceContract(), estimated, asked) == asked
+
+
+def test_a_robot_that_does_not_get_faster_is_asked_for_no_more_than_the_lead(
+    watched_runtime: Callable[..., tuple[PolicyRuntime, Measurement, list[np.ndarray]]],
+) -> None:
+    runtime, still, seen = watched_runtime(pace=PaceContract(lead=3.0))
+    for _ in range(3):
+        runtime.step(still, np.array([12.0, 0.0, 0.0]))
+    assert [command[0] for command in seen] == [3.0, 3.0, 3.0]
+
+
 @pytest.mark.parametrize("speed", [0.0, 0.05, 3.0, 12.0])
 @pytest.mark.parametrize(("power", "deceleration"), [(30.0, 5.0), (1.0, 50.0), (1000.0, 0.5)])
 def test_the_time_to_rest_is_that_of_the_limited_command(
     speed: float, power: float, deceleration: float
 ) -> None:
-    limits, rate = BrakingContract(power=power, deceleration=deceleration), 1000.0
+    limits, rate = PaceContract(power=power, deceleration=deceleration), 1000.0
     steps, command = 0, speed
     while command > 0.0:
         steps, command = steps + 1, limit_braking(limits, command, 0.0, rate)

@@ -1,8 +1,9 @@
-"""A forward command falls no faster than the policy brakes well.
+"""A forward command runs no further ahead, and falls no faster, than the policy follows well.
 
 A robot at top speed whose command falls too fast braces its front legs against the ground: the hardest
-steps of a run are those of its first second of braking. How fast a command may fall belongs to the policy,
-as its filters do; who commands need not know it.
+steps of a run are those of its first second of braking. A robot that is too weak or too heavy for its command
+stumbles at a lead that it never saw in training. Both limits belong to the policy, as its filters do; who
+commands need not know them.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ _SLOWEST = 0.1
 """Below this the power limits nothing [m/s]: the deceleration does."""
 
 
-class BrakingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How fast the forward command that reaches the network may fall.
+class PaceContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the forward command that reaches the network may differ from the robot's speed, and change.
 
     Attributes:
         power: greatest power at which the commanded motion gives up its energy, for each kilogram of robot
             [W/kg]: at the speed v the command falls by ``power / v`` at most, softly from the top.
         deceleration: greatest deceleration [m/s^2], which decides at low speed.
+        lead: how far the forward command may run ahead of the speed that the policy estimates [m/s]; None: as
+            far as it is given.
 
     Raises:
         InvalidValueError: a number is out of range.
@@ -29,13 +32,29 @@ class BrakingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     power: float = 30.0
     deceleration: float = 5.0
+    lead: float | None = None
 
     def __post_init__(self) -> None:
-        check_range("braking.power", self.power, 1.0, 1000.0, "W/kg")
-        check_range("braking.deceleration", self.deceleration, 0.5, 50.0, "m/s^2")
+        check_range("pace.power", self.power, 1.0, 1000.0, "W/kg")
+        check_range("pace.deceleration", self.deceleration, 0.5, 50.0, "m/s^2")
+        if self.lead is not None:
+            check_range("pace.lead", self.lead, 0.5, 50.0, "m/s")
 
 
-def limit_braking(contract: BrakingContract, previous: float, asked: float, rate_hz: float) -> float:
+def limit_lead(contract: PaceContract, estimated: float, asked: float) -> float:
+    """The forward command [m/s] that runs ahead of the robot by no more than ``lead``.
+
+    Args:
+        contract: with the lead.
+        estimated: forward speed, as the policy estimates it [m/s]; zero for a policy that does not.
+        asked: forward speed that is commanded [m/s].
+    """
+    if contract.lead is None:
+        return asked
+    return min(max(asked, min(estimated, 0.0) - contract.lead), max(estimated, 0.0) + contract.lead)
+
+
+def limit_braking(contract: PaceContract, previous: float, asked: float, rate_hz: float) -> float:
     """The forward command [m/s] of this policy step; only its fall toward zero is limited.
 
     ``max(asked, v - min(deceleration, power / v) / rate_hz)`` where v is ``previous``, for a robot that runs
@@ -55,7 +74,7 @@ def limit_braking(contract: BrakingContract, previous: float, asked: float, rate
     return asked
 
 
-def braking_time(contract: BrakingContract, speed: float) -> float:
+def braking_time(contract: PaceContract, speed: float) -> float:
     """How long the forward command takes from ``speed`` [m/s] to rest [s], where rest is asked for."""
     slow = min(speed, max(contract.power / contract.deceleration, _SLOWEST))
     return (speed**2 - slow**2) / (2.0 * contract.power) + slow / contract.deceleration
