@@ -42,9 +42,9 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn, monkeypatch):
+@pytest.mark.usefixtures("short_replay")
+def test_a_policy_file_holds_no_padding(checkpoint, tmp_path, recwarn):
     """First layers are filled up with zeros for a GPU's sake; a robot's computer need not know."""
-    monkeypatch.setattr("sprintlab.training.runs.observed_run._SECONDS", 0.2)
     exported = export_checkpoint(checkpoint, tmp_path / "policy.onnx")
     graph = onnx.load(exported.path).graph
     assert "Pad" not in {node.op_type for node in graph.node}

@@ -266,32 +266,26 @@ class PolicyRuntime:
 
     def _shaped(self, given: FloatArray, measurement: Measurement) -> FloatArray:
         """The command that the network is given: paced and turned as the contract says."""
-        contract, forward = self._policy.contract, float(given[0])
-        pace = contract.pace
+        contract, forward, yaw_rate = self._policy.contract, float(given[0]), float(given[2])
+        pace, led = contract.pace, forward
         if pace is not None:
             forward = limit_braking(pace, self._forward, forward, contract.policy_rate_hz)
+            led = limit_lead(pace, float(self._velocity()[0]), forward)
         self._forward = forward
-        return np.array([self._led(forward), given[1], self._turned(forward, float(given[2]), measurement)])
+        if self._turning is not None:  # not by the led command, which ripples and would pass for braking
+            yaw_rate = self._turning.step(forward, yaw_rate, float(measurement.angular_velocity[2]))
+        return np.array([led, given[1], yaw_rate])
 
-    def _led(self, forward: float) -> float:
-        """The forward command that runs ahead of the estimated speed by no more than the contract allows."""
-        pace = self._policy.contract.pace
-        estimated = 0.0 if self._estimate is None else float(self._estimate[0, 0])
-        return forward if pace is None else limit_lead(pace, estimated, forward)
-
-    def _turned(self, forward: float, yaw_rate: float, measurement: Measurement) -> float:
-        """The yaw rate that makes the robot turn as it is told, where the contract says how."""
-        if self._turning is None:
-            return yaw_rate
-        return self._turning.step(forward, yaw_rate, float(measurement.angular_velocity[2]))
+    def _velocity(self) -> FloatArray:
+        """The estimated velocity of the last step, body frame [m/s] ``(3,)``; zeros without one."""
+        return np.zeros(3) if self._estimate is None else self._estimate[0, :3]
 
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""
         if self._standing is None:
             return 1.0
-        velocity = np.zeros(3) if self._estimate is None else self._estimate[0, :3]
         held = self._standing.held
-        share = self._standing.share(command, velocity, measurement.projected_gravity)
+        share = self._standing.share(command, self._velocity(), measurement.projected_gravity)
         if held and not self._standing.held:  # the estimate of a robot that stands is wrong by up to 1.1 m/s
             self._forget()
         return share
