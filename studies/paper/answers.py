@@ -123,6 +123,8 @@ def answers(evidence: Evidence) -> list[Answer]:
 def _d_axis(known: Evidence) -> str:
     text = comparison(known.rows, "simplified-dc") + _asked_for(known.own_motors)
     text += _to_the_letter(known, "simplified-dc", _asked_for(known.literal_own_motors))
+    if known.own_motors or known.literal_own_motors:
+        text += " Where a policy asks for none, the motor model cannot matter."
     for name in ("bp2-weak", "bp2-strong"):
         ours, theirs = (
             known.variants.get(method, {}).get(name, math.nan)
@@ -155,7 +157,7 @@ def _asked_for(own_motors: Mapping[str, OwnMotorRecord]) -> str:
         return ""
     return (
         " Torque of hind hips or knees that the real motor cannot give, at the fastest speed and with the "
-        f"motor of its training: {', '.join(parts)}. Where it asks for none, the motor model cannot matter."
+        f"motor of its training: {', '.join(parts)}."
     )
 
 

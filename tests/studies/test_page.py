@@ -313,3 +313,10 @@ def test_the_committed_runs_are_what_the_plan_trains() -> None:
         words = Training(method=run.method, seed=run.seed).words(run.folder)
         digest = parse_training(words[2:]).full_settings().digest()
         assert digest in (run.folder / "run.toml").read_text(encoding="utf-8"), run
+
+
+def test_every_policy_that_is_committed_can_be_read():
+    kept = sorted(RESULTS.rglob("policy.onnx"))
+    assert len(kept) >= len(find_runs(RESULTS)) // 2
+    for path in kept:
+        assert load_policy(path).contract.robot_name == "bp2", path
