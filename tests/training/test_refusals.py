@@ -12,8 +12,9 @@ pytest.importorskip("mujoco_warp")
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs import run as run_module
 from sprintlab.training.runs.options import check_places
-from sprintlab.training.runs.run import TrainOptions, open_run
+from sprintlab.training.runs.run import TrainOptions, open_run, train
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -54,6 +55,23 @@ def test_what_leads_a_run_out_of_its_folder_is_refused(name, kind, tmp_path):
     with pytest.raises(SprintlabError, match=f"{name} is no folder of the run"):
         check_places(TrainOptions(output=tmp_path / "run", device="cpu"))
     assert not elsewhere.exists() or not list(elsewhere.iterdir())
+
+
+def test_a_run_removes_only_what_its_own_killed_writes_left(tmp_path, monkeypatch):
+    """A folder ended it with Python's words; an editor's .run.toml.swp, with what was typed, was deleted."""
+    ours, editors = tmp_path / ".checkpoint.pt.a_0z9b1c", tmp_path / ".run.toml.swp"
+    for file in (ours, editors):
+        file.write_text("half")
+    folder = tmp_path / ".checkpoint.pt.abcdefgh"
+    folder.mkdir()
+
+    def begun(*_arguments):
+        raise SprintlabError("begun")
+
+    monkeypatch.setattr(run_module, "open_run", begun)
+    with pytest.raises(SprintlabError, match="begun"):
+        train(TrainOptions(output=tmp_path, device="cpu"))
+    assert editors.exists() and folder.is_dir() and not ours.exists()
 
 
 @pytest.mark.parametrize("folder", ["wandb", ".wandb"])

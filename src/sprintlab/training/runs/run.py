@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -258,7 +259,9 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 
 def _remove_halves(folder: Path) -> None:
-    """Delete what writes that were killed have left; nobody else writes here."""
+    """Delete the files that killed writes have left; an editor's ``.run.toml.swp`` has no such name."""
     for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, CLOUD_NAME, POLICY_NAME):
         for half in folder.glob(f".{name}.*"):
-            half.unlink(missing_ok=True)
+            written = re.fullmatch("[a-z0-9_]{8}", half.name.removeprefix(f".{name}."))  # as tempfile names
+            if written and (half.is_symlink() or half.is_file()):
+                half.unlink(missing_ok=True)
