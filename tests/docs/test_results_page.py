@@ -168,3 +168,22 @@ def test_the_page_tells_what_stops_the_faster_policies(flowing):
     mirrored = [row["falls_per_1000_steps"] for name, row in policies.items() if name[0] in "XZ"]
     plain = [row["falls_per_1000_steps"] for name, row in policies.items() if name[0] == "Y"]
     assert f"falls {min(plain):.2f} to {max(plain):.2f} times" in page and min(mirrored) > 2 * max(plain)
+
+
+def test_the_page_tells_what_other_seeds_of_the_recipe_give(flowing):
+    found = json.loads((ROOT / "results/ninth-looks/trainings.json").read_text(encoding="utf-8"))
+    page, seeds, practised = (
+        flowing("docs/results.md"),
+        found["seeds"],
+        found["braking_practised"]["policies"],
+    )
+    one, two = seeds["1"], seeds["2"]
+    held = f"seed 1 holds {one['held_raw_m_s']:.2f} m/s and seed 2 {two['held_raw_m_s']:.2f}"
+    assert held in page and f"{one['foot_force_body_weights']:.2f} body weights), pad deflection" in page
+    assert f"gear torque in {two['failed']['gear torque']} runs" in page
+    assert all(row["failed"] for row in (*seeds.values(), *found["other_shares"].values()))
+    upright = [row["alone"]["randomized"]["upright"] for row in practised.values()]
+    assert f"Of 187 randomized sprints {', '.join(map(str, upright[:-1]))} and {upright[-1]} stay" in page
+    assert all(row["half_and_half_with_sprint_fast"]["failed"] for row in practised.values())
+    cost = found["clock_of_sprint_fast"]["greatest_loss_of_speed"]
+    assert f"a clock of 48 Hz costs it **{100 * cost:.1f} %**" in page
