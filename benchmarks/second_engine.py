@@ -31,7 +31,7 @@ from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import ENGINES, PlantOptions, check_engine, on_engine
 from sprintlab.robots import load_robot
 
-TOP_SPEEDS = {"sprint": 13.0, "sprint-fast": 13.25, "go1-sprint": 8.0, "go2-sprint": 6.0}
+TOP_SPEEDS = {"sprint": 13.25, "go1-sprint": 7.0, "go2-sprint": 6.0}
 OTHER_TOP_SPEED = 10.0
 LADDER = (0.4, 0.7)  # of the top speed
 RESULT = Path("results/second_engine/speeds.json")

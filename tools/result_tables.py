@@ -18,7 +18,6 @@ from sprintlab.evaluation.results import AuditItem
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 DEFAULT_POLICY = "sprint"
-README_POLICIES = ("sprint-fast", DEFAULT_POLICY)
 README_ROWS = re.compile(r"(\| the paper, BP2, as reported \| treadmill[^\n]*\n).*?(\| Margolis)", re.DOTALL)
 """Our rows stand between the paper's last row and the first of its peers."""
 Row = dict[str, Any]
@@ -189,7 +188,7 @@ def second_looks(trainings: Row) -> str:
 
 def readme_rows() -> str:
     """The rows of our policies for the README's table, an engine each, between its two marks."""
-    return "\n".join(_readme_rows(name) for name in README_POLICIES)
+    return _readme_rows(DEFAULT_POLICY)
 
 
 def _readme_rows(name: str) -> str:

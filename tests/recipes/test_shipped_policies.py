@@ -25,53 +25,28 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_policy_of_the_package_has_its_recipe() -> None:
-    assert set(shipped_policies()) == {"sprint", "sprint-fast", "go1-sprint", "go2-sprint"}
+    assert set(shipped_policies()) == {"sprint", "go1-sprint", "go2-sprint"}
 
 
-def test_the_go1_policy_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
-    recipe = load_script("recipes/go1_sprint.py")
-    contract = load_policy(shipped_policy("go1-sprint")).contract
-    settings, record = recipe.go1_settings(), contract.training
-    assert contract.robot_name == settings.robot
-    assert (record.iterations, record.seed) == (recipe.DEFAULTS.iterations, settings.seed)
-    assert record.command_line == "python recipes/go1_sprint.py --output runs/go1-sprint"
-
-
-def test_the_go2_policy_was_trained_by_the_command_that_it_names() -> None:
+@pytest.mark.parametrize(("name", "robot", "seed"), [("go1-sprint", "go1", 0), ("go2-sprint", "go2", 1)])
+def test_a_smaller_robots_policy_was_trained_by_the_command_that_it_names(
+    name: str, robot: str, seed: int
+) -> None:
     """The default recipe, scaled: what is typed gives the settings whose hash the contract holds."""
-    contract = load_policy(shipped_policy("go2-sprint")).contract
+    contract = load_policy(shipped_policy(name)).contract
     words = shlex.split(contract.training.command_line)
     assert words[:2] == ["sprintlab", "train"]
     options = parse_training(words[2:])
     settings = options.full_settings()
-    assert (contract.robot_name, contract.training.seed) == (settings.robot, settings.seed) == ("go2", 1)
+    assert (contract.robot_name, contract.training.seed) == (settings.robot, settings.seed) == (robot, seed)
     assert contract.training.config_hash == settings.digest()
     assert contract.training.iterations == options.iterations
 
 
 def test_sprint_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
+    """The last training of the file began 1300 iterations sooner than the recipe's does."""
     recipe = load_script("recipes/sprint.py")
     contract = load_policy(shipped_policy("sprint")).contract
-    settings, record = recipe.second_settings(), contract.training
-    assert contract.robot_name == settings.robot
-    assert (record.iterations, record.seed) == (recipe.DEFAULTS.iterations, settings.seed)
-    assert record.environment_steps == record.iterations * 8192 * settings.ppo.steps
-    assert "averaged with those of R1" in record.command_line
-
-
-def test_the_recipe_has_the_settings_that_were_recorded(load_script: Callable[[str], ModuleType]) -> None:
-    recipe = load_script("recipes/sprint.py")
-    recorded = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
-    for name, settings in (("R1", recipe.first_settings()), ("S1", recipe.second_settings())):
-        chosen = json.loads(json.dumps(plain(settings)))
-        for part, values in recorded["policies"][name]["settings"].items():
-            assert chosen[part] == as_it_would_be_recorded_now(part, values), (name, part)
-
-
-def test_sprint_fast_was_trained_by_its_recipe(load_script: Callable[[str], ModuleType]) -> None:
-    """The last training of the file began 1300 iterations sooner than the recipe's does."""
-    recipe = load_script("recipes/sprint_fast.py")
-    contract = load_policy(shipped_policy("sprint-fast")).contract
     settings, record = recipe.fourth_settings(), contract.training
     assert contract.robot_name == settings.robot
     assert (record.iterations, record.seed) == (recipe.ENDS["fourth"] - SOONER, settings.seed)
@@ -94,10 +69,10 @@ SOONER = 1300
         ("fourth", "F2", "sixth", SOONER),
     ],
 )
-def test_the_fast_recipe_has_the_settings_that_were_recorded(
+def test_the_recipe_has_the_settings_that_were_recorded(
     load_script: Callable[[str], ModuleType], name: str, training: str, looks: str, sooner: int
 ) -> None:
-    settings = getattr(load_script("recipes/sprint_fast.py"), f"{name}_settings")()
+    settings = getattr(load_script("recipes/sprint.py"), f"{name}_settings")()
     chosen = json.loads(json.dumps(plain(settings)))
     chosen["ppo"]["calm_iterations"] = [each - sooner for each in chosen["ppo"]["calm_iterations"]]
     if sooner:  # the fine-tuning phase began long before: 100 iterations more or less change nothing
@@ -155,31 +130,13 @@ def averaged(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     return found
 
 
-def test_the_recipe_trains_twice_and_averages(
+def test_the_recipe_trains_four_times_and_averages_twice(
     load_script: Callable[[str], ModuleType],
     asked: list[TrainOptions],
     averaged: list[tuple[Any, ...]],
     tmp_path: Path,
 ) -> None:
     recipe = load_script("recipes/sprint.py")
-    policy = recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own"))
-    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "other", seed=7, environments=64))
-    assert policy == tmp_path / "own/policy.onnx"
-    assert [each.full_settings().seed for each in asked] == [1, 22, 7, 7]
-    assert [each.full_settings().simulation.environments for each in asked] == [8192, 8192, 64, 64]
-    assert [each.iterations for each in asked] == [2000, 3700] * 2
-    assert [each.start_from for each in asked[:2]] == [None, tmp_path / "own/first/checkpoint.pt"]
-    ends = tuple(tmp_path / "own" / name / "checkpoint.pt" for name in ("first", "second"))
-    assert averaged[0] == (ends,)
-
-
-def test_the_fast_recipe_trains_four_times_and_averages_twice(
-    load_script: Callable[[str], ModuleType],
-    asked: list[TrainOptions],
-    averaged: list[tuple[Any, ...]],
-    tmp_path: Path,
-) -> None:
-    recipe = load_script("recipes/sprint_fast.py")
     own = tmp_path / "own"
     first, second, third, fourth = (own / name / "checkpoint.pt" for name in recipe.ENDS)
     assert recipe.main(replace(recipe.DEFAULTS, output=own)) == own / "policy.onnx"

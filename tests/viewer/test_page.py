@@ -94,7 +94,7 @@ def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypa
         (["go1-sprint"], "go1", ["go1-sprint"]),
         (["--robot", "go1"], "go1", ["go1-sprint"]),
         (["sprint"], "bp2", ["sprint"]),
-        ([], "bp2", ["sprint", "sprint-fast"]),
+        ([], "bp2", ["sprint"]),
     ):
         command = parse(["play", *arguments])
         session = live_session(command.policies, command.robot)
