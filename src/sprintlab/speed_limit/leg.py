@@ -176,7 +176,8 @@ def stance_motion(
     velocity = np.asarray(np.linalg.solve(jacobian, -hip_velocity[..., None])[..., 0], dtype=np.float64)
     turning = _rotate(thigh, 0.0, -leg.thigh.length) * velocity[..., :1] ** 2
     turning += _rotate(shank, 0.0, -leg.shank.length) * (velocity[..., :1] + velocity[..., 1:]) ** 2
-    return velocity, np.linalg.solve(jacobian, (turning - hip_acceleration)[..., None])[..., 0]
+    pulled = np.linalg.solve(jacobian, (turning - hip_acceleration)[..., None])[..., 0]
+    return velocity, np.asarray(pulled, dtype=np.float64)
 
 
 def mass_matrix(leg: PlanarLeg, position: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sprintlab.deployment.interface import FloatArray, RobotState
+from sprintlab.deployment.interface import RobotState
 from sprintlab.deployment.safety.faults import Fault
 from sprintlab.deployment.safety.settings import SafetySettings
 from sprintlab.deployment.safety.timer import Persistence
