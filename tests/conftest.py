@@ -50,7 +50,6 @@ def pytest_collection() -> None:
 
 def pytest_collection_finish() -> None:
     """Leave it out of every later search for garbage."""
-    gc.collect()
     gc.freeze()
     gc.enable()
 

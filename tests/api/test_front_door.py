@@ -2,6 +2,7 @@
 
 import ast
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -121,14 +122,6 @@ def test_an_evaluation_prints_and_draws_itself():
 
 SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
-    "import sprintlab as sl\n": (
-        f"import sys; sys.path.append({str(ROOT)!r})\n"
-        "import sprintlab as sl\nfrom tests.short_trials import BRIEF, shorten_trials\nshorten_trials()\n"
-        "shorten_trials(defaults=BRIEF)\n"
-        "from sprintlab.evaluation import report\n"  # tests/cli/test_race.py draws one
-        "report.png_in_both_looks = lambda draw: (b'light', b'dark')\n"
-        "from sprintlab.training.runs import observed_run\nobserved_run._SECONDS = 0.2\n"
-    ),
     '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
     "iterations=1600, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
     "trials=10": "trials=1, top_speed=1.0, distance=0.05, workers=1",
@@ -136,16 +129,17 @@ TINY = {
 
 
 @pytest.mark.slow
-def test_the_dozen_lines_train_export_race_and_report(tmp_path):
+@pytest.mark.usefixtures("brief_trials", "short_replay", "blank_pictures")  # tests/cli/test_race.py draws one
+def test_the_dozen_lines_train_export_race_and_report(tmp_path, monkeypatch, capsys):
     pytest.importorskip("torch")
     text = SCRIPT
     for full, tiny in TINY.items():
         assert full in text
         text = text.replace(full, tiny)
     (tmp_path / "script.py").write_text(text, encoding="utf-8")
-    result = run_python("script.py", folder=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "policy policy, command up to 1 m/s" in result.stdout
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path("script.py", run_name="__main__")
+    assert "policy policy, command up to 1 m/s" in capsys.readouterr().out
     assert (tmp_path / "runs/quickstart-race/report.html").is_file()
     assert "sprintlab.cli" not in SCRIPT
 

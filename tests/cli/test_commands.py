@@ -77,6 +77,6 @@ def test_a_reader_that_leaves_early_is_no_error():
 
 
 def test_the_package_runs_as_a_module():
-    words = [sys.executable, "-m", "sprintlab", "race", "nobody"]
+    words = [sys.executable, "-m", "sprintlab", "robot", "show", "nobody"]
     done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 2 and "no policy named 'nobody'" in done.stderr
+    assert done.returncode == 2 and "'nobody'" in done.stderr

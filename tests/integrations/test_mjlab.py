@@ -8,22 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="the mjlab terms need PyTorch: pip install 'sprintlab[mjlab]'")
-pytest.importorskip("mjlab", reason="needs mjlab: pip install 'sprintlab[mjlab]'")
-
-from mjlab.actuator import ActuatorCmd  # noqa: E402
-from mjlab.actuator.actuator import TransmissionType  # noqa: E402
-from mjlab.actuator.fused_group import FusedActuatorGroup  # noqa: E402
-
-from sprintlab.commands import AdaptiveSchedule, TargetSampling  # noqa: E402
-from sprintlab.core.errors import InvalidValueError  # noqa: E402
-from sprintlab.integrations.mjlab import (  # noqa: E402
-    AdaptiveVelocityCommandCfg,
-    PmsmActuatorCfg,
-    actuator_type,
-    randomize_bus_voltage,
-)
-from sprintlab.motors import (  # noqa: E402
+from sprintlab.commands import AdaptiveSchedule, TargetSampling
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
     MOTOR_MODELS,
     Gear,
     I2tLimit,
@@ -34,9 +21,30 @@ from sprintlab.motors import (  # noqa: E402
     stack_motors,
 )
 
+torch = pytest.importorskip("torch", reason="the mjlab terms need PyTorch: pip install 'sprintlab[mjlab]'")
+if importlib.util.find_spec("mjlab") is None:
+    pytest.skip("needs mjlab: pip install 'sprintlab[mjlab]'", allow_module_level=True)
+
 ENVIRONMENTS = 3
 TIMESTEP = 0.005  # [s]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "mjlab_go1_refined_motor.py"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def mjlab():
+    """Imported before the first test, not by every worker that collects: it takes three seconds."""
+    global ActuatorCmd, AdaptiveVelocityCommandCfg, FusedActuatorGroup, PmsmActuatorCfg, TransmissionType
+    global actuator_type, randomize_bus_voltage
+    from mjlab.actuator import ActuatorCmd
+    from mjlab.actuator.actuator import TransmissionType
+    from mjlab.actuator.fused_group import FusedActuatorGroup
+
+    from sprintlab.integrations.mjlab import (
+        AdaptiveVelocityCommandCfg,
+        PmsmActuatorCfg,
+        actuator_type,
+        randomize_bus_voltage,
+    )
 
 
 def motor(**changes):
@@ -210,12 +218,16 @@ def test_armature_and_effort_limit_follow_from_motor_and_gear():
         ({"motor": stack_motors([motor(), motor()])}, "must be one motor"),
         ({"i2t": I2tLimit(continuous_current=60.0, time_constant=1.0)}, "must lie below the peak current"),
         ({"i2t": I2tLimit(continuous_current=np.array([5.0, 6.0]), time_constant=1.0)}, "of one motor"),
-        ({"transmission_type": TransmissionType.TENDON}, "must be joint"),
     ],
 )
 def test_configurations_that_are_not_allowed(changes, words):
     with pytest.raises(InvalidValueError, match=words):
         configuration(**changes)
+
+
+def test_a_motor_moves_a_joint():
+    with pytest.raises(InvalidValueError, match="must be joint"):
+        configuration(transmission_type=TransmissionType.TENDON)
 
 
 def test_bus_voltages_are_drawn_one_an_environment(build):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -41,11 +42,12 @@ def built(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(built, tmp_path_factory):
-    """Run ``sprintlab`` from the unpacked wheel, in a folder of its own."""
+    """Run ``sprintlab`` from the unpacked wheel, in a folder of its own; the same command once."""
     place, folder = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("work")
     with zipfile.ZipFile(next(built.glob("*.whl"))) as wheel:
         wheel.extractall(place)
 
+    @cache
     def run(*arguments, **variables):
         environment = {**os.environ, "PYTHONPATH": str(place), "SOURCE": str(place), **variables}
         start = "import sys, sprintlab; assert sprintlab.__file__.startswith(sys.argv.pop(1))"

@@ -50,7 +50,7 @@ def test_facts_describe_a_run(bp2, fastest):
 @pytest.mark.parametrize(("quantity", "factor"), [("mass", 1.6), ("bus voltage", 0.8)])
 def test_a_heavier_or_weaker_robot_is_slower(bp2, fastest, monkeypatch, quantity, factor):
     # Enough to come near the fastest; a robot that was as able as before would keep its known stride.
-    monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 60)
+    monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 20)
     slower = fastest_stride(scalings(bp2)[quantity](factor), ONE_START, near=fastest)
     assert 0.7 * fastest.speed < slower.speed < 0.97 * fastest.speed
 
@@ -95,7 +95,7 @@ def test_the_whole_answer_and_its_picture(bp2, fastest, monkeypatch):
         return fastest_stride(runner, settings, near=near, tick=tick, **options)
 
     monkeypatch.setattr("sprintlab.speed_limit.analysis.fastest_stride", known_or_searched)
-    monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 40)  # enough to be faster, not fastest
+    monkeypatch.setattr("sprintlab.speed_limit.search._EVALUATIONS", 20)  # enough to be faster, not fastest
     seen = []
     limit = speed_limit(
         load_robot("bp2"),

@@ -15,7 +15,6 @@ import pytest
 pytest.importorskip("mujoco_warp")
 
 import torch
-from torch._inductor.runtime.cache_dir_utils import cache_dir
 
 from sprintlab.training.environment.episodes import Ends
 from sprintlab.training.environment.rewards import aggregate
@@ -135,6 +134,8 @@ def test_many_runs_fit_into_one_process(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_compiled_code_is_kept_in_the_accounts_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """In PyTorch's own folder of /tmp another account's code was waiting, and was run."""
+    from torch._inductor.runtime.cache_dir_utils import cache_dir  # imports all of the compiler
+
     monkeypatch.setenv("TORCHINDUCTOR_CACHE_DIR", "another")
     monkeypatch.delenv("TORCHINDUCTOR_CACHE_DIR")
     monkeypatch.setenv("HOME", str(tmp_path))

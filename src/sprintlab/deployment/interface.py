@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import enum
 import hashlib
+import math
 import secrets
 import struct
 import zlib
@@ -187,6 +188,7 @@ COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
 """Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
 and so small that no sum of their products overflows."""
 
+_LITTLE_ENDIAN = np.dtype("<f8")
 _HEADER = "<4sHHQQ"
 _HEADER_FIELDS = 5
 _SCALAR, _PER_JOINT = 0, -1  # sizes of fields that are no arrays, or arrays with a number per joint
@@ -336,7 +338,10 @@ def new_session() -> int:
 def within_bounds(field: str, value: FloatArray) -> bool:
     """Whether all numbers of a command's field are within ``COMMAND_BOUNDS``; NaN is not."""
     least, greatest = COMMAND_BOUNDS[field]
-    return all(least <= number <= greatest for number in value.tolist())
+    numbers = value.tolist()  # of a dozen numbers Python finds the extremes sooner than NumPy
+    if math.isnan(sum(numbers)):  # which the extremes may pass over
+        return False
+    return not numbers or (least <= min(numbers) and max(numbers) <= greatest)
 
 
 def check_command(command: JointCommand, joints: int) -> None:
@@ -359,8 +364,8 @@ def command_digest(command: JointCommand) -> int:
     The content is the mode as one byte, then the fields in the order of ``COMMAND_BOUNDS``, doubles in little
     endian. A checksum would not do: a command of the same checksum takes its writer microseconds.
     """
-    content = b"".join(getattr(command, field).astype("<f8").tobytes() for field in COMMAND_BOUNDS)
-    digest = hashlib.blake2b(bytes([command.mode]) + content, digest_size=8).digest()
+    parts = [getattr(command, field).astype(_LITTLE_ENDIAN, copy=False).tobytes() for field in COMMAND_BOUNDS]
+    digest = hashlib.blake2b(bytes([command.mode]) + b"".join(parts), digest_size=8).digest()
     return int.from_bytes(digest, "little") or 1
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from sprintlab.core.theme import LIGHT, as_written, axis_legend, set_title, themed_figure
 from sprintlab.speed_limit.analysis import SpeedLimit
-from sprintlab.speed_limit.leg import FloatArray, rotate
+from sprintlab.speed_limit.leg import FloatArray, knee_position
 from sprintlab.speed_limit.runner import Runner
 from sprintlab.speed_limit.stride import STANCE_POINTS
 
@@ -59,7 +59,7 @@ def _legend(axes: Axes) -> None:
 
 def _draw_leg(axes: Axes, limit: SpeedLimit, runner: Runner) -> None:
     position, foot = limit.stride.position[0], limit.stride.foot[0]
-    knee = rotate(position[:, 0], 0.0, -runner.leg.thigh.length)
+    knee = knee_position(runner.leg, position)
     for index in range(0, len(position), 4):
         color = _STANCE if index < STANCE_POINTS else _SWING
         line = np.vstack((np.zeros(2), knee[index], foot[index]))

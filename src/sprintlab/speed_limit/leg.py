@@ -97,19 +97,35 @@ def _squared(offset: FloatArray) -> float:
     return float(offset[0] ** 2 + offset[2] ** 2)
 
 
-def rotate(angle: FloatArray, x: float, z: float) -> FloatArray:
+Direction = tuple[FloatArray, FloatArray]
+"""Cosine and sine of angles: what points of one link have in common."""
+
+
+def _directions(position: FloatArray) -> tuple[Direction, Direction]:
+    """Directions of thigh and shank for joint angles ``(..., 2)`` [rad]."""
+    thigh = position[..., 0]
+    shank = thigh + position[..., 1]
+    return (np.cos(thigh), np.sin(thigh)), (np.cos(shank), np.sin(shank))
+
+
+def _rotate(direction: Direction, x: float, z: float) -> FloatArray:
     """``R(angle) (x, z)``, shape ``(..., 2)``."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turned = np.empty((*np.shape(angle), 2))
+    cosine, sine = direction
+    turned = np.empty((*np.shape(cosine), 2))
     turned[..., 0] = x * cosine + z * sine
     turned[..., 1] = z * cosine - x * sine
     return turned
 
 
+def knee_position(leg: PlanarLeg, position: FloatArray) -> FloatArray:
+    """Knee ``(..., 2)`` [m] for joint angles ``(..., 2)`` [rad]."""
+    return _rotate(_directions(position)[0], 0.0, -leg.thigh.length)
+
+
 def foot_position(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """Middle of the foot ``(..., 2)`` [m] for joint angles ``(..., 2)`` [rad]."""
-    knee = rotate(position[..., 0], 0.0, -leg.thigh.length)
-    return knee + rotate(position.sum(-1), 0.0, -leg.shank.length)
+    thigh, shank = _directions(position)
+    return _rotate(thigh, 0.0, -leg.thigh.length) + _rotate(shank, 0.0, -leg.shank.length)
 
 
 def joint_position(leg: PlanarLeg, foot: FloatArray) -> FloatArray:
@@ -118,7 +134,7 @@ def joint_position(leg: PlanarLeg, foot: FloatArray) -> FloatArray:
     Where the foot is out of reach, the angles of the straight (or the tightest) leg in its direction.
     """
     thigh, shank = leg.thigh.length, leg.shank.length
-    squared = (foot**2).sum(-1)
+    squared = _dot(foot, foot)
     cosine = (squared - thigh**2 - shank**2) / (2.0 * thigh * shank)
     knee = -np.arccos(np.clip(cosine, -0.9999, 0.9999))
     bend = np.arctan2(shank * np.sin(knee), thigh + shank * np.cos(knee))
@@ -127,14 +143,23 @@ def joint_position(leg: PlanarLeg, foot: FloatArray) -> FloatArray:
 
 def foot_jacobian(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """Derivative of the foot's middle by the joint angles, ``(..., 2, 2)`` [m/rad]."""
-    by_shank = rotate(position.sum(-1), -leg.shank.length, 0.0)
-    by_thigh = rotate(position[..., 0], -leg.thigh.length, 0.0)
+    return _foot_jacobian(leg, _directions(position))
+
+
+def _foot_jacobian(leg: PlanarLeg, directions: tuple[Direction, Direction]) -> FloatArray:
+    thigh, shank = directions
+    by_shank = _rotate(shank, -leg.shank.length, 0.0)
+    by_thigh = _rotate(thigh, -leg.thigh.length, 0.0)
     return np.stack((by_thigh + by_shank, by_shank), axis=-1)
 
 
 def contact_jacobian(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """The same for the foot's lowest point, which a rolling foot holds still on the ground."""
-    jacobian = foot_jacobian(leg, position)
+    return _contact_jacobian(leg, _directions(position))
+
+
+def _contact_jacobian(leg: PlanarLeg, directions: tuple[Direction, Direction]) -> FloatArray:
+    jacobian = _foot_jacobian(leg, directions)
     jacobian[..., 0, :] -= leg.foot_radius
     return jacobian
 
@@ -146,19 +171,31 @@ def stance_motion(
 
     The ground moves against the hip: ``J_c q' = -v_hip``, and its derivative ``J_c q'' = -J' q' - a_hip``.
     """
-    jacobian = contact_jacobian(leg, position)
+    directions = thigh, shank = _directions(position)
+    jacobian = _contact_jacobian(leg, directions)
     velocity = np.asarray(np.linalg.solve(jacobian, -hip_velocity[..., None])[..., 0], dtype=np.float64)
-    turning = rotate(position[..., 0], 0.0, -leg.thigh.length) * velocity[..., :1] ** 2
-    turning += rotate(position.sum(-1), 0.0, -leg.shank.length) * velocity.sum(-1, keepdims=True) ** 2
-    return velocity, np.linalg.solve(jacobian, (turning - hip_acceleration)[..., None])[..., 0]
+    turning = _rotate(thigh, 0.0, -leg.thigh.length) * velocity[..., :1] ** 2
+    turning += _rotate(shank, 0.0, -leg.shank.length) * (velocity[..., :1] + velocity[..., 1:]) ** 2
+    pulled = np.linalg.solve(jacobian, (turning - hip_acceleration)[..., None])[..., 0]
+    return velocity, np.asarray(pulled, dtype=np.float64)
 
 
 def mass_matrix(leg: PlanarLeg, position: FloatArray) -> FloatArray:
     """Inertia matrix of the leg on a fixed hip, rotors included, ``(..., 2, 2)`` [kg m^2]."""
-    still = np.zeros_like(position)
-    gravity = inverse_dynamics(leg, position, still, still)
-    columns = [inverse_dynamics(leg, position, still, still + unit) - gravity for unit in np.eye(2)]
-    return np.stack(columns, axis=-1)
+    thigh, shank = _directions(position)
+    own = _rotate(thigh, leg.thigh.center_z, -leg.thigh.center_x)
+    carried = _rotate(shank, leg.shank.center_z, -leg.shank.center_x)
+    knee_arm = _rotate(thigh, -leg.thigh.length, 0.0)
+    by_thigh = leg.thigh.mass * _dot(own, own) + leg.thigh.inertia
+    by_knee = leg.shank.mass * _dot(carried, carried) + leg.shank.inertia
+    coupled = leg.shank.mass * _dot(knee_arm, carried)
+    inertia = np.empty((*np.shape(by_knee), 2, 2))
+    inertia[..., 0, 0] = (
+        by_thigh + by_knee + 2.0 * coupled + leg.shank.mass * leg.thigh.length**2 + leg.armature[0]
+    )
+    inertia[..., 0, 1] = inertia[..., 1, 0] = by_knee + coupled
+    inertia[..., 1, 1] = by_knee + leg.armature[1]
+    return inertia
 
 
 def inverse_dynamics(
@@ -169,14 +206,17 @@ def inverse_dynamics(
     Virtual work: ``tau_j = sum over links of m (c'' + g) . dc/dq_j + I a'' da/dq_j``, plus the rotors'
     ``G^2 J q_j''``.
     """
-    angles = (position[..., 0], position.sum(-1))
-    rates, accelerations = ((rate[..., :1], rate.sum(-1, keepdims=True)) for rate in (velocity, acceleration))
-    knee_arm = rotate(angles[0], -leg.thigh.length, 0.0)
-    knee = knee_arm * accelerations[0] - rotate(angles[0], 0.0, -leg.thigh.length) * rates[0] ** 2
+    directions = _directions(position)
+    rates, accelerations = (
+        (rate[..., :1], rate[..., :1] + rate[..., 1:]) for rate in (velocity, acceleration)
+    )
+    knee_arm = _rotate(directions[0], -leg.thigh.length, 0.0)
+    knee = knee_arm * accelerations[0] - _rotate(directions[0], 0.0, -leg.thigh.length) * rates[0] ** 2
     torque = leg.armature * acceleration
-    for link, angle, rate, spin in zip((leg.thigh, leg.shank), angles, rates, accelerations, strict=True):
-        arm = rotate(angle, link.center_z, -link.center_x)
-        pull = arm * spin - rotate(angle, link.center_x, link.center_z) * rate**2
+    links = (leg.thigh, leg.shank)
+    for link, direction, rate, spin in zip(links, directions, rates, accelerations, strict=True):
+        arm = _rotate(direction, link.center_z, -link.center_x)
+        pull = arm * spin - _rotate(direction, link.center_x, link.center_z) * rate**2
         turn = link.inertia * spin[..., 0]
         if link is leg.thigh:
             torque[..., 0] += link.mass * _dot(_lifted(pull), arm) + turn
@@ -193,4 +233,5 @@ def _lifted(acceleration: FloatArray) -> FloatArray:
 
 
 def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
-    return (first * second).sum(-1)
+    # Written out: NumPy sums pairs several times slower than it adds columns.
+    return first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class Runner:
     knee_spring: KneeSpring | None
     motor_model: MotorModel = "refined"
 
-    @property
+    @cached_property
     def peak_torque(self) -> FloatArray:
         """Greatest driving torque of hip and knee near standstill ``(2,)`` [N m]."""
         upper = torque_limits(self.motors, np.zeros(2), self.bus_voltage, self.motor_model)[1]

@@ -227,11 +227,8 @@ class _Search:
             return np.r_[self._residuals(unknown[None, :-1], unknown[-1])[0], missing]
 
         def slopes(unknown: FloatArray) -> FloatArray:
-            shape, here = unknown[:-1], unknown[-1]
-            by_speed = self._residuals(shape[None], here + _STEP) - self._residuals(shape[None], here)
-            by_shape = self._slopes(shape, here)
             pulled = np.r_[np.zeros(PARAMETERS), -weight]
-            return np.vstack((np.hstack((by_shape, by_speed.T / _STEP)), pulled))
+            return np.vstack((self._slopes(unknown), pulled))
 
         bounds = np.r_[self._lower, 0.05 * self._pace], np.r_[self._upper, self.ceiling]
         found = _least_squares(residuals, slopes, np.r_[scaled, speed], bounds)[1]
@@ -244,21 +241,21 @@ class _Search:
             return worst, scaled
         found = _least_squares(
             lambda shape: self._residuals(shape[None], speed)[0],
-            lambda shape: self._slopes(shape, speed),
+            lambda shape: self._slopes(np.r_[shape, speed])[:, :-1],
             scaled,
             (self._lower, self._upper),
         )
         return float(np.abs(found[0]).max()), found[1]
 
-    def _residuals(self, scaled: FloatArray, speed: float) -> FloatArray:
+    def _residuals(self, scaled: FloatArray, speed: float | FloatArray) -> FloatArray:
         broken = violations(self._runner, evaluate(self._runner, scaled * _SCALES, speed))
         return np.concatenate([broken[name] for name in self._groups], axis=1)
 
-    def _slopes(self, scaled: FloatArray, speed: float) -> FloatArray:
-        """Derivative of the residuals by differences, all parameters in one batch."""
-        batch = np.tile(scaled, (PARAMETERS + 1, 1))
-        batch[1:] += _STEP * np.eye(PARAMETERS)
-        residuals = self._residuals(batch, speed)
+    def _slopes(self, unknown: FloatArray) -> FloatArray:
+        """Derivative of the residuals by all parameters and the speed: differences, in one batch."""
+        batch = np.tile(unknown, (len(unknown) + 1, 1))
+        batch[1:] += _STEP * np.eye(len(unknown))
+        residuals = self._residuals(batch[:, :-1], batch[:, -1])
         return (residuals[1:] - residuals[0]).T / _STEP
 
 

@@ -127,18 +127,18 @@ def stride_bounds(
     return np.r_[lower, np.full(waves, -4.0)], np.r_[upper, np.full(waves, 4.0)]
 
 
-def evaluate(runner: Runner, parameters: FloatArray, speed: float) -> Stride:
+def evaluate(runner: Runner, parameters: FloatArray, speed: float | FloatArray) -> Stride:
     """Motion, torques and limits of a batch of strides.
 
     Args:
         runner: the robot.
         parameters: ``(b, PARAMETERS)``.
-        speed: of the trunk, constant [m/s].
+        speed: of the trunk, constant [m/s]: of all strides, or of each ``(b,)``.
     """
     shape: dict[str, FloatArray] = dict(zip(SHAPES, parameters[:, : len(SHAPES)].T, strict=True))
     waves = parameters[:, len(SHAPES) :].reshape(-1, 2, SWING_WAVES)
     stance_time, swing_time = shape["duty"] * shape["period"], (1.0 - shape["duty"]) * shape["period"]
-    force, hip = _stance_load(runner, shape, float(speed))
+    force, hip = _stance_load(runner, shape, np.reshape(np.asarray(speed, dtype=np.float64), (-1, 1)))
     position = _rolling_stance(runner.leg, shape["sweep"], hip)
     velocity, acceleration = stance_motion(runner.leg, position, hip.velocity, hip.acceleration)
     pushed = np.einsum("bpij,bpi->bpj", contact_jacobian(runner.leg, position), force)
@@ -184,7 +184,7 @@ class _Hip(NamedTuple):
     acceleration: FloatArray
 
 
-def _stance_load(runner: Runner, shape: dict[str, FloatArray], speed: float) -> tuple[FloatArray, _Hip]:
+def _stance_load(runner: Runner, shape: dict[str, FloatArray], speed: FloatArray) -> tuple[FloatArray, _Hip]:
     """Force of the ground in stance, and the bounce of the hip that follows from it.
 
     Vertical impulse balance: over a stride of length T the legs together give the trunk ``m g T``, each leg
@@ -244,7 +244,7 @@ def _rolling_stance(leg: PlanarLeg, sweep: FloatArray, hip: _Hip) -> FloatArray:
     for _ in range(_ROLLING_STEPS):
         foot[..., 0] = sweep[:, None] - hip.place[..., 0] + rolled
         position = joint_position(leg, foot)
-        shank = position.sum(-1)
+        shank = position[..., 0] + position[..., 1]
         middle = 0.5 * (shank[:, STANCE_POINTS // 2 - 1] + shank[:, STANCE_POINTS // 2])
         rolled = leg.foot_radius * (shank - middle[:, None])
     return position

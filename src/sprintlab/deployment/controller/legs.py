@@ -54,11 +54,13 @@ class Legs:
 
         What is out of reach comes as near as the legs can, in the same direction.
         """
-        reach = np.clip(np.hypot(x, z), self.shortest, self._a + self._b)
+        # np.clip takes five times as long.
+        reach = np.minimum(np.maximum(np.hypot(x, z), self.shortest), self._a + self._b)
         cosine = (reach**2 - self._a**2 - self._b**2) / (2.0 * self._a * self._b)
-        knee = self._bend * np.arccos(np.clip(cosine, -1.0, 1.0))
+        knee = self._bend * np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
         inner = np.arctan2(self._b * np.sin(knee), self._a + self._b * np.cos(knee))
-        return self._all_joints(np.stack((abad, np.arctan2(-x, -z) - inner, knee), axis=1))
+        legs = np.array((abad, np.arctan2(-x, -z) - inner, knee))
+        return self._all_joints(legs.T)
 
     def _all_joints(self, legs: FloatArray) -> FloatArray:
         """Numbers of the legs' joints ``(legs, 3)`` as those of all joints, zero at the waist."""
@@ -74,7 +76,7 @@ class Legs:
             self._offset * np.cos(abad) - z * np.sin(abad),
             self._offset * np.sin(abad) + z * np.cos(abad),
         )
-        feet = self._axes + np.stack((x, y, up), axis=1)
+        feet = self._axes + np.array((x, y, up)).T
         if self._waist is not None:
             c, s = math.cos(pose[self._waist]), math.sin(pose[self._waist])
             feet[self._rear] = feet[self._rear] @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])

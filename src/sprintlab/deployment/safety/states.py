@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sprintlab.deployment.interface import FloatArray, RobotState
+from sprintlab.deployment.interface import RobotState
 from sprintlab.deployment.safety.faults import Fault
 from sprintlab.deployment.safety.settings import SafetySettings
 from sprintlab.deployment.safety.timer import Persistence
@@ -48,7 +48,7 @@ class StateMonitor:
         self._frozen = Persistence(self._settings.frozen_time)
         self._inertial: bytes = b""
         self._inertial_stuck = Persistence(self._settings.frozen_time)
-        self._stuck_since: FloatArray = np.full(len(self._lower), np.inf)
+        self._never = self._stuck_since = np.full(len(self._lower), np.inf)
 
     def age(self, time: float) -> float | None:
         """Time since the last accepted state [s]; None before the first."""
@@ -135,5 +135,8 @@ class StateMonitor:
             return False
         still = state.joint_position == self.last.joint_position
         still &= np.abs(state.joint_velocity) > self._settings.stuck_velocity
+        if not np.count_nonzero(still):
+            self._stuck_since = self._never
+            return False
         self._stuck_since = np.where(still, np.minimum(self._stuck_since, time), np.inf)
         return bool((time - self._stuck_since >= self._settings.frozen_time - 1e-9).any())
