@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from sprintlab.robots.description import RobotDescription
@@ -45,6 +46,7 @@ class RobotImport(Printed):
         yield f"next: sprintlab robot show {self.folder}; python {self.folder}/train.py --help"
 
 
+@checked
 def import_robot(
     source: str | Path | SourceRobot, choices: RobotChoices | str | Path, output: str | Path = "robots"
 ) -> RobotImport:

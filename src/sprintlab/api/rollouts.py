@@ -12,6 +12,7 @@ from rich.text import Text
 
 from sprintlab.api.motors import chosen_motor
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +83,7 @@ class AuditedRollout(Drawn):
         return in_notebook(rollout_figure(self.rollout, self.motor, self.gear, self.bus_voltage))
 
 
+@checked
 def audit_rollout(
     rollout: Path | str,
     motor: str,

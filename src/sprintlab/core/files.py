@@ -167,7 +167,7 @@ def check_writable_file(path: str | os.PathLike[str]) -> None:
         SprintlabError: as ``check_writable``, or a folder has the name.
     """
     check_writable(path)
-    if os.path.isdir(path):
+    if _place(path).is_dir():  # a path: no name at all is the folder one is in
         raise SprintlabError(f"cannot write {path}: it is a folder")
 
 

@@ -135,7 +135,9 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
         device = f"cuda:{workers.local_rank}"
     try:
         runner = Runner(settings, device, words, options.fused, workers)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+    except (
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError, RuntimeError,
+    ) as error:  # fmt: skip
         if saved is None or isinstance(error, SprintlabError):
             raise
         reason = printable(" ".join(str(error).split()), 150)
