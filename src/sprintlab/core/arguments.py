@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -19,12 +20,14 @@ import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
 
+_LONGEST_NAME, _LONGEST_PATH = 255, 4000  # bytes
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _WORDS: dict[Any, str] = {
-    int: "a whole number", float: "a finite number", str: "text", bool: "True or False", Path: "a path",
-    types.NoneType: "None",
+    int: "a whole number", float: "a finite number", str: "text", bool: "True or False",
+    Path: "a path with names of at most 255 bytes", types.NoneType: "None",
 }  # fmt: skip
 
 
@@ -82,7 +85,11 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
 
 def _fits(value: Any, hint: Any) -> bool:
     origin, inner = get_origin(hint), get_args(hint)
+    if hint is Any:
+        return True
     if origin in (Union, types.UnionType):
+        if Path in inner and isinstance(value, str | Path):  # text, too, is the name of a file there
+            return _plain_fits(value, Path)
         return any(_fits(value, one) for one in inner)
     if origin is Literal:
         return isinstance(value, str)  # which ones, the function says itself
@@ -107,11 +114,17 @@ def _plain_fits(value: Any, hint: Any) -> bool:
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if hint is Path:
-        return isinstance(value, str | Path)
+        return isinstance(value, str | Path) and _is_name(value)
     if hint in (int, float):
         number = Integral if hint is int else Real
         return isinstance(value, number) and not isinstance(value, bool) and _finite(value)
     return isinstance(value, hint)
+
+
+def _is_name(path: str | Path) -> bool:
+    """Whether a disk may know it: before Python 3.14, a longer one ends ``Path.exists`` with an error."""
+    parts = os.fsencode(path).split(os.sep.encode())
+    return all(len(part) <= _LONGEST_NAME for part in parts) and sum(map(len, parts)) < _LONGEST_PATH
 
 
 def _finite(value: Any) -> bool:
