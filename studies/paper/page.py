@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -187,7 +188,7 @@ def own_motors_table(known: Evidence) -> str:
     from studies.paper.record import number as value
 
     columns = ("method", "motor in training", "v*", "held with it", "held with the real one")
-    joints = tuple(next(iter(known.own_motors.values())).impossible)
+    joints = tuple(dict.fromkeys(name for found in known.own_motors.values() for name in found.impossible))
     rows = [
         [
             method,
@@ -195,7 +196,7 @@ def own_motors_table(known: Evidence) -> str:
             f"{found.top_speed:g}",
             number(value(found.held_speed_own), 2),
             number(value(found.held_speed_refined), 2),
-            *(f"{100.0 * found.impossible[name]:.1f} %" for name in joints),
+            *(f"{number(100.0 * found.impossible.get(name, math.nan), 1)} %" for name in joints),
         ]
         for method, found in known.own_motors.items()
     ]

@@ -283,7 +283,11 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
+    from sprintlab.core.arguments import check_kind
     from sprintlab.training.runs.options import TrainOptions, check_places
+    from sprintlab.training.settings import TrainingSettings
+
+    check_kind("settings", settings, TrainingSettings)
 
     own: dict[str, Any] = {
         "method": settings.method,

@@ -123,8 +123,9 @@ def _plain_fits(value: Any, hint: Any) -> bool:
 
 def _is_name(path: str | Path) -> bool:
     """Whether a disk may know it: before Python 3.14, a longer one ends ``Path.exists`` with an error."""
-    parts = os.fsencode(path).split(os.sep.encode())
-    return all(len(part) <= _LONGEST_NAME for part in parts) and sum(map(len, parts)) < _LONGEST_PATH
+    name = os.fsencode(path)
+    parts = name.split(os.sep.encode())
+    return len(name) <= _LONGEST_PATH and max(map(len, parts)) <= _LONGEST_NAME
 
 
 def _finite(value: Any) -> bool:
@@ -145,4 +146,4 @@ def _described(hint: Any) -> str:
         return f"a list, each {_described(inner[0])}"
     if origin is Mapping:
         return "a mapping of names to values"
-    return _WORDS.get(hint) or f"a {getattr(hint, '__name__', hint)}"
+    return _WORDS.get(hint) or f"an instance of {getattr(hint, '__name__', hint)}"
