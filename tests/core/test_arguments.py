@@ -45,11 +45,22 @@ def work(
 @pytest.mark.parametrize(
     "given",
     [
-        {"name": Path("a")}, {"count": 2}, {"count": np.int64(2)}, {"speed": 2}, {"speed": np.float32(2.0)},
-        {"speed": None}, {"video": np.bool_(True)}, {"speeds": [1, 2.0]}, {"speeds": np.linspace(1.0, 2.0, 3)},
-        {"changes": {"a": []}}, {"options": Options()}, {"progress": print}, {"unknown": 3}, {"anything": 1j},
+        {"name": Path("a")},
+        {"count": 2},
+        {"count": np.int64(2)},
+        {"speed": 2},
+        {"speed": np.float32(2.0)},
+        {"speed": None},
+        {"video": np.bool_(True)},
+        {"speeds": [1, 2.0]},
+        {"speeds": np.linspace(1.0, 2.0, 3)},
+        {"changes": {"a": []}},
+        {"options": Options()},
+        {"progress": print},
+        {"unknown": 3},
+        {"anything": 1j},
     ],
-)  # fmt: skip
+)
 def test_what_fits_goes_through(given):
     assert work(**given) == "worked"
 
