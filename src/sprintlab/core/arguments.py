@@ -54,7 +54,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 def check_fields(settings: Any) -> None:
     """Hold the fields of a dataclass against their type hints. Raises as ``check_kind``."""
-    hints = get_type_hints(type(settings))
+    hints = get_type_hints(settings.__class__)
     for field in fields(settings):
         check_kind(field.name, getattr(settings, field.name), hints[field.name])
 
@@ -117,7 +117,7 @@ def _plain_fits(value: Any, hint: Any) -> bool:
         return isinstance(value, str | Path) and _is_name(value)
     if hint in (int, float):
         number = Integral if hint is int else Real
-        return isinstance(value, number) and not isinstance(value, bool) and _finite(value)
+        return type(value) is not bool and isinstance(value, number) and _finite(value)
     return isinstance(value, hint)
 
 
