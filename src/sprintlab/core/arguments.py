@@ -27,7 +27,7 @@ R = TypeVar("R")
 
 _WORDS: dict[Any, str] = {
     int: "a whole number", float: "a finite number", str: "text", bool: "True or False",
-    Path: "a path with names of at most 255 bytes", types.NoneType: "None",
+    Path: "a name or path, no part of it longer than 255 bytes", types.NoneType: "None",
 }  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def _described(hint: Any) -> str:
     """What an argument may be, in words."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return " or ".join(_described(one) for one in inner)
+        return " or ".join(_described(one) for one in inner if one is not str or Path not in inner)
     if origin is Literal:
         return "one of " + ", ".join(map(str, inner))
     if origin in (Sequence, tuple):
