@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import types
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +16,6 @@ from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_args, get_origin, get_type_hints
-
-import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
 
@@ -105,14 +104,14 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _is_list(value: Any) -> bool:
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "ndim"):  # an array; NumPy itself is too heavy to be imported for every command
         return bool(value.ndim)
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _plain_fits(value: Any, hint: Any) -> bool:
     if hint is bool:
-        return isinstance(value, bool | np.bool_)
+        return type(value).__name__ in ("bool", "bool_")  # Python's or NumPy's
     if hint is Path:
         return isinstance(value, str | Path) and _is_name(value)
     if hint in (int, float):
@@ -130,7 +129,7 @@ def _is_name(path: str | Path) -> bool:
 
 def _finite(value: Any) -> bool:
     try:
-        return bool(np.isfinite(float(value)))
+        return math.isfinite(value)
     except OverflowError:
         return False
 
