@@ -187,7 +187,7 @@ def own_motors_table(known: Evidence) -> str:
     from studies.paper.record import number as value
 
     columns = ("method", "motor in training", "v*", "held with it", "held with the real one")
-    joints = tuple(next(iter(known.own_motors.values())).impossible)
+    joints = tuple(dict.fromkeys(name for found in known.own_motors.values() for name in found.impossible))
     rows = [
         [
             method,
@@ -195,13 +195,17 @@ def own_motors_table(known: Evidence) -> str:
             f"{found.top_speed:g}",
             number(value(found.held_speed_own), 2),
             number(value(found.held_speed_refined), 2),
-            *(f"{100.0 * found.impossible[name]:.1f} %" for name in joints),
+            *(_share(found.impossible.get(name)) for name in joints),
         ]
         for method, found in known.own_motors.items()
     ]
     heads = (*columns, *(f"impossible: {name}" for name in joints))
     note = "One nominal trial each of the median seed's policy, at the command at which it holds most [m/s]."
     return f"{markdown_table(heads, rows)}\n\n{note}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{100.0 * value:.1f} %"
 
 
 def _grouped(folder: Path) -> Grouped:

@@ -112,7 +112,7 @@ class Variants:
                 report(f"{run.method} in {name}", number / len(todo))
                 path = run.folder / f"{name}.json"
                 known = read_variant(path)
-                if known is None or not _answers(known, run, protocol):
+                if known is None or known.variant != name or not _answers(known, run, protocol):
                     record = evaluate_variant(run.policy, name, protocol, self.workers)
                     atomic_write_bytes(path, msgspec.json.encode(record) + b"\n")
         return 0
@@ -187,7 +187,7 @@ def variant_speeds(runs: Iterable[Run]) -> dict[str, dict[str, float]]:
     for run in runs:
         for name in VARIANTS:
             record = read_variant(run.folder / f"{name}.json")
-            if record is not None:
+            if record is not None and record.variant == name:
                 speeds.setdefault(run.method, {})[name] = record.raw.most_held
     return speeds
 

@@ -85,7 +85,7 @@ REFUSED = (
     (["evaluate", "sprint", "--out", "loop/numbers.json"], "cannot write"),
     (["evaluate", "sprint", "--out", "."], "it is a folder"),
     (["evaluate", "sprint", "--out", "pipe"], "a pipe, a device or an open file"),
-    (["evaluate", "sprint", "--out", "n" * 300], "File name too long"),
+    (["evaluate", "sprint", "--out", "n" * 300], "no part of it longer than 255 bytes"),
     (["limit", "--figure", "pipe.png"], "a pipe, a device or an open file"),
     (["limit", "--figure", "loop.png"], "cannot write"),
     (["limit", "--results", "pipe"], "there is no folder pipe"),

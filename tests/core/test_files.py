@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+import shutil
 import socket
 import stat
 import subprocess
@@ -203,8 +204,9 @@ def test_places_that_cannot_be_are_refused_before_any_work(tmp_path):
     for path in ("loop/a/b.json", "dangling/a.json", "a" * 300, "a" * 5000 + "/b"):
         with pytest.raises(SprintlabError, match="cannot write"):
             files.check_writable(tmp_path / path)
-    with pytest.raises(SprintlabError, match="it is a folder"):
-        files.check_writable_file(tmp_path)
+    for folder in (tmp_path, "", "."):
+        with pytest.raises(SprintlabError, match="it is a folder"):
+            files.check_writable_file(folder)
 
 
 def test_a_link_gives_way_to_the_file_and_what_it_led_to_is_kept(tmp_path):
@@ -370,21 +372,40 @@ with atomic_directory(sys.argv[1]) as folder:
 
 def test_what_a_killed_process_left_is_removed_and_what_a_living_one_fills_is_not(tmp_path):
     pytest.importorskip("fcntl")
-    fillers = []
+    fillers, hidden = [], []
     for name in ("killed", "living"):
         command = [sys.executable, "-c", FILLER, str(tmp_path / name)]
         fillers.append(subprocess.Popen(command, stdout=subprocess.PIPE))
         assert fillers[-1].stdout.readline() == b"filling\n"
+        hidden += [path.name for path in tmp_path.iterdir() if path.name not in hidden]
     fillers[0].kill()
     fillers[0].communicate()
     (tmp_path / ".mine.sprintlab-unfinished").write_text("a file")
     with atomic_directory(tmp_path / "next"):
         pass
-    left = sorted(path.name.split(".")[1] for path in tmp_path.iterdir() if path.name.startswith("."))
+    left = {path.name for path in tmp_path.iterdir()}
     fillers[1].kill()
     fillers[1].communicate()
-    assert left == ["living", "mine"]
-    assert (tmp_path / "next").is_dir()
+    assert left == {hidden[1], ".mine.sprintlab-unfinished", "next"}
+
+
+def test_a_folder_of_somebody_else_that_is_named_like_an_unfinished_one_is_kept(tmp_path):
+    """Even a copy of one that a killed process left: what lies in it is somebody's now."""
+    pytest.importorskip("fcntl")
+    filler = subprocess.Popen([sys.executable, "-c", FILLER, str(tmp_path / "race")], stdout=subprocess.PIPE)
+    assert filler.stdout.readline() == b"filling\n"
+    (left,) = tmp_path.iterdir()
+    filler.kill()
+    filler.communicate()
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(left, elsewhere / left.name)
+    for name in ("mine", "race.abcdefgh", "12ab-01234567"):
+        (elsewhere / f".{name}.sprintlab-unfinished").mkdir()
+        (elsewhere / f".{name}.sprintlab-unfinished" / "work").write_text("of years")
+    before = set(elsewhere.rglob("*"))
+    with atomic_directory(elsewhere / "next"):
+        pass
+    assert set(elsewhere.rglob("*")) == before | {elsewhere / "next"}
 
 
 KILLED = """

@@ -23,7 +23,14 @@ from studies.paper.record import (
 from studies.paper.runs import Run, find_runs
 from studies.paper.statistics import Interval
 from studies.paper.table import DETAIL_COLUMNS, detail_cells, method_rows, switches
-from studies.paper.variants import VARIANTS, VariantRecord, evaluate_variant, moved_policy
+from studies.paper.variants import (
+    VARIANTS,
+    VariantRecord,
+    Variants,
+    evaluate_variant,
+    moved_policy,
+    variant_speeds,
+)
 from tests.short_trials import COARSE
 
 from sprintlab.control import load_policy
@@ -302,6 +309,33 @@ def test_the_page_tells_what_a_policy_asks_of_a_motor_that_it_never_had(results)
     )
     path.write_bytes(msgspec.json.encode(found).replace(b"hind hips", b"<script>"))
     assert "asks for it" not in page_text(results)
+
+
+def test_own_motors_that_tell_of_different_joints_stand_on_one_page(results) -> None:
+    for method, joint in (("simplified-dc", "hind hips"), ("sprint", "tails")):
+        found = OwnMotorRecord(
+            motor_model="square", policy_sha256="", date="", top_speed=11.0, held_speed_own=11.2,
+            held_speed_refined=11.1, impossible={joint: 0.25},
+        )  # fmt: skip
+        folder = results / method / "seed-1"
+        (folder / "own-motor.json").write_bytes(msgspec.json.encode(found))
+    text = page_text(results)
+    assert "| 11.20 | 11.10 | 25.0 % | - |" in text and "| 11.20 | 11.10 | - | 25.0 % |" in text
+
+
+def test_a_variant_under_the_name_of_another_is_not_taken_for_it(results, monkeypatch, capsys) -> None:
+    """One that is unknown ended the command in a traceback."""
+    weak = results / "sprint" / "seed-1" / "bp2-weak.json"
+    for variant in (b"bp2-strong", b"unknown"):
+        weak.write_bytes(weak.read_bytes().replace(b'"bp2-weak"', b'"%s"' % variant))
+        assert variant_speeds(find_runs(results)) == {"simplified-dc": {"bp2-weak": 10.75}}
+    (weak.parent / "policy.onnx").write_bytes(b"")
+    again = json.loads(weak.read_bytes()) | {"variant": "bp2-weak"}
+    monkeypatch.setattr(
+        "studies.paper.variants.evaluate_variant", lambda *_: msgspec.convert(again, VariantRecord)
+    )
+    assert Variants(results=results, only=("bp2-weak",), workers=1).run() == 0
+    assert variant_speeds(find_runs(results))["sprint"] == {"bp2-weak": 11.25}
 
 
 def test_the_committed_runs_are_what_the_plan_trains() -> None:

@@ -1,6 +1,7 @@
 """Bad input to ``sprintlab train`` and ``learning``: one sentence, status 2, nothing trained."""
 
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs import run as run_module
+from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.options import check_places
 from sprintlab.training.runs.run import TrainOptions, open_run, train
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 
 @pytest.mark.parametrize(
@@ -60,8 +62,10 @@ def test_what_leads_a_run_out_of_its_folder_is_refused(name, kind, tmp_path):
 def test_a_run_removes_only_what_its_own_killed_writes_left(tmp_path, monkeypatch):
     """A folder ended it with Python's words; an editor's .run.toml.swp, with what was typed, was deleted."""
     ours, editors = tmp_path / ".checkpoint.pt.a_0z9b1c", tmp_path / ".run.toml.swp"
-    for file in (ours, editors):
+    kept = tmp_path / ".run.toml.original"
+    for file in (ours, editors, kept):
         file.write_text("half")
+        file.chmod(0o600 if file == ours else 0o644)
     folder = tmp_path / ".checkpoint.pt.abcdefgh"
     folder.mkdir()
 
@@ -72,6 +76,26 @@ def test_a_run_removes_only_what_its_own_killed_writes_left(tmp_path, monkeypatc
     with pytest.raises(SprintlabError, match="begun"):
         train(TrainOptions(output=tmp_path, device="cpu"))
     assert editors.exists() and folder.is_dir() and not ours.exists()
+    assert kept.exists() or sys.platform == "win32"
+
+
+@pytest.mark.parametrize("environments", [10**7, 10**5])
+def test_a_strangers_checkpoint_does_not_ask_for_all_memory(environments, tmp_path):
+    """Robots, or policy steps of one iteration, in numbers that no machine holds."""
+    settings = TrainingSettings(simulation=SimulationSettings(), ppo=PpoSettings())
+    object.__setattr__(settings.simulation, "environments", environments)  # as a stranger writes it
+    object.__setattr__(settings.ppo, "steps", 10_000)
+    state = {
+        "settings": settings,
+        "command_line": "",
+        "device": "",
+        "date": "",
+        "versions": {},
+        "progress": {},
+    }
+    write_checkpoint(state, tmp_path / "checkpoint.pt")
+    with pytest.raises(SprintlabError, match=r"environments( \* ppo\.steps)? = 10+ is not allowed"):
+        read_checkpoint(tmp_path / "checkpoint.pt")
 
 
 @pytest.mark.parametrize("folder", ["wandb", ".wandb"])

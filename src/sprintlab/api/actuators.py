@@ -10,6 +10,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.motors import MOTOR_UNITS
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +57,7 @@ class Actuators(Drawn):
         return in_notebook(library_figure([load_library_motor(name) for name in library_motors()]))
 
 
+@checked
 def actuators(name: str | None = None) -> Actuators:
     """The actuators with published parameters, or one of them.
 

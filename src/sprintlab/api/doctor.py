@@ -18,6 +18,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table, styled
+from sprintlab.core.arguments import checked
 from sprintlab.core.extras import keep_compiled_code_private, package_version
 
 State = Literal["ok", "missing", "broken", "not tried"]
@@ -120,6 +121,7 @@ class Check(NamedTuple):
     slow: bool = False
 
 
+@checked
 def doctor(
     folder: Path | str = Path("."),
     *,

@@ -38,11 +38,13 @@ class DriveOptions:
         Raises:
             SprintlabError: the supply file or a value is refused.
         """
+        from sprintlab.core.arguments import check_fields
         from sprintlab.core.checks import check_choice
         from sprintlab.motors import Battery, SupplyFile, WindingHeat, load_supply
         from sprintlab.plant import PlantOptions
         from sprintlab.robots import DRAG_AREA
 
+        check_fields(self)
         check_choice("air", self.air, ("outdoors", "treadmill"))
 
         found = (

@@ -11,6 +11,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.motors import ChosenMotor, chosen_motor
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,6 +91,7 @@ class Envelope(Drawn):
         return in_notebook(workbench_figure(self.motor.drive, self.motor.title, self.operated))
 
 
+@checked
 def envelope(
     source: str = "bp2",
     joint: str = "hip",

@@ -18,6 +18,7 @@ from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,6 +112,7 @@ class Evaluation(Drawn):
         return in_notebook(figure)
 
 
+@checked
 def evaluate(
     policy: PolicyChoice = "sprint",
     *,
@@ -144,13 +146,13 @@ def evaluate(
         SprintlabError: the policy, the robot, the file or a setting is refused, or the simulation failed.
     """
     leave_to_the_parent()
-    from sprintlab.core.checks import check_positive
     from sprintlab.core.files import atomic_write_json, check_writable_file
     from sprintlab.evaluation.clock_check import check_clock
     from sprintlab.evaluation.protocol import battery_request, run_protocol
+    from sprintlab.evaluation.trial import check_top_speed
 
     if common_speed is not None:
-        check_positive("common_speed", common_speed, "m/s")
+        check_top_speed("common_speed", common_speed)
     if out is not None:
         check_writable_file(out)
     search, plant = search or SearchOptions(), (drive or DriveOptions()).plant()

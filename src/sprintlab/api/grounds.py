@@ -12,6 +12,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import plain_table
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from sprintlab.evaluation.ground import GroundResult, GroundTrials
@@ -61,6 +62,7 @@ class Grounds(OfAPolicy):
         return kind if kind == "level" else f"{100 * settings.slope:g} % {kind}"
 
 
+@checked
 def ground(
     policy: PolicyChoice = "sprint",
     top_speed: float = 10.0,

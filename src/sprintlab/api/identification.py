@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable_file
@@ -106,6 +107,7 @@ class IdentifiedMotor(Drawn):
         return in_notebook(identification_figure(self.found, self.name))
 
 
+@checked
 def identify_motor(
     bench: Path | str,
     *,

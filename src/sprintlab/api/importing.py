@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import check_kind, checked
 
 if TYPE_CHECKING:
     from sprintlab.robots.description import RobotDescription
@@ -45,6 +46,7 @@ class RobotImport(Printed):
         yield f"next: sprintlab robot show {self.folder}; python {self.folder}/train.py --help"
 
 
+@checked
 def import_robot(
     source: str | Path | SourceRobot, choices: RobotChoices | str | Path, output: str | Path = "robots"
 ) -> RobotImport:
@@ -61,6 +63,8 @@ def import_robot(
     """
     from sprintlab.robots import importing
 
+    check_kind("source", source, str | Path | importing.SourceRobot)
+    check_kind("choices", choices, importing.RobotChoices | str | Path)
     read = source if isinstance(source, importing.SourceRobot) else Path(source)
     path = read if isinstance(read, Path) else read.path
     if not isinstance(choices, importing.RobotChoices):

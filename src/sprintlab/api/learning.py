@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.api.training import require_training
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError
 
 UNITS = {
@@ -51,6 +52,7 @@ class Learning(Printed):
         yield from map(str, self.figures)
 
 
+@checked
 def learning(
     run_folder: Path | str,
     output: Path | str | None = None,

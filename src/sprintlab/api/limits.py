@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.extras import require_package
 from sprintlab.core.reading import check_folder
 
@@ -94,6 +95,7 @@ class Limit(Drawn):
         return in_notebook(limit_figure(self.estimate, runner_from_robot(self.robot)))
 
 
+@checked
 def limit(
     robot: str | Path = "bp2",
     *,

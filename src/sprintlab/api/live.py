@@ -15,6 +15,7 @@ from sprintlab.api.policies import (
     robot_of,
     shipped_policies_opened,
 )
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from sprintlab.viewer.page import Page
 
 
+@checked
 def play(
     policies: Sequence[str] = (),
     robot: RobotChoice = None,

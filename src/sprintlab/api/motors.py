@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class ChosenMotor(Printed):
         yield table
 
 
+@checked
 def chosen_motor(
     source: str = "bp2",
     joint: str = "hip",
@@ -87,12 +89,12 @@ def chosen_motor(
     Raises:
         SprintlabError: no such robot or file; ``InvalidValueError``: no such joint, a bad voltage or gear.
     """
-    from sprintlab.core.checks import check_positive
+    from sprintlab.core.checks import check_range
     from sprintlab.motors import library_motors
     from sprintlab.motors.chart import JointDrive
 
     if bus_voltage is not None:
-        check_positive("bus_voltage", bus_voltage, "V")
+        check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
     if source.endswith(".toml"):
         motor, gear, voltage, name, joints = _from_file(source)
     elif source in library_motors():

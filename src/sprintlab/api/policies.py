@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import ContractMismatchError, SprintlabError
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ def policy_path(policy: PolicyChoice) -> Path:
     if isinstance(policy, Path):
         return policy
     has_folder = "\\" in policy or "/" in policy
-    is_path = policy.endswith(".onnx") or has_folder or Path(policy).exists()
+    is_path = policy.endswith(".onnx") or has_folder or os.path.exists(policy)
     return Path(policy) if is_path and policy not in shipped_policies() else shipped_policy(policy)
 
 
@@ -204,6 +206,7 @@ def policies() -> ShippedPolicies:
     return ShippedPolicies(found)
 
 
+@checked
 def load_policy(policy: PolicyChoice) -> Policy:
     """A policy by the path of its file, or by the name of one that comes with the package.
 

@@ -19,6 +19,7 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.files import check_writable
 
@@ -110,6 +111,7 @@ class Race(Drawn):
         return target / "report.html"
 
 
+@checked
 def race(
     policy: PolicyChoice = "sprint",
     *,

@@ -11,6 +11,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.policies import RobotChoice, default_robot, known_robot
 from sprintlab.api.tables import Printed
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_json
 
@@ -47,6 +48,7 @@ class ReplayPage(Printed):
         yield f"replay: {self.path}"
 
 
+@checked
 def replay(
     run_folders: Sequence[Path | str] = (),
     *,

@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +83,7 @@ class Robustness(Drawn):
         return in_notebook(robustness_figure(self.summary, self.sprints, title))
 
 
+@checked
 def robustness(
     policy: PolicyChoice = "sprint",
     *,

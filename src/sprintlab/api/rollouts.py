@@ -12,6 +12,8 @@ from rich.text import Text
 
 from sprintlab.api.motors import chosen_motor
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
+from sprintlab.core.checks import check_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +84,7 @@ class AuditedRollout(Drawn):
         return in_notebook(rollout_figure(self.rollout, self.motor, self.gear, self.bus_voltage))
 
 
+@checked
 def audit_rollout(
     rollout: Path | str,
     motor: str,
@@ -112,6 +115,9 @@ def audit_rollout(
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
     from sprintlab.robots import load_robot, robot_names
 
+    if bus_voltage is not None:
+        check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
+    check_range("policy_rate", policy_rate, 1.0, 10_000.0, "Hz")
     recorded = read_rollout(Path(rollout))
     robot = load_robot(motor) if motor in robot_names() else None
     if robot is not None and not recorded.joint_names and len(robot.joint_names) == len(recorded.names):

@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import known_robot, policy_path
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
     from sprintlab.deployment.log import RunRecord
@@ -47,6 +48,7 @@ class RunReport(Printed):
         yield f"\nreport: {self.folder / 'report.html'}"
 
 
+@checked
 def report_run(
     log: Path,
     folder: Path | None = None,

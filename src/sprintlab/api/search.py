@@ -50,6 +50,9 @@ class SearchOptions:
         Raises:
             InvalidValueError: a setting is out of range.
         """
+        from sprintlab.core.arguments import check_fields
+
+        check_fields(self)
         return protocol_settings(
             self.trials,
             self.seed,

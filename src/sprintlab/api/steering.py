@@ -13,6 +13,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice
 from sprintlab.core.files import check_writable_file
 
@@ -97,6 +98,7 @@ class Lap(OfAPolicy, Drawn):
         return in_notebook(lap_figure(self.found))
 
 
+@checked
 def turning(
     policy: PolicyChoice = "sprint",
     *,
@@ -133,6 +135,7 @@ def turning(
     return Turning(policy=path.stem, found=found, notes=plant.remarks)
 
 
+@checked
 def lap(
     policy: PolicyChoice = "sprint",
     top_speed: float = 10.0,

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError, printable_stderr
 from sprintlab.core.reading import parse_json, read_text
 from sprintlab.core.streams import lasting_streams
@@ -107,6 +108,7 @@ def _numbers_only(row: Mapping[str, Any]) -> bool:
     return all(isinstance(value, int | float) for value in row.values())
 
 
+@checked
 def method(
     name: str = "sprint",
     changes: Mapping[str, Any] | None = None,
@@ -143,6 +145,7 @@ def method(
     return settings
 
 
+@checked
 def train(
     settings: TrainingSettings | str = "sprint",
     output: Path | str = "runs/train",
@@ -181,6 +184,7 @@ def train(
     return Training(folder=Path(output))
 
 
+@checked
 def export(checkpoint: Path | str, output: Path | str) -> Path:
     """A training checkpoint as one ONNX file with its contract; see ``Training.export``.
 
@@ -279,7 +283,11 @@ def train_settings(settings: TrainingSettings, **options: Any) -> Path:
         SprintlabError: the extra is not installed, or an option or the output folder is refused.
     """
     require_training()
+    from sprintlab.core.arguments import check_kind
     from sprintlab.training.runs.options import TrainOptions, check_places
+    from sprintlab.training.settings import TrainingSettings
+
+    check_kind("settings", settings, TrainingSettings)
 
     own: dict[str, Any] = {
         "method": settings.method,

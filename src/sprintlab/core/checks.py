@@ -17,9 +17,11 @@ def _every(condition: Any) -> bool:
 
 def check_finite(field: str, value: Any) -> None:
     """Refuse NaN, infinity and what is no number. Raises ``InvalidValueError``."""
-    try:
-        finite = _every(abs(value) < _INFINITE)
-    except TypeError:
+    try:  # compared, not abs(): a complex number has one, too
+        finite = _every((value > -_INFINITE) & (value < _INFINITE))
+        if isinstance(value, int):
+            float(value)  # Python's whole numbers go on beyond all floats
+    except (TypeError, OverflowError):
         finite = False
     if isinstance(value, bool) or not finite:
         raise InvalidValueError(field, value, "must be a finite number")

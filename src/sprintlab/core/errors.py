@@ -46,6 +46,14 @@ class SprintlabError(Exception):
         return printable(" ".join(super().__str__().split()), _LONGEST)
 
 
+def _written(value: object) -> str:
+    """A refused value as Python writes it; some it refuses itself: lists in lists, numbers of 5000 digits."""
+    try:
+        return repr(value)
+    except (RecursionError, ValueError):
+        return f"<{type(value).__name__}>"
+
+
 class InvalidValueError(SprintlabError, ValueError):
     """A field holds a value that is not allowed.
 
@@ -56,7 +64,7 @@ class InvalidValueError(SprintlabError, ValueError):
     """
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
-        written = " ".join(repr(value).split())  # arrays are written over several lines
+        written = " ".join(_written(value).split())  # arrays are written over several lines
         if len(written) > _LONGEST_VALUE:
             written = f"{written[:_LONGEST_VALUE]}..."
         super().__init__(f"{field} = {written} is not allowed: {allowed}")

@@ -24,6 +24,7 @@ FIGURE_FORMATS = ("png", "pdf", "svg")
 _UNFINISHED = ".sprintlab-unfinished"
 """How the names of files and folders end that are not complete."""
 _LEFT = re.compile(rf"\.[0-9a-f]{{8}}{re.escape(_UNFINISHED)}")
+_LEFT_FOLDER = re.compile(rf"\.([0-9a-f]{{1,16}})-[0-9a-f]{{8}}{re.escape(_UNFINISHED)}")
 
 
 def check_figure_path(path: str | os.PathLike[str] | None) -> None:
@@ -167,7 +168,7 @@ def check_writable_file(path: str | os.PathLike[str]) -> None:
         SprintlabError: as ``check_writable``, or a folder has the name.
     """
     check_writable(path)
-    if os.path.isdir(path):
+    if _place(path).is_dir():  # a path: no name at all is the folder one is in
         raise SprintlabError(f"cannot write {path}: it is a folder")
 
 
@@ -321,14 +322,33 @@ def _begin_directory(target: Path) -> tuple[Path, int | None]:
     beside = _lock(target.parent, wait=True)
     try:
         for folder in target.parent.glob(f".*{_UNFINISHED}"):
-            held = None if folder.is_symlink() or not folder.is_dir() else _lock(folder, wait=False)
+            held = _lock(folder, wait=False) if _is_left(folder) else None
             if held is not None:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.close(held)
-        name = tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=_UNFINISHED)
-        return Path(name), _lock(Path(name), wait=False)
+        made = Path(tempfile.mkdtemp(dir=target.parent, prefix=".", suffix=_UNFINISHED))
+        place = made.with_name(f".{made.stat().st_ino:x}-{secrets.token_hex(4)}{_UNFINISHED}")
+        os.rename(made, place)
+        return place, _lock(place, wait=False)
     finally:
         _unlock(beside)
+
+
+def _is_left(folder: Path) -> bool:
+    """Whether a folder is one that ``_begin_directory`` made, or the older one that it has replaced.
+
+    Its name tells the number that the disk gave to the new folder. A copy, or a folder of somebody else that
+    bears such a name, has another one.
+    """
+    named = _LEFT_FOLDER.fullmatch(folder.name)
+    if named is None or folder.is_symlink() or not folder.is_dir():
+        return False
+    with os.scandir(folder.parent) as beside:
+        found = {entry.name: entry.stat(follow_symlinks=False) for entry in beside}
+    numbers = {name: status.st_ino for name, status in found.items() if stat.S_ISDIR(status.st_mode)}
+    replaced = numbers.pop(folder.name, None)
+    number = int(named[1], 16)
+    return number == replaced or number in numbers.values()
 
 
 def _swap_in(temporary: Path, target: Path) -> None:

@@ -12,7 +12,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
-from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest
 from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions, TrialSettings
 
@@ -62,10 +62,10 @@ class ProtocolSettings:
     def __post_init__(self) -> None:
         check_range("protocol.trials", self.trials, 1, 10_000)
         check_range("protocol.required", self.required, 1, self.trials)
-        check_positive("protocol.grid", self.grid, "m/s")
+        check_range("protocol.grid", self.grid, 0.01, HIGHEST_SPEED, "m/s")
         check_first_step(self.first_step, self.grid)
         check_positive("protocol.start", self.start, "m/s")
-        check_range("protocol.top", self.top, self.start, 50.0, "m/s")
+        check_range("protocol.top", self.top, self.start, HIGHEST_SPEED, "m/s")
         check_range("protocol.seed", self.seed, 0, 2**31)
         check_range("protocol.friction", np.asarray(self.friction), 0.1, 2.0)
         check_range("protocol.payload", self.payload, 0.0, 5.0, "kg")

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 
-from sprintlab.core.checks import check_positive
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed, step_size_requests
@@ -21,7 +20,7 @@ from sprintlab.evaluation.results import (
     TrialResult,
 )
 from sprintlab.evaluation.second_engine import engine_requests, stored_remark
-from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest, check_sprint
 from sprintlab.plant import check_engine
 from sprintlab.robots import RobotDescription
 
@@ -61,7 +60,7 @@ def evaluate_race(
     """
     started = time.perf_counter()
     settings = settings or ProtocolSettings()
-    check_positive("distance", distance, "m")
+    check_sprint("distance", distance, HIGHEST_SPEED if top_speed is None else top_speed)
     if second_engine is not None:
         check_engine(second_engine)
     with TrialPool(policy, robot, workers) as pool:

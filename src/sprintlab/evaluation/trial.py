@@ -28,6 +28,29 @@ from sprintlab.evaluation.results import (
 from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
+HIGHEST_SPEED = 50.0
+"""Highest speed that a trial asks for [m/s]."""
+LONGEST_SPRINT = 3600.0
+"""Longest time that a sprint may take; it is kept in memory [s]."""
+SLOWEST_SHARE = 0.25
+"""Who runs a sprint slower than this share of its command is given up."""
+
+
+def check_top_speed(field: str, top_speed: float) -> None:
+    """Refuse a speed that no profile can ask for. Raises ``InvalidValueError``."""
+    check_positive(field, top_speed, "m/s")
+    check_range(field, top_speed, 0.0, HIGHEST_SPEED, "m/s")
+
+
+def check_sprint(field: str, distance: float, top_speed: float = HIGHEST_SPEED) -> None:
+    """Refuse a distance [m] that could be run for longer than ``LONGEST_SPRINT``.
+
+    Raises:
+        InvalidValueError: as said, or it is not positive.
+    """
+    check_positive(field, distance, "m")
+    check_range(field, distance, 0.0, LONGEST_SPRINT * SLOWEST_SHARE * top_speed, f"m at {top_speed:g} m/s")
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRequest:
@@ -44,7 +67,8 @@ class TrialRequest:
         keep_trajectory: whether the result carries its arrays.
 
     Raises:
-        InvalidValueError: a speed, distance or duration is not positive.
+        InvalidValueError: a speed, distance or duration is not positive, or is beyond ``HIGHEST_SPEED`` or
+            ``LONGEST_SPRINT``.
     """
 
     top_speed: float
@@ -57,10 +81,10 @@ class TrialRequest:
     keep_trajectory: bool = False
 
     def __post_init__(self) -> None:
-        check_positive("trial.top_speed", self.top_speed, "m/s")
+        check_top_speed("trial.top_speed", self.top_speed)
         check_range("trial.hold", self.hold, 0.5, 600.0, "s")
         if self.distance is not None:
-            check_positive("trial.distance", self.distance, "m")
+            check_sprint("trial.distance", self.distance, self.top_speed)
 
     def __str__(self) -> str:
         pacing = "self-paced" if self.self_paced else "raw"
@@ -117,7 +141,7 @@ class SprintCourse:
     distance: float
     _: KW_ONLY
     rest: float = 2.0
-    slowest_share: float = 0.25
+    slowest_share: float = SLOWEST_SHARE
     finish_time: float | None = None
 
     @property

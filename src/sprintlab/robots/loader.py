@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import Gear, PmsmParameters, stack_motors
 from sprintlab.robots.description import (
@@ -35,6 +36,7 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(_known_tables()))
 
 
+@checked
 def load_robot(name: str | Path) -> RobotDescription:
     """Load a robot by its name, or by the path of its folder or table.
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from sprintlab.core.checks import check_choice, check_positive, check_range
-from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.core.errors import InvalidValueError, RobotModelError, printable
 from sprintlab.robots.description import FloatArray, Link, RobotDescription, joint_kind, point_inertia
 from sprintlab.robots.foot import (
     NOMINAL_FOOT,
@@ -42,7 +42,7 @@ _AXES = {"abad": (1.0, 0.0, 0.0), "hip": _PITCH, "knee": _PITCH, "waist": _PITCH
 if mujoco.get_mju_user_warning() is None:
     # By itself MuJoCo also writes warnings to MUJOCO_LOG.TXT in the folder where a command was started, and
     # through a link of that name into any file.
-    mujoco.set_mju_user_warning(lambda text: print(f"MuJoCo: {text}", file=sys.stderr))
+    mujoco.set_mju_user_warning(lambda text: print(f"MuJoCo: {printable(text)}", file=sys.stderr))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,10 @@ TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, tu
 """What robots are asked for: all that a runner does, and turns that leave friction to run with."""
 ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25, keeps_rest=True)
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
+MOST_ENVIRONMENTS = 1 << 17
+"""Robots side by side: sixteen times the default; a stranger's file may ask for all memory there is."""
+LARGEST_ROLLOUT = 1 << 23
+"""Policy steps of all robots in one iteration, which are kept until its end."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 REMOVED = {"PpoSettings": {"mirror_epochs": False}}
@@ -100,7 +104,8 @@ class SimulationSettings:
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
         if self.actuator_network is not None and (self.battery or self.heat):
             raise InvalidValueError("actuator_network", self.actuator_network, "without battery and heat")
-        for name in ("environments", "substeps", "solver_iterations", "line_search_iterations"):
+        check_range("environments", self.environments, 1, MOST_ENVIRONMENTS)
+        for name in ("substeps", "solver_iterations", "line_search_iterations"):
             check_range(name, getattr(self, name), 1, 10**7)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
         check_range("max_constraints", self.max_constraints, 16, 1000)
@@ -635,6 +640,8 @@ class TrainingSettings:
         if not isinstance(self.seed, int):
             raise InvalidValueError("seed", self.seed, "a whole number")
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
+        rollout = self.simulation.environments * self.ppo.steps
+        check_range("simulation.environments * ppo.steps", rollout, 1, LARGEST_ROLLOUT)
 
     def as_dict(self) -> dict[str, object]:
         """Nested plain values, for the hash and for loggers."""

@@ -485,9 +485,19 @@ def test_a_log_that_was_finished_while_another_began_is_kept(path, monkeypatch):
 
 
 def test_what_a_killed_writer_left_makes_room(path):
-    path.with_name(".run.mcap.partial").write_bytes(b"half")
-    write(path, 4)
-    assert len(read_log(path).ticks) == 4
+    for left in (b"", b"\x89MCAP0\r\n half"):
+        path.with_name(".run.mcap.partial").write_bytes(left)
+        write(path, 4)
+        assert len(read_log(path).ticks) == 4
+        path.unlink()
+
+
+def test_a_foreign_file_in_place_of_the_unfinished_log_is_kept(path):
+    foreign = path.with_name(".run.mcap.partial")
+    foreign.write_bytes(b"a download")
+    with pytest.raises(LogError, match=r"run\.mcap\.partial is no log"):
+        McapRunLog(path, FACTS)
+    assert foreign.read_bytes() == b"a download" and not path.exists()
 
 
 def test_a_link_in_place_of_the_unfinished_log_is_not_followed(tmp_path):

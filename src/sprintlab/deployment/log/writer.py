@@ -26,6 +26,7 @@ from sprintlab.deployment.log.topics import (
     read_frame,
 )
 
+_MAGIC = b"\x89MCAP0\r\n"  # how every log begins
 _CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
 
 
@@ -99,6 +100,8 @@ def _remove_left(temporary: Path, path: Path) -> None:
         try:
             if not _held(handle):
                 raise LogError(f"{path} is being written by another run; choose another file for the log")
+            if not _MAGIC.startswith(os.read(handle, len(_MAGIC))):
+                raise LogError(f"{temporary} is no log, and has the name of the unfinished one: move it away")
             if _is_still(temporary, handle):
                 temporary.unlink()
         finally:

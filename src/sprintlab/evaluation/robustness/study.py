@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json, check_writable
 from sprintlab.core.reading import read_json
@@ -18,7 +18,7 @@ from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.robustness.draws import ALL, CAUSES, NOMINAL, RobustnessRanges, draw_request
-from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.evaluation.trial import TrialRequest, check_sprint, check_top_speed
 from sprintlab.plant import PlantOptions
 
 Piece = dict[str, Any]
@@ -61,10 +61,10 @@ class StudySettings:
     ranges: RobustnessRanges = field(default_factory=RobustnessRanges)
 
     def __post_init__(self) -> None:
-        check_positive("robustness.top_speed", self.top_speed, "m/s")
+        check_top_speed("robustness.top_speed", self.top_speed)
         check_range("robustness.trials", self.trials, 1, 1_000_000)
         check_range("robustness.cause_trials", self.cause_trials, 0, 1_000_000)
-        check_positive("robustness.distance", self.distance, "m")
+        check_sprint("robustness.distance", self.distance, self.top_speed)
         check_range("robustness.seed", self.seed, 0, 2**31)
 
     def sprints(self) -> list[tuple[str, int]]:

@@ -39,7 +39,6 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
     lacking = sorted(_DRAWN - set.intersection(*(set(row) for row in state["progress"].log)))
     if lacking:
         raise SprintlabError(f"{checkpoint} has a log without {', '.join(lacking)}: nothing can be drawn")
-    _check_log(state["progress"].log)
     figures = {"learning": learning_curve(state["progress"].log)}
     settings: TrainingSettings = state["settings"]
     grid = getattr(getattr(settings.schedule, "targets", None), "grid", None)
@@ -59,15 +58,22 @@ def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
 
 
 def _check_log(log: list[dict[str, float]]) -> None:
-    """Refuse what cannot be drawn. Raises ``InvalidValueError``."""
+    """Refuse what cannot be drawn. Raises ``SprintlabError``."""
     check_range("iterations in the log", len(log), 1, _MOST_ROWS)
+    if lacking := sorted(_DRAWN - set.intersection(*map(set, log))):
+        raise SprintlabError(f"the log has rows without {', '.join(lacking)}: nothing can be drawn")
     for name in sorted(_DRAWN):
         values = np.array([row[name] for row in log], dtype=float)
         check_range(name, values[np.isfinite(values)], -_LARGEST, _LARGEST)
 
 
 def learning_curve(log: list[dict[str, float]]) -> Figure:
-    """Held speeds and the top of the commanded range above, falls and reward below, against training time."""
+    """Held speeds and the top of the commanded range above, falls and reward below, against training time.
+
+    Raises:
+        SprintlabError: the log has no rows, or some without what is drawn, or with numbers beyond 1e18.
+    """
+    _check_log(log)
     minutes = np.array([row["seconds"] for row in log]) / 60.0
     size = (_SIZE[0], 1.4 * _SIZE[1])
     figure, (speed, falls) = themed_figure(LIGHT, size, 2, 1, sharex=True, height_ratios=(2, 1))

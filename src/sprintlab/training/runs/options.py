@@ -17,7 +17,7 @@ from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, pr
 from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_settings
 from sprintlab.training.runs.policy_start import is_policy_file, read_policy_start
 from sprintlab.training.scaling import scaled_settings
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings
 
 _OWN_FOLDERS = ("milestones", "tensorboard", "wandb", ".wandb")
 _CRITIC_ITERATIONS = 150
@@ -99,7 +99,7 @@ class TrainOptions:
         check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
             self._check_milestones(self.milestones)
-        check_range("environments", self.environments, 2, 10**6)
+        check_range("environments", self.environments, 2, MOST_ENVIRONMENTS)
         check_range("critic_iterations", self.critic_iterations, 0, 10**6)
         if self.critic_iterations != _CRITIC_ITERATIONS and not is_policy_file(self.start_from):
             reason = f"{_CRITIC_ITERATIONS} unless start_from is a policy file (.onnx)"

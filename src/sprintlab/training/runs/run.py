@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -135,7 +138,9 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
         device = f"cuda:{workers.local_rank}"
     try:
         runner = Runner(settings, device, words, options.fused, workers)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+    except (
+        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError, RuntimeError,
+    ) as error:  # fmt: skip
         if saved is None or isinstance(error, SprintlabError):
             raise
         reason = printable(" ".join(str(error).split()), 150)
@@ -259,9 +264,14 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 
 def _remove_halves(folder: Path) -> None:
-    """Delete the files that killed writes have left; an editor's ``.run.toml.swp`` has no such name."""
+    """Delete the files that killed writes have left; ``.run.toml.swp`` and ``.run.toml.original`` are not."""
     for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, CLOUD_NAME, POLICY_NAME):
         for half in folder.glob(f".{name}.*"):
             written = re.fullmatch("[a-z0-9_]{8}", half.name.removeprefix(f".{name}."))  # as tempfile names
-            if written and (half.is_symlink() or half.is_file()):
+            if written and stat.S_ISREG((status := half.lstat()).st_mode) and _is_temporary(status):
                 half.unlink(missing_ok=True)
+
+
+def _is_temporary(status: os.stat_result) -> bool:
+    """Whether nobody but its owner may read a file, as tempfile makes them; Windows does not tell."""
+    return sys.platform == "win32" or stat.S_IMODE(status.st_mode) == 0o600

@@ -282,16 +282,19 @@ class _Fit:
         untyped: Any = optimize
         low, high = (np.array([BOUNDS[name][end] for name in self._free]) / self._start for end in (0, 1))
         inside = np.clip(point, low + 1e-9, high - 1e-9)
-        solution = untyped.least_squares(
-            self._residuals,
-            inside,
-            bounds=(low, high),
-            loss=loss,
-            args=(noise, kept),
-            jac="3-point",
-            x_scale="jac",
-            max_nfev=_MOST_STEPS,
-        )
+        try:
+            solution = untyped.least_squares(
+                self._residuals,
+                inside,
+                bounds=(low, high),
+                loss=loss,
+                args=(noise, kept),
+                jac="3-point",
+                x_scale="jac",
+                max_nfev=_MOST_STEPS,
+            )
+        except ValueError as error:  # what it begins with is not finite
+            raise SprintlabError(f"the motor cannot be fitted: {error}") from error
         if not np.isfinite(solution.x).all():
             raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
         return solution
