@@ -183,3 +183,32 @@ def test_the_page_tells_what_other_seeds_of_the_recipe_give(flowing):
     assert all(row["half_and_half_with_sprint_fast"]["failed"] for row in practised.values())
     cost = found["clock_of_sprint_fast"]["greatest_loss_of_speed"]
     assert f"a clock of 48 Hz costs it **{100 * cost:.1f} %**" in page
+
+
+def test_the_page_tells_what_each_term_left_out_does(flowing):
+    found = json.loads((ROOT / "results/tenth-looks/trainings.json").read_text(encoding="utf-8"))["left_out"]
+    page = flowing("docs/results.md")
+    named = {"no-progress": "reward for progress", "no-power": "electrical power"}
+    named |= {"no-shock": "foot force and gear torque"}
+    for lever, words in named.items():
+        assert lever_row(words, found["levers"][lever]["seeds"], ("0", "1")) in page
+    assert lever_row("nothing", found["all_levers"], ("0", "1")) in page
+    barrier, whole = found["levers"]["no-barrier"]["seeds"], found["all_levers"]
+    gain = mean_fastest(barrier) - mean_fastest(whole)
+    assert f"{gain:.1f} m/s on average after 1196 iterations" in page
+
+
+def lever_row(words, seeds, chosen):
+    """A row of the page's table from the recorded trials, up to the last column."""
+    trials = [seeds[seed]["trials"] for seed in chosen]
+    cells = (
+        [f"{each['12.0']['held_m_s']:.2f}" for each in trials],
+        [f"{each['10.0']['cost_of_transport']:.2f}" for each in trials],
+        [f"{each['12.0']['foot_force_body_weights']:.1f}" for each in trials],
+        [f"{each['12.0']['gear_torque_peak']:.1f}" for each in trials],
+    )
+    return f"| {words} | " + " | ".join(", ".join(cell) for cell in cells) + " |"
+
+
+def mean_fastest(seeds):
+    return sum(row["fastest_in_training_m_s"] for row in seeds.values()) / len(seeds)
