@@ -128,7 +128,7 @@ def _step_errors(robot, model, converged, speed: float) -> np.ndarray:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("policy", nargs="?", default="sprint", help="a policy of the package")
-    parser.add_argument("speed", nargs="?", type=float, default=10.0, help="its command [m/s]")
+    parser.add_argument("speed", nargs="?", type=float, default=13.25, help="its command [m/s]")
     chosen = parser.parse_args()
     leg = effective_leg_mass(build_model(load_robot("bp2")))
     print(f"effective mass of a leg: {leg:.2f} kg")
