@@ -1,4 +1,4 @@
-"""Runs of less than half of their cost, for tests that are about neither physics nor how a robot stands up."""
+"""Runs of half their cost, for tests that are about neither physics nor how a robot stands up."""
 
 import sys
 from collections.abc import Callable
@@ -12,7 +12,7 @@ COARSE = {"timestep": 0.001, "contact_time_constant": 0.002}
 
 
 def hurry(change: Callable[[object, str, object], None] = setattr) -> None:
-    """Stand up and sink in four fifths of their times: on coarse steps, a policy falls after a harder stand-up."""
+    """Stand up and sink in four fifths of their times; harder, and a policy falls on coarse steps."""
     for name in ("_TUCK_TIME", "_RISE_TIME", "_SINK_TIME"):
         change(modes, name, 0.8 * getattr(modes, name))
 
