@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import msgspec
 from sprintlab.control import PolicyContract
 from sprintlab.control.policy import POLICY_LIMIT
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import package_version
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.clock_check import check_clock
@@ -176,7 +176,7 @@ def _results(
 
 def versions() -> dict[str, str]:
     """Versions of the packages that decide the numbers."""
-    return {name: metadata.version(name) for name in PACKAGES}
+    return {name: package_version(name) for name in PACKAGES}
 
 
 def policy_digest(path: Path) -> str:

@@ -152,7 +152,7 @@ def test_in_lock_step_time_is_the_robots(start):
     log = Log()
     report = run_loop(controller, bus, LoopOptions(lock_step=True, duration=2.1), log=log)
     assert report.end == "passive" and report.grant is None
-    assert report.duration == pytest.approx(4.725, abs=0.1)  # 2.1 seconds, then sinking and damping
+    assert report.duration == pytest.approx(5.42, abs=0.1)  # 2.1 seconds, then sinking and damping
     assert report.steps == len(log.ticks) == len(bus.sent) - 1
     assert report.policy_steps == 0 and report.malformed == 3
     assert {tick.mode for tick in log.ticks} == {"passive", "stand-up", "stand", "lie-down"}

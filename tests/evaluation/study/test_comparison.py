@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -47,6 +48,7 @@ from studies.paper.table import (
 )
 from tests.short_trials import COARSE
 
+import sprintlab
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError, SprintlabError
 from sprintlab.evaluation.audit import CLOCK_ITEM
 from sprintlab.evaluation.protocol import ProtocolSettings, search_speeds
@@ -457,3 +459,15 @@ def test_the_clock_table_has_a_row_a_policy():
     assert cells["policy steps a stride"] == "7.00" and cells["stride follows the clock [%]"] == "100"
     assert cells["completed"] == "9, 9, 9, 9 of 10"
     assert set(clock_cells(record())[2:]) == {"-"}
+
+
+def test_an_evaluation_knows_its_versions_in_a_source_tree_that_is_not_installed(monkeypatch):
+    known = metadata.version
+
+    def version(name):
+        if name == "sprintlab":
+            raise metadata.PackageNotFoundError(name)
+        return known(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    assert measure.versions()["sprintlab"] == sprintlab.__version__
