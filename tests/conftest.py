@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -88,6 +89,19 @@ def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
 def brief_trials(short_trials: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorter still: too short to come to rest, which is for tests of the first engine."""
     shorten_trials(monkeypatch.setitem, BRIEF)
+
+
+@pytest.fixture
+def not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sprintlab runs from a source tree: the package has no metadata, all others have theirs."""
+    known = metadata.version
+
+    def version(name: str) -> str:
+        if name == "sprintlab":
+            raise metadata.PackageNotFoundError(name)
+        return known(name)
+
+    monkeypatch.setattr(metadata, "version", version)
 
 
 @pytest.fixture

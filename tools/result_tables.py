@@ -187,18 +187,14 @@ def second_looks(trainings: Row) -> str:
 
 
 def readme_rows() -> str:
-    """The rows of our policies for the README's table, an engine each, between its two marks."""
-    return _readme_rows(DEFAULT_POLICY)
-
-
-def _readme_rows(name: str) -> str:
-    engines = next(row for row in _second_engine() if row["policy"] == name)
-    race = policy_results("result.json")[name]
+    """The rows of the default policy for the README's table, an engine each, between its two marks."""
+    engines = next(row for row in _second_engine() if row["policy"] == DEFAULT_POLICY)
+    race = policy_results("result.json")[DEFAULT_POLICY]
     rows = []
     for engine, label in (("mujoco", "MuJoCo"), ("drake", "Drake")):
         found = engines[engine]
         who = (
-            f"ours, `{name}`: {audit(race, 'audit lines fail')}"
+            f"ours, `{DEFAULT_POLICY}`: {audit(race, 'audit lines fail')}"
             if engine == "mujoco"
             else "the same policy file"
         )

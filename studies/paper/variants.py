@@ -110,11 +110,10 @@ class Variants:
         with progress_bar() as report:
             for number, (run, name) in enumerate(todo):
                 report(f"{run.method} in {name}", number / len(todo))
-                path = run.folder / f"{name}.json"
-                known = read_variant(path)
-                if known is None or known.variant != name or not _answers(known, run, protocol):
+                known = read_variant(run, name)
+                if known is None or not _answers(known, run, protocol):
                     record = evaluate_variant(run.policy, name, protocol, self.workers)
-                    atomic_write_bytes(path, msgspec.json.encode(record) + b"\n")
+                    atomic_write_bytes(_file(run, name), msgspec.json.encode(record) + b"\n")
         return 0
 
 
@@ -173,12 +172,17 @@ def moved_policy(policy: Path, robot: RobotDescription, folder: Path) -> Path:
     return path
 
 
-def read_variant(path: Path) -> VariantRecord | None:
-    """What was found in a variant; ``None`` where nothing is, or nothing of this version."""
+def _file(run: Run, name: str) -> Path:
+    return run.folder / f"{name}.json"
+
+
+def read_variant(run: Run, name: str) -> VariantRecord | None:
+    """What was found in a variant; ``None`` where nothing is, nothing of this version or another variant."""
     try:
-        return read_record(path, VariantRecord)
+        record = read_record(_file(run, name), VariantRecord)
     except SprintlabError:
         return None
+    return record if record.variant == name else None
 
 
 def variant_speeds(runs: Iterable[Run]) -> dict[str, dict[str, float]]:
@@ -186,8 +190,8 @@ def variant_speeds(runs: Iterable[Run]) -> dict[str, dict[str, float]]:
     speeds: dict[str, dict[str, float]] = {}
     for run in runs:
         for name in VARIANTS:
-            record = read_variant(run.folder / f"{name}.json")
-            if record is not None and record.variant == name:
+            record = read_variant(run, name)
+            if record is not None:
                 speeds.setdefault(run.method, {})[name] = record.raw.most_held
     return speeds
 

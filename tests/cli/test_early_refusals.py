@@ -127,32 +127,16 @@ def test_doctor_imports_nothing_that_takes_long(tmp_path: Path) -> None:
     assert '"not tried"' in out and "imported" not in err + out
 
 
-def test_versions_are_known_without_installed_metadata(monkeypatch) -> None:
-    from importlib import metadata
-
+@pytest.mark.usefixtures("not_installed")
+def test_versions_are_known_without_installed_metadata() -> None:
     from sprintlab.core.extras import package_version
 
-    real = metadata.version
-
-    def version(name: str) -> str:
-        if name == "sprintlab":
-            raise metadata.PackageNotFoundError(name)
-        return real(name)
-
-    monkeypatch.setattr(metadata, "version", version)
     assert package_version("sprintlab") == sprintlab.__version__
 
 
-def test_a_race_from_a_source_tree_names_its_versions(monkeypatch, tmp_path: Path) -> None:
-    from importlib import metadata
-
+@pytest.mark.usefixtures("not_installed")
+def test_a_race_from_a_source_tree_names_its_versions() -> None:
     from sprintlab.core.extras import package_version
     from sprintlab.evaluation import race_files
 
-    def missing(name: str) -> str:
-        if name == "sprintlab":
-            raise metadata.PackageNotFoundError(name)
-        return "1"
-
-    monkeypatch.setattr(metadata, "version", missing)
     assert [package_version(name) for name in race_files.SOFTWARE].count(sprintlab.__version__) == 1

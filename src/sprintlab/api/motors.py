@@ -89,12 +89,12 @@ def chosen_motor(
     Raises:
         SprintlabError: no such robot or file; ``InvalidValueError``: no such joint, a bad voltage or gear.
     """
-    from sprintlab.core.checks import check_range
     from sprintlab.motors import library_motors
     from sprintlab.motors.chart import JointDrive
+    from sprintlab.motors.voltage import check_bus_voltage
 
     if bus_voltage is not None:
-        check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
+        check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
         motor, gear, voltage, name, joints = _from_file(source)
     elif source in library_motors():

@@ -113,10 +113,11 @@ def audit_rollout(
         SprintlabError: the recording or the motor cannot be used.
     """
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
+    from sprintlab.motors.voltage import check_bus_voltage
     from sprintlab.robots import load_robot, robot_names
 
     if bus_voltage is not None:
-        check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
+        check_bus_voltage(bus_voltage)
     check_range("policy_rate", policy_rate, 1.0, 10_000.0, "Hz")
     recorded = read_rollout(Path(rollout))
     robot = load_robot(motor) if motor in robot_names() else None

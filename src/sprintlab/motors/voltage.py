@@ -11,6 +11,11 @@ VOLTAGE_UTILIZATION = 0.95
 """Share of the linear space-vector range that is used, gamma [-]."""
 
 
+def check_bus_voltage(bus_voltage: float) -> None:
+    """Refuse a voltage that no robot's bus has. Raises ``InvalidValueError``."""
+    check_range("bus_voltage", bus_voltage, 1.0, 2000.0, "V")
+
+
 def phase_voltage_limit(bus_voltage: Array, utilization: float = VOLTAGE_UTILIZATION) -> Array:
     """Largest phase-voltage amplitude, ``V = gamma V_bus / sqrt(3)`` (linear space-vector modulation).
 

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -461,13 +460,6 @@ def test_the_clock_table_has_a_row_a_policy():
     assert set(clock_cells(record())[2:]) == {"-"}
 
 
-def test_an_evaluation_knows_its_versions_in_a_source_tree_that_is_not_installed(monkeypatch):
-    known = metadata.version
-
-    def version(name):
-        if name == "sprintlab":
-            raise metadata.PackageNotFoundError(name)
-        return known(name)
-
-    monkeypatch.setattr(metadata, "version", version)
+@pytest.mark.usefixtures("not_installed")
+def test_an_evaluation_knows_its_versions_in_a_source_tree_that_is_not_installed():
     assert measure.versions()["sprintlab"] == sprintlab.__version__

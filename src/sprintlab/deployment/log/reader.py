@@ -38,6 +38,7 @@ from sprintlab.deployment.log.topics import (
     END_NAME,
     FACTS_NAME,
     FIX,
+    MAGIC,
     STATE,
     TICK,
     LogError,
@@ -56,7 +57,6 @@ MOST_MESSAGES = 3_700_000
 LONGEST_RUN = 3700.0
 """Longest log that is read [s]."""
 
-_MAGIC = b"\x89MCAP0\r\n"
 _MOST_OTHERS = 1_000_000  # records that are no states, fixes, commands or control steps, and facts
 _CHUNK_WORK = 10  # records that are looked at in the time in which a chunk is unpacked
 _LARGEST_WINDOW = 64 << 20
@@ -335,7 +335,7 @@ class _Reader:
 
     def read(self, file: IO[bytes]) -> None:
         """Every record of a file, up to where it is cut off."""
-        if file.read(len(_MAGIC)) != _MAGIC:
+        if file.read(len(MAGIC)) != MAGIC:
             raise LogError("it does not begin as an MCAP file")
         while len(head := file.read(_RECORD.size)) == _RECORD.size:
             kind, length = _RECORD.unpack(head)

@@ -17,6 +17,9 @@ TOPICS = (STATE, COMMAND, FIX, TICK)
 START, END = len(TOPICS), len(TOPICS) + 1
 """Frames that are no messages: facts of the run, JSON; number of ticks that were dropped, in words."""
 
+MAGIC = b"\x89MCAP0\r\n"
+"""How every MCAP file begins."""
+
 CONTRACT_NAME = "contract.json"
 FACTS_NAME = "sprintlab"
 END_NAME = "sprintlab_end"

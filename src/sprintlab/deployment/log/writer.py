@@ -20,13 +20,13 @@ from sprintlab.deployment.log.topics import (
     END,
     END_NAME,
     FACTS_NAME,
+    MAGIC,
     TICK,
     TOPICS,
     LogError,
     read_frame,
 )
 
-_MAGIC = b"\x89MCAP0\r\n"  # how every log begins
 _CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
 
 
@@ -100,7 +100,7 @@ def _remove_left(temporary: Path, path: Path) -> None:
         try:
             if not _held(handle):
                 raise LogError(f"{path} is being written by another run; choose another file for the log")
-            if not _MAGIC.startswith(os.read(handle, len(_MAGIC))):
+            if not MAGIC.startswith(os.read(handle, len(MAGIC))):
                 raise LogError(f"{temporary} is no log, and has the name of the unfinished one: move it away")
             if _is_still(temporary, handle):
                 temporary.unlink()

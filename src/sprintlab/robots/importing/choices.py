@@ -13,6 +13,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.core.reading import read_toml
 from sprintlab.motors import PmsmParameters, library_motors, load_library_motor, load_motor, single
+from sprintlab.motors.voltage import check_bus_voltage
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.loader import load_robot
 
@@ -84,7 +85,7 @@ class RobotChoices:
     def __post_init__(self) -> None:
         if not self.name or not self.name.replace("-", "").replace("_", "").isalnum():
             raise InvalidValueError("name", self.name, "letters, digits, - and _")
-        check_range("bus_voltage", self.bus_voltage, 1.0, 2000.0, "V")
+        check_bus_voltage(self.bus_voltage)
         check_positive("foot_friction", self.foot_friction)
         for name in ("foot_radius", "base_height_target"):
             if getattr(self, name) is not None:
