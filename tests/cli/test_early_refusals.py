@@ -1,4 +1,4 @@
-"""What cannot work is refused before PyTorch is imported and before any work; doctor answers at once."""
+"""What cannot work is refused before any work, without PyTorch or matplotlib; doctor answers at once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import contextlib, importlib.util, io, json, os, sys
 
 class Refuse:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("torch", "warp", "mujoco_warp"):
+        if name.partition(".")[0] in ("torch", "warp", "mujoco_warp", "matplotlib"):
             raise SystemExit(f"imported {name}")
 
 importlib.util.find_spec = lambda name, *rest: object()
@@ -73,6 +73,7 @@ REFUSED = (
     (["race", "--top-speed", "1e9"], "top_speed"),
     (["race", "--top-speed", "nan"], "top_speed"),
     (["race", "--out", "file/run"], "cannot write"),
+    (["race", "nosuch"], "nosuch"),
     (["race", "--workers", "0"], "workers"),
     (["robustness", "--trials", "0"], "trials"),
     (["robustness", "--distance", "-5"], "distance"),

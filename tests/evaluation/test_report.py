@@ -15,10 +15,11 @@ from PIL import Image
 
 from sprintlab.api.races import battery_text
 from sprintlab.core.errors import InvalidValueError, SimulationError, SprintlabError
+from sprintlab.core.files import default_folder
 from sprintlab.evaluation import figures, report, video
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request
-from sprintlab.evaluation.race_files import default_folder, save_trajectory
+from sprintlab.evaluation.race_files import save_trajectory
 from sprintlab.evaluation.report_text import (
     audit_failure,
     audit_limit,

@@ -21,7 +21,7 @@ from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
-from sprintlab.core.files import check_writable
+from sprintlab.core.files import check_writable, default_folder, reserved_directory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,9 +103,6 @@ class Race(Drawn):
         Raises:
             SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
-        from sprintlab.core.files import reserved_directory
-        from sprintlab.evaluation.race_files import default_folder
-
         with reserved_directory(Path(folder) if folder else default_folder()) as target:
             _written(self, target, video, lambda _: None)
         return target / "report.html"
@@ -158,7 +155,6 @@ def race(
     both = engine == "both"
     plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
     settings = protocol_settings(trials, seed, plant=plant)
-    from sprintlab.core.files import reserved_directory
     from sprintlab.evaluation.race import evaluate_race
     from sprintlab.robots import load_robot
 

@@ -73,17 +73,17 @@ def report_run(
     Raises:
         SprintlabError: the log, the robot, the policy or the folder is refused.
     """
-    from sprintlab.api.log_trial import logged_run
     from sprintlab.core.checks import check_positive
-    from sprintlab.core.files import check_new_folder
-    from sprintlab.deployment.log import read_log
-    from sprintlab.evaluation.race_files import default_folder
-    from sprintlab.evaluation.run_report import run_numbers
-    from sprintlab.robots import load_robot
+    from sprintlab.core.files import check_new_folder, default_folder
 
     check_positive("distance", distance, "m")
     place = folder or default_folder(prefix="report")
     check_new_folder(place)
+    from sprintlab.api.log_trial import logged_run
+    from sprintlab.deployment.log import read_log
+    from sprintlab.evaluation.run_report import run_numbers
+    from sprintlab.robots import load_robot
+
     progress("reading the log", None)
     record = read_log(log)
     described = load_robot(robot or known_robot(record.facts["robot"], log.name))

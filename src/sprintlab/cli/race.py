@@ -13,6 +13,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.races import Race as RaceFound
 from sprintlab.api.races import race
 from sprintlab.cli.output import print_json, progress_bar, stderr_console, stdout_console
+from sprintlab.core.files import default_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +53,6 @@ class Race:
 
     def run(self) -> int:
         """Run the race and print its numbers; raises ``SprintlabError`` where ``race`` does."""
-        from sprintlab.evaluation.race_files import default_folder
-
         with progress_bar(quiet=self.json) as report:
             report("loading", None)
             found = race(

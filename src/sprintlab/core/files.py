@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
@@ -237,6 +238,14 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
         if temporary is not None:
             _remove(temporary)
         _unlock(held)
+
+
+def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
+    """``runs/race-<date>-<time>``; a number is added where that is taken."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    candidates = [f"{prefix}-{stamp}", *(f"{prefix}-{stamp}-{count}" for count in range(2, 100))]
+    free = [parent / name for name in candidates if not (parent / name).exists()]
+    return free[0]
 
 
 @contextmanager

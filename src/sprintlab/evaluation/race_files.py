@@ -33,14 +33,6 @@ SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 VIDEO_LEFT_OUT = "no video: it was not asked for"
 
 
-def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
-    """``runs/race-<date>-<time>``; a number is added where that is taken."""
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    candidates = [f"{prefix}-{stamp}", *(f"{prefix}-{stamp}-{count}" for count in range(2, 100))]
-    free = [parent / name for name in candidates if not (parent / name).exists()]
-    return free[0]
-
-
 def write_race(
     target: Path,
     result: RaceResult,
