@@ -7,7 +7,8 @@ One trial of the profile with its 10 s hold a policy and command: nominal robot,
 are kept in results/speed_realism/trials.json by the name given and the SHA-256 of the file; those that are
 there are not run again. The figure has every trial that ran to the end at half its command or more as a
 point, a line a policy; filled points pass every line of the audit, and the front is drawn through the best
-of them.
+of them. Small crosses are what later looks recorded of theirs in results/*-looks: means of networks, other
+seeds of the recipe, terms left out; most of them are the worst of 22 runs.
 """
 
 from __future__ import annotations
@@ -32,6 +33,16 @@ from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import load_robot
 
 COMMANDS = (9.0, 10.0, 11.0, 12.0, 13.0)
+LATER = {
+    "fourth": ("races",),
+    "fifth": ("races",),
+    "sixth": ("means",),
+    "eighth": ("means",),
+    "ninth": ("seeds", "other_shares", "braking_practised"),
+    "tenth": ("seeds", "left_out"),
+}
+"""Which part of which looks tells of policies that have no trial of their own here."""
+_SPEEDS = ("speed_m_s", "held_raw_m_s", "held_m_s")
 RESULT, FIGURE = Path("results/speed_realism/trials.json"), Path("docs/images/speed-realism.png")
 MEASURES = {
     "cost_of_transport": ("cost of transport", 0.8, 1.0),
@@ -42,7 +53,7 @@ MEASURES = {
 """What the figure shows over the speed: label, bound of audit or goal, which way is good."""
 FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.53))
 """Speed and these measures of policies that have left the package, on their robot and today's plant."""
-_ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S", "Y")
+_ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S", "Y", "s")
 _LABELS = (
     "E, F, G",
     "A, B, C: range of commands ahead",
@@ -51,8 +62,9 @@ _LABELS = (
     "R: ramps and slopes",
     "S: R1 goes on, longer at the top",
     "Y: R and S with another seed",
+    "sprint",
 )
-_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00", "#0b8a9e")
+_COLORS = (LIGHT.speed, "#98a2b3", "#12855b", "#d64545", "#7a5af8", "#e07b00", "#0b8a9e", LIGHT.foreground)
 ROUNDS = {
     letter: (label, color)
     for letters, label, color in zip(_ROUNDS, _LABELS, _COLORS, strict=True)
@@ -107,6 +119,34 @@ def _command(trial: dict[str, Any]) -> float:
     return float(trial["command_m_s"])
 
 
+def later_points(looks: Path = Path("results")) -> list[dict[str, Any]]:
+    """What later looks recorded, each a speed and those of ``MEASURES`` that were written down.
+
+    Slower ones than the slowest command are left out: asked for 13 m/s, they stumble.
+    """
+    found = []
+    for name, parts in LATER.items():
+        whole = json.loads((looks / f"{name}-looks/trainings.json").read_text(encoding="utf-8"))
+        found += [point for part in parts for point in _recorded(whole[part])]
+    return [point for point in found if point["speed_m_s"] >= min(COMMANDS)]
+
+
+def _recorded(part: Any) -> Iterator[dict[str, Any]]:
+    """The points in a part of a look, however deep they stand."""
+    if isinstance(part, list):
+        part = dict(enumerate(part))
+    if not isinstance(part, dict):
+        return
+    speed = next((part[name] for name in _SPEEDS if isinstance(part.get(name), float)), None)
+    if speed is None:
+        for inner in part.values():
+            yield from _recorded(inner)
+        return
+    worst = part.get("worst", {})
+    told = {"foot_force_body_weights": worst.get("foot force"), **part, "speed_m_s": speed}
+    yield {name: told[name] for name in ("speed_m_s", *MEASURES) if told.get(name) is not None}
+
+
 def draw(policies: dict[str, Any], path: Path) -> None:
     """A panel a measure: every policy a line over its speeds, coloured by round; the front in black."""
     figure, axes = themed_figure(LIGHT, (12.0, 6.4), 2, 2)
@@ -115,6 +155,14 @@ def draw(policies: dict[str, Any], path: Path) -> None:
     ):
         for name, row in policies.items():
             _draw_policy(panel, name, row["trials"], measured)
+        later = [(point["speed_m_s"], point[measured]) for point in later_points() if measured in point]
+        panel.plot(
+            *zip(*later, strict=True),
+            "+",
+            ms=4,
+            color=LIGHT.muted,
+            label="means, other seeds, terms left out",
+        )
         points = [(trial["speed_m_s"], trial[measured]) for trial in passing(policies)]
         panel.plot(*zip(*front(points, sign), strict=True), color=LIGHT.foreground, lw=1.2, label="front")
         old = [(values[0], values[1 + place]) for values in FIRST_EDITION]
@@ -124,7 +172,7 @@ def draw(policies: dict[str, Any], path: Path) -> None:
         set_title(panel, label, LIGHT)
     handles, labels = axes[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    figure_legend(figure, LIGHT, list(once.values()), columns=5)
+    figure_legend(figure, LIGHT, list(once.values()), columns=4)
     save_figure(path, figure, dpi=90)
 
 

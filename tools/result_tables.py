@@ -18,6 +18,8 @@ from sprintlab.evaluation.results import AuditItem
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 DEFAULT_POLICY = "sprint"
+SHIPPED_SEED = 12
+"""Seed of the trainings from which ``recipes/sprint.py`` made the default policy."""
 README_ROWS = re.compile(r"(\| the paper, BP2, as reported \| treadmill[^\n]*\n).*?(\| Margolis)", re.DOTALL)
 """Our rows stand between the paper's last row and the first of its peers."""
 Row = dict[str, Any]
@@ -54,6 +56,7 @@ def tables() -> dict[str, str]:
         "robustness": robustness(sprints),
         "second_engine": second_engine(engines),
         "second_looks": second_looks(_read("second-looks/trainings.json")),
+        "training_seeds": training_seeds(races[DEFAULT_POLICY]),
         "reward_departures": reward_departures(),
     }
 
@@ -184,6 +187,60 @@ def second_looks(trainings: Row) -> str:
         )
         rows.append(cells)
     return _table(head, rows)
+
+
+def training_seeds(shipped: Row) -> str:
+    """The recipe of the default policy from five seeds, the fastest first.
+
+    Args:
+        shipped: what ``sprintlab race`` printed of the one that is shipped.
+    """
+    other = {
+        f"seed {seed}": row
+        for looks in ("ninth", "tenth")
+        for seed, row in json.loads((RESULTS / f"{looks}-looks/trainings.json").read_text())["seeds"].items()
+    }
+    rows = [(f"seed {SHIPPED_SEED}, shipped", *_seed_cells(_race_as_seed(shipped)))]
+    rows += [
+        (name, *_seed_cells(row))
+        for name, row in sorted(other.items(), key=lambda each: -each[1]["held_raw_m_s"])
+    ]
+    head = (
+        "",
+        "held, raw",
+        "held, self-paced",
+        "100 m, raw / self-paced",
+        "foot force",
+        "gear torque",
+        "audit",
+    )
+    return _table(head, rows)
+
+
+def _race_as_seed(race: Row) -> Row:
+    """The numbers of a race under the names that the looks have."""
+    worst = {item["name"]: item["value"] for item in race["audit"]["items"]}
+    return {
+        "held_raw_m_s": race["held_speed_m_s"],
+        "held_self_paced_m_s": race["self_paced"]["held_speed_m_s"],
+        "time_100m_s": [race["sprint_time_s"], race["sprint_time_self_paced_s"]],
+        "worst": worst,
+        "failed": [item["name"] for item in race["audit"]["items"] if not item["passed"]],
+    }
+
+
+def _seed_cells(row: Row) -> tuple[str, ...]:
+    worst = row.get("worst", {})
+    foot = worst.get("foot force", row.get("foot_force_body_weights"))
+    gear = worst.get("gear torque", row.get("gear_torque_peak"))
+    return (
+        _speed(row["held_raw_m_s"]),
+        _speed(row["held_self_paced_m_s"]),
+        " / ".join(_cell(time) for time in row["time_100m_s"]) + " s",
+        f"{_cell(foot, 1)} body weights",
+        f"{_cell(gear, 1)} x peak",
+        f"fails {', '.join(row['failed'])}" if row["failed"] else "passed",
+    )
 
 
 def readme_rows() -> str:
