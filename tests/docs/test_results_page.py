@@ -138,6 +138,23 @@ def test_the_page_tells_where_the_front_ends(flowing):
     assert set(later) < set(found) and len(found) == 28 and "Twenty-seven trainings and `sprint`" in page
 
 
+def test_the_page_tells_why_lines_are_missed(flowing):
+    found = json.loads((ROOT / "results/sprint/shortfalls.json").read_text(encoding="utf-8"))
+    assert found["sha256"] == hashlib.sha256(shipped_policy("sprint").read_bytes()).hexdigest()
+    page, runs = flowing("docs/results.md"), {row["command_m_s"]: row for row in found["commands"]}
+    assert not any(row["fall"] for row in runs.values())
+    for command in (12.0, 12.75):
+        assert (
+            f"sked for {command:g} {'m/s ' * (command == 12)}it runs {runs[command]['speed_m_s']:.2f}" in page
+        )
+    limited = [f"{100 * runs[command]['most_limited_joint_share']:.0f}" for command in (12.0, 12.75)]
+    assert f"is there {' and '.join(limited)} % of the time" in page
+    assert f"{runs[-2.0]['speed_m_s']:.2f} m/s when asked for -2, {runs[-3.0]['speed_m_s']:.2f} when" in page
+    (band,) = (row for row in found["estimate"] if row["speed_from_m_s"] == 8.0)
+    errors = [f"{-row['error_m_s']:.2f}" for row in band["by_lead_of_the_command_m_s"].values()][:3]
+    assert f"it is {', '.join(errors[:2])} and {errors[2]} m/s too low" in page
+
+
 def test_the_page_tells_what_the_mean_of_two_networks_does(flowing):
     found = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
     (race,), randomized = found["races"]["average"], found["randomized_sprints"]
