@@ -180,7 +180,7 @@ def _collapse(known: Evidence) -> str:
         if row is None:
             parts.append(f"With {preset} it is not evaluated yet.")
         else:
-            who = "the others hold" if row.collapsed else "held are"
+            who = "the others hold" if row.collapsed else "they hold"
             held = f"; {who} {row.most_held.text(2)} m/s" if row.collapsed < row.seeds else ""
             parts.append(f"With {preset} {row.collapsed} of {row.seeds} seeds collapse{held}.")
     return " ".join(parts)

@@ -412,25 +412,25 @@ def estimate_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
 def methods_figure(records: Mapping[str, Sequence[EvaluationRecord]], theme: Theme = LIGHT) -> Figure:
     """The most held, raw: every seed as a dot, a method's mean as a bar, the paper's number as a mark."""
     names = [method for method in records if records[method] or method in PAPER_TABLE]
-    figure, axes = themed_figure(theme, (9.5, 3.8), 1, 1)
+    figure, axes = themed_figure(theme, (9.5, 1.2 + 0.32 * len(names)), 1, 1)
     axis = axes[0]
     for place, method in enumerate(names):
         values = [record.raw.most_held for record in records[method] if not collapsed(record)]
         if values:
             colour = method_colour(method, theme)
-            axis.bar(place, float(np.mean(values)), 0.55, color=colour, alpha=0.3)
-            apart = place + np.linspace(-0.12, 0.12, len(values)) * (len(values) > 1)
-            axis.plot(apart, values, "o", color=colour, markersize=5)
+            axis.barh(place, float(np.mean(values)), 0.6, color=colour, alpha=0.3)
+            apart = place + np.linspace(-0.16, 0.16, len(values)) * (len(values) > 1)
+            axis.plot(values, apart, "o", color=colour, markersize=4)
         paper = PAPER_TABLE.get(method)
         if paper is not None and paper.max_velocity is not None:
             axis.plot(
-                [place - 0.3, place + 0.3], [paper.max_velocity] * 2, color=theme.foreground, linewidth=1.5
+                [paper.max_velocity] * 2, [place - 0.35, place + 0.35], color=theme.foreground, linewidth=1.5
             )
         if note := _missing_text(len(records[method]), len(values)):
-            axis.text(place, 0.3, note, ha="center", fontsize=8, color=theme.foreground)
-    axis.set_xticks(range(len(names)), names)
-    axis.set_xlim(-0.6, len(names) - 0.4)
-    axis.set_ylabel("most held, raw [m/s]")
+            axis.text(0.1, place, note, va="center", fontsize=8, color=theme.foreground)
+    axis.set_yticks(range(len(names)), names)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+    axis.set_xlabel("most held, raw [m/s]")
     handles = [
         Line2D([], [], color=theme.muted, marker="o", linestyle="", label="ours, one seed"),
         Patch(color=theme.muted, alpha=0.3, label="ours, mean"),

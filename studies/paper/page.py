@@ -30,6 +30,8 @@ MORE_FIGURES = {
     "envelopes": "What each motor can give under the three models.",
     "worlds-baseline": "`baseline` with the motor of its training and with the real one.",
     "worlds-simplified-dc": "`simplified-dc` with the motor of its training and with the real one.",
+    "worlds-flux-weakening": "`flux-weakening` with the motor of its training and with the real one.",
+    "worlds-hound": "`hound` with the motor of its training and with the real one.",
     "command-modes": "`sprint` under four ways of changing the command.",
     "estimate": "What `sprint` estimates of its own body over 100 m, and what the simulator knows.",
 }
@@ -119,8 +121,8 @@ def page_text(results: Path, pictures: Sequence[str] = (), more: Sequence[str] =
 
 REMARKS = Path(__file__).parent / "remarks.md"
 REPEAT = (
-    "All numbers, settings and the median seeds' policies: `studies/paper/results`. How to train, evaluate "
-    "and draw it again: `studies/paper/README.md`."
+    "All numbers, settings and one policy of each method (its median seed's, where that is left): "
+    "`studies/paper/results`. How to train, evaluate and draw it again: `studies/paper/README.md`."
 )
 
 
@@ -170,7 +172,7 @@ def variants_table(known: Evidence) -> str:
         [method, *(number(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
         for method, speeds in known.variants.items()
     ]
-    note = "The most that the median seed's policy holds, raw command [m/s]; trained on the nominal robot."
+    note = "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot."
     columns = ("method", *(variant.title for variant in VARIANTS.values()))
     return f"{markdown_table(columns, rows)}\n\n{note}"
 
@@ -200,7 +202,7 @@ def own_motors_table(known: Evidence) -> str:
         for method, found in known.own_motors.items()
     ]
     heads = (*columns, *(f"impossible: {name}" for name in joints))
-    note = "One nominal trial each of the median seed's policy, at the command at which it holds most [m/s]."
+    note = "One nominal trial each of the kept policy, at the command at which it holds most [m/s]."
     return f"{markdown_table(heads, rows)}\n\n{note}"
 
 
