@@ -321,6 +321,11 @@ def product_of_nothing():
     )
 
 
+def input_without_a_name():
+    """The runtime looks for its numbers where nothing is, and the process dies."""
+    return model([helper.make_node("Max", ["observation", ""], ["y"])])
+
+
 def two_contracts():
     """Some readers take the first, some the last."""
     made = onnx.load(shipped_policy("sprint"))
@@ -330,6 +335,7 @@ def two_contracts():
 
 STRANGE += [
     two_contracts,
+    input_without_a_name,
     product_of_nothing,
     numbers_that_the_runtime_passes_over,
     attribute_of_another_kind,
@@ -354,6 +360,12 @@ def test_program_is_refused_in_time(tmp_path, make):
 def test_a_tensor_is_refused_by_its_own_size_before_it_is_counted(make):
     with pytest.raises(GraphError, match="needs a tensor of"):
         check_graph(make().SerializeToString())
+
+
+@pytest.mark.parametrize("bounds", [[], ["", "one"], ["one", ""]])
+def test_a_clip_may_lack_a_bound(bounds):
+    node = helper.make_node("Clip", ["observation", *bounds], ["y"])
+    check_graph(model([node], constant("one", 1.0, np.float32)).SerializeToString())
 
 
 def in_the_runtimes_own_format(folder):

@@ -324,6 +324,14 @@ def test_a_failure_gives_the_folder_free(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_failure_leaves_an_empty_folder_that_was_there_before(tmp_path):
+    pytest.importorskip("fcntl")
+    (tmp_path / "race").mkdir()
+    with pytest.raises(KeyboardInterrupt), reserved_directory(tmp_path / "race"):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == [tmp_path / "race"]
+
+
 HOLDER = """
 import os, sys
 from sprintlab.core.files import reserved_directory

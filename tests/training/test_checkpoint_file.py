@@ -171,6 +171,14 @@ def test_modules_are_not_imported_for_a_stranger(path: Path, tmp_path: Path, mon
     assert not (tmp_path / "ran").exists() and "trap" not in sys.modules
 
 
+def test_a_module_of_the_package_is_not_imported_for_a_stranger(path: Path, monkeypatch) -> None:
+    """Some take ten seconds, or ask the GPU's driver what there is."""
+    monkeypatch.delitem(sys.modules, "sprintlab.api.doctor", raising=False)
+    rewritten(path, lambda values, _: values.update(more={"$class": "sprintlab.api.doctor:X", "fields": {}}))
+    read_checkpoint(path)
+    assert "sprintlab.api.doctor" not in sys.modules
+
+
 @pytest.mark.parametrize(
     "change",
     [

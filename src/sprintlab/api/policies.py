@@ -120,6 +120,19 @@ def known_robot(robot: str, name: str) -> str:
     return robot
 
 
+def known_policy(policy: str, name: str) -> str:
+    """A policy that a file names; ``name`` is the file's. No file decides which other file is opened.
+
+    Raises:
+        SprintlabError: no policy of that name comes with the package.
+    """
+    from sprintlab.control import shipped_policies
+
+    if policy not in shipped_policies():
+        raise SprintlabError(f"{name} is of policy {policy!r}, unknown here: name its file with --policy")
+    return policy
+
+
 def named_policies(names: tuple[str, ...]) -> dict[str, Any]:
     """Policies by path or name; a number is added to a name that comes twice.
 

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.policies import known_robot, policy_path
+from sprintlab.api.policies import known_policy, known_robot, policy_path
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
-    from sprintlab.deployment.log import RunRecord
     from sprintlab.evaluation.results import TrialResult
     from sprintlab.evaluation.run_report import TrackRun
     from sprintlab.robots import RobotDescription
@@ -65,7 +64,7 @@ def report_run(
         log: the log (.mcap).
         folder: result folder, which must not exist; runs/report-<date>-<time> when left out.
         robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
-        policy: the policy to simulate; the log's when left out.
+        policy: the policy to simulate; the log's when left out, if it comes with the package.
         distance: of the sprint [m].
         simulate: whether the simulation stands beside the run; without it the log is drawn alone.
         progress: called with what is being done.
@@ -87,8 +86,10 @@ def report_run(
     progress("reading the log", None)
     record = read_log(log)
     described = load_robot(robot or known_robot(record.facts["robot"], log.name))
+    told = record.facts.get("policy", "sprint")
+    chosen = policy or known_policy(told, log.name) if simulate else None
     run = logged_run(record, described, distance)
-    simulation = _simulate(record, run, described, policy, progress) if simulate else None
+    simulation = None if chosen is None else _simulate(run, described, chosen, progress)
     numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}
     _write(place, run, simulation, described, numbers, progress)
     return RunReport(numbers=numbers, folder=place)
@@ -122,12 +123,10 @@ def _write(
         atomic_write_text(temporary / "report.html", render_run_report(run, simulation, pictures, facts))
 
 
-def _simulate(
-    record: RunRecord, run: TrackRun, robot: RobotDescription, policy: str | None, progress: Progress
-) -> TrialResult:
+def _simulate(run: TrackRun, robot: RobotDescription, policy: str, progress: Progress) -> TrialResult:
     from sprintlab.control import load_policy
     from sprintlab.evaluation.run_report import simulate_commands
 
     progress("simulating the same commands", None)
-    loaded = load_policy(policy_path(policy or record.facts.get("policy", "sprint")))
+    loaded = load_policy(policy_path(policy))
     return simulate_commands(loaded, robot, run.command_time, run.command[:, 0], run.trial.hold_interval)

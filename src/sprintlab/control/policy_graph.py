@@ -354,8 +354,11 @@ def _follow(graph: _Graph) -> None:
     tensors |= {name: _Tensor(shape) for name, shape in graph.inputs.items()}
     costs = _Costs()
     for node in graph.nodes:
-        inputs = [_made(tensors, name) for name in node.inputs]
-        costs.products += sum(math.prod(tensor.shape) for tensor in inputs if tensor is not None)
+        # A bound that Clip does not have; the runtime ends the process over other inputs without a name.
+        unbound = node.operator == "Clip"
+        named = [name for place, name in enumerate(node.inputs) if name or not (unbound and place)]
+        inputs = [_made(tensors, name) for name in named]
+        costs.products += sum(math.prod(tensor.shape) for tensor in inputs)
         for name, tensor in zip(node.outputs, _results(node, inputs, costs), strict=False):
             if name in tensors:
                 raise GraphError("is damaged: two of its tensors have one name")
@@ -365,10 +368,10 @@ def _follow(graph: _Graph) -> None:
             raise GraphError("takes more than a policy's step may: it would not fit into its 20 ms")
 
 
-def _made(tensors: Mapping[str, _Tensor], name: str) -> _Tensor | None:
-    if name and name not in tensors:
+def _made(tensors: Mapping[str, _Tensor], name: str) -> _Tensor:
+    if not name or name not in tensors:
         raise GraphError(f"uses the tensor {name[:60]!r} before it is made")
-    return tensors[name] if name else None
+    return tensors[name]
 
 
 def _results(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
@@ -399,23 +402,16 @@ def _makes_whole(node: _Node, inputs: Inputs) -> bool:
         return False
     several = node.operator in _TOGETHER or node.operator == "Concat"
     given = inputs if several else inputs[:1]
-    return node.operator == "Shape" or any(tensor is not None and tensor.whole for tensor in given)
+    return node.operator == "Shape" or any(tensor.whole for tensor in given)
 
 
-Inputs = list[_Tensor | None]
+Inputs = list[_Tensor]
 _Rule = Callable[[_Node, Inputs, _Costs], list[_Tensor]]
-
-
-def _given(inputs: Inputs, index: int) -> _Tensor:
-    tensor = inputs[index]
-    if tensor is None:
-        raise ValueError("an input is missing")
-    return tensor
 
 
 def _known(inputs: Inputs, index: int) -> npt.NDArray[Any]:
     """Values of an input that decides about sizes."""
-    value = _given(inputs, index).value
+    value = inputs[index].value
     if value is None:
         raise GraphError("computes sizes from what the robot measures")
     return value
@@ -436,11 +432,11 @@ def _kept(shape: Shape, values: Sequence[Value], function: Callable[[list[Any]],
 
 
 def _same(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    return [_Tensor(_given(inputs, 0).shape)]
+    return [_Tensor(inputs[0].shape)]
 
 
 def _alike(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    first, cast = _given(inputs, 0), node.operator == "Cast"
+    first, cast = inputs[0], node.operator == "Cast"
     if cast and node.number("to", 0) not in _TYPES:
         raise GraphError("makes numbers of a type that no policy has")
     if cast and node.number("to", 1) != _INT64:
@@ -449,14 +445,13 @@ def _alike(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _broadcast(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    given = [tensor for tensor in inputs if tensor is not None]
-    shape = _checked(np.broadcast_shapes(*(tensor.shape for tensor in given)))
+    shape = _checked(np.broadcast_shapes(*(tensor.shape for tensor in inputs)))
     function = _ARITHMETIC.get(node.operator)
-    if node.operator == "Div" and any(tensor.whole and tensor.value is None for tensor in given):
+    if node.operator == "Div" and any(tensor.whole and tensor.value is None for tensor in inputs):
         raise GraphError("divides whole numbers that it computes from what the robot measures")
     if function is None:
         return [_Tensor(shape)]
-    return [_kept(shape, [tensor.value for tensor in given], lambda v: function(*v))]
+    return [_kept(shape, [tensor.value for tensor in inputs], lambda v: function(*v))]
 
 
 def _division(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -489,11 +484,11 @@ def _product(rows: Shape, columns: Shape, costs: _Costs) -> Shape:
 
 
 def _matmul(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    return [_Tensor(_product(_given(inputs, 0).shape, _given(inputs, 1).shape, costs))]
+    return [_Tensor(_product(inputs[0].shape, inputs[1].shape, costs))]
 
 
 def _gemm(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    a, b = _given(inputs, 0).shape, _given(inputs, 1).shape
+    a, b = inputs[0].shape, inputs[1].shape
     if len(a) != 2 or len(b) != 2:
         raise ValueError("matrices")
     a = a[::-1] if node.flag("transA", default=False) else a
@@ -519,12 +514,12 @@ def _constant(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 def _shape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
     if node.attributes:
         raise GraphError("uses the operator Shape in a form that no policy uses")
-    shape = _given(inputs, 0).shape
+    shape = inputs[0].shape
     return [_Tensor((len(shape),), np.array(shape, dtype=np.int64))]
 
 
 def _gather(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data, index = _given(inputs, 0), _given(inputs, 1)
+    data, index = inputs[0], inputs[1]
     axis = _axis(node.number("axis", 0), len(data.shape))
     shape = _checked((*data.shape[:axis], *index.shape, *data.shape[axis + 1 :]))
     return [_kept(shape, [data.value, index.value], lambda v: np.take(v[0], v[1].astype(np.int64), axis))]
@@ -543,7 +538,7 @@ def _axes(node: _Node, inputs: Inputs, default: Sequence[int] = ()) -> tuple[int
     """
     if "axes" in node.attributes:
         axes = node.of_kind("axes", _WHOLE_NUMBERS).numbers
-    elif len(inputs) > 1 and inputs[1] is not None:
+    elif len(inputs) > 1:
         axes = tuple(int(value) for value in _known(inputs, 1).reshape(-1))
     else:
         return tuple(default)
@@ -553,7 +548,7 @@ def _axes(node: _Node, inputs: Inputs, default: Sequence[int] = ()) -> tuple[int
 
 
 def _unsqueeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data, axes = _given(inputs, 0), _axes(node, inputs)
+    data, axes = inputs[0], _axes(node, inputs)
     rank = len(data.shape) + len(axes)
     places = {_axis(axis, rank) for axis in axes}
     if rank > 16 or len(places) != len(axes):
@@ -564,7 +559,7 @@ def _unsqueeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _squeeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data = _given(inputs, 0)
+    data = inputs[0]
     rank = len(data.shape)
     places = {
         _axis(axis, rank) for axis in _axes(node, inputs, [i for i in range(rank) if data.shape[i] == 1])
@@ -576,14 +571,13 @@ def _squeeze(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _concat(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    given = [_given(inputs, index) for index in range(len(inputs))]
-    axis = _axis(node.number("axis", 0), len(given[0].shape))
-    others = {(*tensor.shape[:axis], *tensor.shape[axis + 1 :]) for tensor in given}
+    axis = _axis(node.number("axis", 0), len(inputs[0].shape))
+    others = {(*tensor.shape[:axis], *tensor.shape[axis + 1 :]) for tensor in inputs}
     if len(others) != 1:
         raise ValueError("shapes do not fit")
-    total = sum(tensor.shape[axis] for tensor in given)
-    shape = _checked((*given[0].shape[:axis], total, *given[0].shape[axis + 1 :]))
-    return [_kept(shape, [tensor.value for tensor in given], lambda v: np.concatenate(v, axis))]
+    total = sum(tensor.shape[axis] for tensor in inputs)
+    shape = _checked((*inputs[0].shape[:axis], total, *inputs[0].shape[axis + 1 :]))
+    return [_kept(shape, [tensor.value for tensor in inputs], lambda v: np.concatenate(v, axis))]
 
 
 def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
@@ -594,23 +588,23 @@ def _filled(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _expand(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data = _given(inputs, 0)
+    data = inputs[0]
     wanted = _checked([int(size) for size in _known(inputs, 1).reshape(-1)])
     shape = _checked(np.broadcast_shapes(data.shape, wanted))
     return [_kept(shape, [data.value], lambda v: np.broadcast_to(v[0], shape))]
 
 
 def _tile(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data, repeats = _given(inputs, 0), [int(count) for count in _known(inputs, 1).reshape(-1)]
+    data, repeats = inputs[0], [int(count) for count in _known(inputs, 1).reshape(-1)]
     shape = _checked([size * count for size, count in zip(data.shape, repeats, strict=True)])
     return [_kept(shape, [data.value], lambda v: np.tile(v[0], repeats))]
 
 
 def _slice(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data = _given(inputs, 0)
+    data = inputs[0]
     starts, ends = _known(inputs, 1).reshape(-1), _known(inputs, 2).reshape(-1)
-    axes = _known(inputs, 3).reshape(-1) if len(inputs) > 3 and inputs[3] else np.arange(len(starts))
-    steps = _known(inputs, 4).reshape(-1) if len(inputs) > 4 and inputs[4] else np.ones(len(starts), int)
+    axes = _known(inputs, 3).reshape(-1) if len(inputs) > 3 else np.arange(len(starts))
+    steps = _known(inputs, 4).reshape(-1) if len(inputs) > 4 else np.ones(len(starts), int)
     parts = [slice(None)] * len(data.shape)
     shape = list(data.shape)
     for start, end, axis, step in zip(starts, ends, axes, steps, strict=True):
@@ -623,7 +617,7 @@ def _slice(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _reshape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    data, wanted = _given(inputs, 0), [int(size) for size in _known(inputs, 1).reshape(-1)]
+    data, wanted = inputs[0], [int(size) for size in _known(inputs, 1).reshape(-1)]
     if not node.flag("allowzero", default=False):
         wanted = [data.shape[place] if size == 0 else size for place, size in enumerate(wanted)]
     count, rest = math.prod(data.shape), math.prod(size for size in wanted if size != -1)
@@ -636,13 +630,13 @@ def _reshape(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _flatten(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    shape, axis = _given(inputs, 0).shape, node.number("axis", 1)
+    shape, axis = inputs[0].shape, node.number("axis", 1)
     axis = axis if axis >= 0 else axis + len(shape)
     return [_Tensor((math.prod(shape[:axis]), math.prod(shape[axis:])))]
 
 
 def _transpose(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    shape = _given(inputs, 0).shape
+    shape = inputs[0].shape
     order = (
         node.of_kind("perm", _WHOLE_NUMBERS).numbers if "perm" in node.attributes else range(len(shape))[::-1]
     )
@@ -652,9 +646,9 @@ def _transpose(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _split(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    shape, parts = _given(inputs, 0).shape, len(node.outputs)
+    shape, parts = inputs[0].shape, len(node.outputs)
     axis = _axis(node.number("axis", 0), len(shape))
-    if len(inputs) > 1 and inputs[1] is not None:
+    if len(inputs) > 1:
         sizes = [int(size) for size in _known(inputs, 1).reshape(-1)]
     elif "split" in node.attributes:
         sizes = list(node.of_kind("split", _WHOLE_NUMBERS).numbers)
@@ -668,7 +662,7 @@ def _split(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
 
 
 def _reduce(node: _Node, inputs: Inputs, costs: _Costs) -> list[_Tensor]:
-    shape = _given(inputs, 0).shape
+    shape = inputs[0].shape
     if 0 in shape or node.number("noop_with_empty_axes", 0):
         raise ValueError("nothing to reduce")
     places = {_axis(axis, len(shape)) for axis in _axes(node, inputs, range(len(shape)))}

@@ -252,14 +252,15 @@ def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
 def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Hold a folder's name, as an empty folder, while what will fill it is worked out.
 
-    Of two that ask for the same name at the same time only one gets it. An error in the block gives the
-    name free again, unless something was put into the folder. An empty folder that nobody holds, such as a
-    process that was killed leaves, counts as free (not on Windows).
+    Of two that ask for the same name at the same time only one gets it. An error in the block removes the
+    folder, unless it was there before or something was put into it. An empty folder that nobody holds, such
+    as a process that was killed leaves, counts as free (not on Windows).
 
     Raises:
         SprintlabError: the folder exists already, or the disk refuses.
     """
     target = _place(path)
+    was_there = os.path.lexists(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         held = _reserve(target)
@@ -270,8 +271,9 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
     try:
         yield target
     except BaseException:
-        with suppress(OSError):
-            target.rmdir()
+        if not was_there:
+            with suppress(OSError):
+                target.rmdir()
         raise
     finally:
         _unlock(held)

@@ -3,14 +3,12 @@
 The file is a safetensors file: eight bytes with the length of the header, a header of JSON, then the tensors'
 bytes. ``__metadata__`` holds the format's version, all values that are no tensors as JSON, and a SHA-256 of
 the whole file, written with zeros in its place. Settings are written as the import path of their class and
-their fields: classes of this package are looked up, others only where the program has imported them.
+their fields: a class is looked up where it is imported already, as this package's settings always are.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import importlib
 import json
 import math
 import struct
@@ -331,20 +329,16 @@ def _tensor(name: Any, table: dict[str, Any], content: memoryview) -> torch.Tens
 
 def _settings(path: str, values: dict[str, Any]) -> Any:
     """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
+    from sprintlab.training.settings import without_removed  # and with it all of this package's settings
+
     module_name, _, name = path.partition(":")
-    module = sys.modules.get(module_name)
-    if module_name.partition(".")[0] == "sprintlab":
-        with contextlib.suppress(ImportError):  # of another version: the class is not known here
-            module = importlib.import_module(module_name)
-    found: Any = module
+    found: Any = sys.modules.get(module_name)
     for part in name.split("."):  # not getattr: some modules import others when they are asked for them
         found = vars(found).get(part) if isinstance(found, type | types.ModuleType) else None
     if not isinstance(found, type) or not is_dataclass(found):
         return UnknownSettings(path, values)
     if not found.__dataclass_params__.frozen or found.__module__ != module_name:  # type: ignore[attr-defined]
         raise ValueError(f"{printable(path, 80)} is no class of settings")
-    from sprintlab.training.settings import without_removed
-
     return found(**without_removed(found, values))
 
 
