@@ -106,8 +106,7 @@ class Evaluation(Drawn):
                 markersize=5, markeredgecolor=colour, markerfacecolor=LIGHT.background,
             )  # fmt: skip
         axis.axline((0.0, 0.0), slope=1.0, color=LIGHT.muted, linestyle=":", linewidth=1.0)
-        axis.set_xlabel("commanded top speed [m/s]")
-        axis.set_ylabel("held speed [m/s]")
+        axis.set(xlabel="commanded top speed [m/s]", ylabel="held speed [m/s]")
         axis_legend(axis, LIGHT)
         return in_notebook(figure)
 
@@ -312,7 +311,5 @@ def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Table:
     from sprintlab.evaluation.results import EstimateBand
 
     title = f"Estimate against truth at the highest speed, {name}"
-    table = plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:])
-    for row in estimate_cells([EstimateBand(**band) for band in bands]):
-        table.add_row(*row)
-    return table
+    rows = estimate_cells([EstimateBand(**band) for band in bands])
+    return plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:], rows=rows)

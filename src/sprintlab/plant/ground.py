@@ -1,8 +1,5 @@
 """The ground under a simulated robot: level or sloping, even or rough."""
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math
@@ -12,9 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
-
-FloatArray = NDArray[np.float64]
 
 SPACING = 0.2
 """Between two points of rough ground [m], as in the random ground of legged_gym (Rudin et al. 2022)."""

@@ -14,9 +14,6 @@ lightest foot, and stiffness and damping are given directly. A coarse step and t
 a drop shows; ``contact_law`` corrects for it.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math
@@ -26,12 +23,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import RobotModelError
-
-FloatArray = NDArray[np.float64]
 
 STIFFNESS_BAND = (40e3, 160e3)
 """Of a foot pad that its maker has not stated [N/m]: the range above, a fifth more to either side."""

@@ -3,9 +3,6 @@
 Nothing here knows a browser: a session is advanced by motor steps and hands out what happened.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math
@@ -19,13 +16,12 @@ from numpy.typing import NDArray
 
 from sprintlab.commands import heading_command, limit_yaw_rate, self_paced, wrap_angle
 from sprintlab.control import Policy, PolicyRuntime
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, TrialSettings
 from sprintlab.robots import RobotDescription, set_friction
-
-FloatArray = NDArray[np.float64]
 
 POLICY_RATE = 50.0
 """Policy steps a second [Hz]."""

@@ -3,9 +3,6 @@
 Primitives are tessellated here, so that the live page and the replay page draw the same robot.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from collections import defaultdict
@@ -16,9 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.robots.model import VISUAL_GROUP
 
-FloatArray = NDArray[np.float64]
 Mesh = tuple[FloatArray, NDArray[np.int64]]
 
 _SEGMENTS = 24
