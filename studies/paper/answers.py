@@ -132,7 +132,7 @@ def _d_axis(known: Evidence) -> str:
         )
         if math.isfinite(ours - theirs):
             text += (
-                f" On the {VARIANTS[name].title} the median policies, trained on the nominal robot, hold "
+                f" On the {VARIANTS[name].title} the kept policies, trained on the nominal robot, hold "
                 f"{ours:.2f} and {theirs:.2f} m/s."
             )
         else:
