@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError, RobotModelError
+from sprintlab.core.errors import InvalidValueError, RobotModelError, SprintlabError
 from sprintlab.robots import ModelOptions, load_robot, robot_fingerprint, robot_spec
 from sprintlab.robots.importing import (
     JointChoice,
@@ -36,6 +36,16 @@ def choices(name: str = "mine", **fields) -> RobotChoices:
 
 def go1_choices() -> RobotChoices:
     return make_choices(read_choices(GO1 / "choices.toml"), "choices.toml")
+
+
+@pytest.mark.parametrize("ending", ["", ".toml"])
+def test_a_motors_name_that_is_too_long_for_a_disk_is_refused(tmp_path, ending):
+    path = tmp_path / "choices.toml"
+    text, name = (GO1 / "choices.toml").read_text(encoding="utf-8"), "m" * 300 + ending
+    path.write_text(text.replace('"motor.toml"', f'"{name}"'), encoding="utf-8")
+    joint = make_choices(read_choices(path), "choices.toml").joints["hip"]
+    with pytest.raises(SprintlabError, match="mmm"):
+        find_motor(joint.motor)
 
 
 @pytest.fixture

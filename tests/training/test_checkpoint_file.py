@@ -280,6 +280,11 @@ def test_a_module_that_imports_others_when_asked_is_not_asked(path: Path, monkey
     assert read_checkpoint(path)["more"] == UnknownSettings("lazy:heavy", {})
 
 
+def test_a_name_that_is_too_long_for_a_disk_is_refused() -> None:
+    with pytest.raises(SprintlabError, match="no such file"):
+        read_checkpoint(Path("c" * 300))
+
+
 def test_another_version_is_named(path: Path) -> None:
     rewritten(path, lambda v, h: h["__metadata__"].update(format="5"))
     with pytest.raises(SprintlabError, match="format 5; this version reads 4"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -109,7 +110,7 @@ def read_choices(path: Path) -> dict[str, Any]:
     for joint, table in joints.items():
         _check_names(path, table, {item.name for item in fields(JointChoice)}, f"joint.{joint}.")
         beside = path.parent / str(table.get("motor", ""))
-        if beside.suffix == ".toml" and beside.is_file():
+        if beside.suffix == ".toml" and os.path.isfile(beside):  # Path.is_file fails on long names
             table["motor"] = str(beside)
     return {**document, "joints": joints}
 
@@ -163,7 +164,7 @@ def find_motor(reference: str) -> PmsmParameters:
                 "motor", reference, "ROBOT:JOINT with a joint of " + ", ".join(JOINTS_PER_LEG)
             )
         motors, index = load_robot(robot_name).motors, JOINTS_PER_LEG.index(joint)
-    elif reference.endswith(".toml") or Path(reference).is_file():
+    elif reference.endswith(".toml") or os.path.isfile(reference):
         motors, index = load_motor(reference), 0
     else:
         raise InvalidValueError(
