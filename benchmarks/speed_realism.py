@@ -6,9 +6,9 @@
 One trial of the profile with its 10 s hold a policy and command: nominal robot, outdoors, raw command. Trials
 are kept in results/speed_realism/trials.json by the name given and the SHA-256 of the file; those that are
 there are not run again. The figure has every trial that ran to the end at half its command or more as a
-point, a line a policy; filled points pass every line of the audit, and the front is drawn through the best
-of them. Small crosses are what later looks recorded of theirs in results/*-looks: means of networks, other
-seeds of the recipe, terms left out; most of them are the worst of 22 runs.
+point, a line a policy. Squares are what later trainings recorded of theirs in results/*-looks, where none of
+their runs fell; stars are other seeds of the shipped recipe. What is filled passes every line of the audit,
+and the front is drawn through the best of that.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,36 +24,28 @@ from harness import EVALUATION_PACKAGES, answer, circumstances
 from matplotlib.axes import Axes
 from second_engine import digest, rounded
 
-from sprintlab.control import load_policy
+from sprintlab.control import POLICY_RATE_HZ, load_policy
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.files import atomic_write_json
 from sprintlab.core.theme import LIGHT, figure_legend, save_figure, set_title, themed_figure
+from sprintlab.evaluation.audit import AuditThresholds
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.robots import load_robot
 
 COMMANDS = (9.0, 10.0, 11.0, 12.0, 13.0)
-LATER = {
-    "fourth": ("races",),
-    "fifth": ("races",),
-    "sixth": ("means",),
-    "eighth": ("means",),
-    "ninth": ("seeds", "other_shares", "braking_practised"),
-    "tenth": ("seeds", "left_out"),
-}
-"""Which part of which looks tells of policies that have no trial of their own here."""
 _SPEEDS = ("speed_m_s", "held_raw_m_s", "held_m_s")
 RESULT, FIGURE = Path("results/speed_realism/trials.json"), Path("docs/images/speed-realism.png")
 MEASURES = {
-    "cost_of_transport": ("cost of transport", 0.8, 1.0),
-    "stride_frequency_Hz": ("strides a second [Hz]", 5.5, 1.0),
-    "stance_ms": ("median stance [ms]", 20.0, -1.0),
-    "foot_force_body_weights": ("foot force [body weights]", 4.0, 1.0),
+    "cost_of_transport": ("cost of transport", 1.0),
+    "stride_frequency_Hz": ("strides a second [Hz]", 1.0),
+    "stance_ms": ("median stance [ms]", -1.0),
+    "foot_force_body_weights": ("foot force [body weights]", 1.0),
 }
-"""What the figure shows over the speed: label, bound of audit or goal, which way is good."""
-FIRST_EDITION = ((13.41, 1.164, 7.14, 18.0, 5.45), (14.09, 1.325, 7.14, 18.0, 5.53))
-"""Speed and these measures of policies that have left the package, on their robot and today's plant."""
+"""What the figure shows over the speed: label, which way is good."""
+OTHER_NAMES = {"stride_frequency_Hz": "stride_Hz", "foot_force_body_weights": "foot force"}
+"""What some looks call these measures."""
 _ROUNDS = ("EFG", "ABC", "W", "PQ", "R", "S", "Y", "s")
 _LABELS = (
     "E, F, G",
@@ -111,7 +104,7 @@ def collect(chosen: argparse.Namespace) -> dict[str, Any]:
             found["policies"][name] = {"sha256": sha, "trials": trials}
             found |= circumstances(EVALUATION_PACKAGES)
             atomic_write_json(RESULT, found)
-    draw(found["policies"], FIGURE)
+    draw(found, FIGURE)
     return found
 
 
@@ -119,16 +112,59 @@ def _command(trial: dict[str, Any]) -> float:
     return float(trial["command_m_s"])
 
 
-def later_points(looks: Path = Path("results")) -> list[dict[str, Any]]:
-    """What later looks recorded, each a speed and those of ``MEASURES`` that were written down.
+@dataclass(frozen=True)
+class Look:
+    """What one group of later trainings recorded.
 
-    Slower ones than the slowest command are left out: asked for 13 m/s, they stumble.
+    Attributes:
+        label: in the legend.
+        color: in the figure.
+        parts: which looks, and which part of each, tell of policies that have no trial of their own here.
+        marker: in the figure.
     """
-    found = []
-    for name, parts in LATER.items():
-        whole = json.loads((looks / f"{name}-looks/trainings.json").read_text(encoding="utf-8"))
-        found += [point for part in parts for point in _recorded(whole[part])]
-    return [point for point in found if point["speed_m_s"] >= min(COMMANDS)]
+
+    label: str
+    color: str
+    parts: tuple[tuple[str, str], ...]
+    marker: str = "s"
+
+    def points(self, results: Path = Path("results")) -> list[dict[str, Any]]:
+        """Each a speed, those of ``MEASURES`` that were written down, and the lines of the audit that failed.
+
+        Falls are left out, and speeds below the slowest command: asked for 13 m/s, those stumble.
+        """
+        found = [
+            point
+            for look, part in self.parts
+            for point in _recorded(_read(results / f"{look}-looks/trainings.json")[part])
+        ]
+        return [point for point in found if point["speed_m_s"] >= min(COMMANDS)]
+
+
+SEEDS = Look("sprint's other seeds", LIGHT.foreground, (("ninth", "seeds"), ("tenth", "seeds")), "*")
+LOOKS = (
+    Look("means of R and S, of Y", "#667085", (("fourth", "races"), ("fifth", "races"))),
+    Look("F, G, H: fast goes on, their means", "#c026d3", (("sixth", "means"), ("sixth", "races"))),
+    Look(
+        "I, J, K: softer, their means",
+        "#65a30d",
+        (("seventh", "means"), ("seventh", "races_on_another_processor")),
+    ),
+    Look("L, M, N, O: for turns, their means", "#a16207", (("eighth", "means"),)),
+    Look(
+        "V: braking; other shares, paces",
+        "#0ea5e9",
+        (("ninth", "other_shares"), ("ninth", "braking_practised"), ("ninth", "pace_of_sprint_fast")),
+    ),
+    Look("one term left out", "#f472b6", (("tenth", "left_out"),)),
+    SEEDS,
+)
+"""All that was trained after the policies with trials of their own, and means of those."""
+
+
+def _read(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 def _recorded(part: Any) -> Iterator[dict[str, Any]]:
@@ -137,43 +173,67 @@ def _recorded(part: Any) -> Iterator[dict[str, Any]]:
         part = dict(enumerate(part))
     if not isinstance(part, dict):
         return
-    speed = next((part[name] for name in _SPEEDS if isinstance(part.get(name), float)), None)
-    if speed is None:
+    speed = next((part[name] for name in _SPEEDS if name in part), None)
+    if speed is not None and not part.get("falls"):
+        yield {"speed_m_s": float(speed), "failed": part.get("failed"), **_measures(part)}
+    elif not any(name in part for name in _SPEEDS):
         for inner in part.values():
             yield from _recorded(inner)
-        return
-    worst = part.get("worst", {})
-    told = {"foot_force_body_weights": worst.get("foot force"), **part, "speed_m_s": speed}
-    yield {name: told[name] for name in ("speed_m_s", *MEASURES) if told.get(name) is not None}
 
 
-def draw(policies: dict[str, Any], path: Path) -> None:
-    """A panel a measure: every policy a line over its speeds, coloured by round; the front in black."""
-    figure, axes = themed_figure(LIGHT, (12.0, 6.4), 2, 2)
-    for place, (panel, (measured, (label, bound, sign))) in enumerate(
-        zip(axes, MEASURES.items(), strict=True)
-    ):
+def _measures(row: dict[str, Any]) -> dict[str, float]:
+    """Those of ``MEASURES`` that a row has, by whichever name and in whichever unit."""
+    told = {**row.get("worst", {}), **row}
+    found = {name: told.get(name, told.get(OTHER_NAMES.get(name, name))) for name in MEASURES}
+    if "stance_s" in told:
+        found["stance_ms"] = 1e3 * told["stance_s"]
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def bounds(stored: dict[str, Any]) -> dict[str, float]:
+    """Of each of ``MEASURES``: a limit of the audit, or the goal that is stored with the trials."""
+    limits = {"stance_ms": 1e3 / POLICY_RATE_HZ, "foot_force_body_weights": AuditThresholds().foot_force}
+    return {**stored["goals"], **limits}
+
+
+def draw(stored: dict[str, Any], path: Path) -> None:
+    """A panel a measure: policies with trials, later looks, and in black the front and the first edition."""
+    figure, axes = themed_figure(LIGHT, (12.0, 7.6), 2, 2)
+    policies, later = stored["policies"], [(look, look.points()) for look in LOOKS]
+    good = passing(policies) + [point for _, points in later for point in points if point["failed"] == []]
+    for panel, (measured, (label, sign)) in zip(axes, MEASURES.items(), strict=True):
         for name, row in policies.items():
             _draw_policy(panel, name, row["trials"], measured)
-        later = [(point["speed_m_s"], point[measured]) for point in later_points() if measured in point]
-        panel.plot(
-            *zip(*later, strict=True),
-            "+",
-            ms=4,
-            color=LIGHT.muted,
-            label="means, other seeds, terms left out",
-        )
-        points = [(trial["speed_m_s"], trial[measured]) for trial in passing(policies)]
-        panel.plot(*zip(*front(points, sign), strict=True), color=LIGHT.foreground, lw=1.2, label="front")
-        old = [(values[0], values[1 + place]) for values in FIRST_EDITION]
-        panel.plot(*zip(*old, strict=True), "x", color=LIGHT.foreground, label="first edition")
-        panel.axhline(bound, color=LIGHT.muted, lw=0.8, ls=":")
+        for look, points in later:
+            _draw_look(panel, look, points, measured)
+        panel.plot(*_line(front(_pairs(good, measured), sign)), color=LIGHT.foreground, lw=1.2, label="front")
+        old = _pairs(stored["first_edition"], measured)
+        panel.plot(*_line(old), "x", color=LIGHT.foreground, label="first edition")
+        panel.axhline(bounds(stored)[measured], color=LIGHT.muted, lw=0.8, ls=":")
         panel.set_xlabel("speed held [m/s]")
         set_title(panel, label, LIGHT)
     handles, labels = axes[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure_legend(figure, LIGHT, list(once.values()), columns=4)
     save_figure(path, figure, dpi=90)
+
+
+def _pairs(rows: list[dict[str, Any]], measured: str) -> list[tuple[float, float]]:
+    """Speed and measure of the rows that have it."""
+    return [(row["speed_m_s"], row[measured]) for row in rows if measured in row]
+
+
+def _line(points: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [point[0] for point in points], [point[1] for point in points]
+
+
+def _draw_look(panel: Axes, look: Look, points: list[dict[str, Any]], measured: str) -> None:
+    seeds = look is SEEDS
+    style = {"ls": "", "ms": 9.0 if seeds else 3.0, "color": look.color, "zorder": 4.0 if seeds else 1.0}
+    panel.plot([], [], look.marker, label=look.label, **style)
+    for point in points:
+        fill = look.color if point["failed"] == [] else "none"
+        panel.plot(*_line(_pairs([point], measured)), look.marker, mfc=fill, mew=0.7, alpha=0.8, **style)
 
 
 def passing(policies: dict[str, Any]) -> list[dict[str, Any]]:

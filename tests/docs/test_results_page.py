@@ -19,6 +19,11 @@ def result_tables(load_script):
     return load_script("tools/result_tables.py")
 
 
+@pytest.fixture(scope="module")
+def speed_realism(load_script):
+    return load_script("benchmarks/speed_realism.py")
+
+
 def test_the_results_page_draws_every_policy_from_the_committed_numbers(result_tables):
     tables, races = result_tables.tables(), result_tables.policy_results("result.json")
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
@@ -69,6 +74,20 @@ def test_the_results_are_those_of_the_policies_that_come_with_the_package(name, 
 
 def shipped_robot(name):
     return load_policy(shipped_policy(name)).contract.robot_name
+
+
+def test_the_figure_has_every_look_after_the_policies_with_trials_of_their_own(speed_realism):
+    named = {look for group in speed_realism.LOOKS for look, _ in group.parts}
+    committed = {path.name.removesuffix("-looks") for path in (ROOT / "results").glob("*-looks")}
+    assert committed - named == {"first", "second", "third"}, "their policies have trials of their own"
+    for group in speed_realism.LOOKS:
+        points = group.points(ROOT / "results")
+        assert points and all("foot_force_body_weights" in point for point in points)
+    by_look = {group.parts[0][0]: group.points(ROOT / "results") for group in speed_realism.LOOKS}
+    for look in ("sixth", "eighth"):
+        assert all("stride_frequency_Hz" in point for point in by_look[look]), "under its other name"
+    seeds = [point["speed_m_s"] for point in speed_realism.SEEDS.points(ROOT / "results")]
+    assert sorted(seeds) == [9.36, 10.899, 11.61, 11.956]
 
 
 def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
@@ -123,9 +142,11 @@ def test_the_evaluation_page_has_the_limits_of_the_audit(flowing):
     assert f"at most {limits.rest_speed:g} m/s" in page
 
 
-def test_the_page_tells_where_the_front_ends(flowing):
+def test_the_page_tells_where_the_front_ends(flowing, speed_realism):
     found = json.loads((ROOT / "results/speed_realism/trials.json").read_text(encoding="utf-8"))["policies"]
+    later = [point for look in speed_realism.LOOKS for point in look.points(ROOT / "results")]
     trials = [trial for row in found.values() for trial in row["trials"] if not trial["fall"]]
+    trials += [point for point in later if point["failed"] is not None]
     passed = max(trial["speed_m_s"] for trial in trials if not trial["failed"])
     fastest = max(trial["speed_m_s"] for trial in trials)
     page = flowing("docs/results.md")
@@ -133,6 +154,11 @@ def test_the_page_tells_where_the_front_ends(flowing):
     for trial in trials:
         bound = {"foot force", "stride period from policy clock"} & set(trial["failed"])
         assert trial["speed_m_s"] < passed + 1e-9 or bound, "the two reasons that the page names"
+    known = [sum(name in point for point in later) for name in speed_realism.MEASURES]
+    assert (
+        f"of {len(later)} points {known[0]} have a cost of transport, {known[1]} a stride and {known[2]}"
+        in page
+    )
     later = json.loads((ROOT / "results/third-looks/trainings.json").read_text(encoding="utf-8"))["policies"]
     assert all(row["stand"]["feet_airborne"] == 0.0 for row in later.values())
     assert set(later) < set(found) and len(found) == 28 and "Twenty-seven trainings and `sprint`" in page
