@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
@@ -167,18 +168,69 @@ def test_the_page_tells_where_the_front_ends(flowing, speed_realism):
 def test_the_page_tells_why_lines_are_missed(flowing):
     found = json.loads((ROOT / "results/sprint/shortfalls.json").read_text(encoding="utf-8"))
     assert found["sha256"] == hashlib.sha256(shipped_policy("sprint").read_bytes()).hexdigest()
-    page, runs = flowing("docs/results.md"), {row["command_m_s"]: row for row in found["commands"]}
-    assert not any(row["fall"] for row in runs.values())
-    for command in (12.0, 12.75):
-        assert (
-            f"sked for {command:g} {'m/s ' * (command == 12)}it runs {runs[command]['speed_m_s']:.2f}" in page
-        )
-    limited = [f"{100 * runs[command]['most_limited_joint_share']:.0f}" for command in (12.0, 12.75)]
-    assert f"is there {' and '.join(limited)} % of the time" in page
-    assert f"{runs[-2.0]['speed_m_s']:.2f} m/s when asked for -2, {runs[-3.0]['speed_m_s']:.2f} when" in page
-    (band,) = (row for row in found["estimate"] if row["speed_from_m_s"] == 8.0)
-    errors = [f"{-row['error_m_s']:.2f}" for row in band["by_lead_of_the_command_m_s"].values()][:3]
-    assert f"it is {', '.join(errors[:2])} and {errors[2]} m/s too low" in page
+    page, groups = flowing("docs/results.md"), found["causes"] | found["networks"]
+    assert not any(row["fall"] for rows in groups.values() for row in rows)
+    runs = {name: {row["command_m_s"]: row for row in rows} for name, rows in groups.items()}
+    speed_is_missed_by_peak_torque(page, runs)
+    the_estimate_errs_as_one_network_does(page, runs)
+    backward_no_limit_is_reached(page, runs)
+
+
+WITHOUT_EFFECT = (
+    "no voltage limit",
+    "friction 1.2",
+    "friction 0.6",
+    "sensor noise",
+    "no pace, no turning loop",
+)
+
+
+def speed_is_missed_by_peak_torque(page, runs):
+    speeds = {name: at(runs, name, (10.0, 12.0)) for name in runs}
+    own = speeds["as evaluated"]
+    assert (
+        f"it runs {listed(own)}; with 1.5 times the peak torque {listed(speeds['peak torque 1.5 times'])}"
+        in page
+    )
+    assert f"too low gives {listed(speeds['estimate 1 m/s too low'])} alone" in page
+    assert f"Without air it gains {listed(speeds['no air'] - own)}" in page
+    assert f"told its true speed it runs {listed(own - speeds['estimate right'])} m/s slower" in page
+    most = max(abs(speeds[cause] - own).max() for cause in WITHOUT_EFFECT)
+    assert f"of its contract change it by at most {most:.2f}" in page
+    assert f"asked for 13.25 m/s it holds {runs['as evaluated'][13.25]['speed_m_s']:.2f}" in page
+
+
+def the_estimate_errs_as_one_network_does(page, runs):
+    commands, other = (10.0, 12.0, 13.25), "the other network"
+    read = [runs["as evaluated"][command]["read_from_the_same_inputs"] for command in commands]
+    assert f"that network reads {listed([-each[other] for each in read])} m/s too little" in page
+    assert f"`fast` {listed([-each['fast'] for each in read])}" in page
+    assert f"alone it errs by {listed(-at(runs, other, commands, 'estimate_error_m_s'))}" in page
+    errors = {name: at(runs, name, (10.0, 12.0), "estimate_error_m_s") for name in runs}
+    most = max(abs(errors[cause] - errors["as evaluated"]).max() for cause in WITHOUT_EFFECT)
+    assert f"change the error by at most {most:.2f}" in page
+
+
+def backward_no_limit_is_reached(page, runs):
+    own, asked = runs["as evaluated"], (-2.0,)
+    assert f"{own[-2.0]['speed_m_s']:.2f} m/s when asked for -2, {own[-3.0]['speed_m_s']:.2f} when" in page
+    assert f"asked for -5 it runs {own[-5.0]['speed_m_s']:.2f} m/s" in page
+    assert own[-2.0]["most_limited_joint_share"] == 0.0
+    alone = [runs[name][-2.0]["speed_m_s"] for name in ("fast", "the other network")]
+    assert f"alone run {listed(alone)} m/s" in page and max(alone) < own[-2.0]["speed_m_s"]
+    assert f"told its true speed it runs {runs['estimate right'][-2.0]['speed_m_s']:.2f}" in page
+    speeds = [at(runs, cause, asked) for cause in (*WITHOUT_EFFECT, "no air")]
+    assert max(abs(speed - at(runs, "as evaluated", asked)).max() for speed in speeds) < 0.02
+
+
+def at(runs, name, commands, quantity="speed_m_s"):
+    """A quantity of the runs under one name; NaN where a command was not run."""
+    return np.array([runs[name].get(command, {}).get(quantity, np.nan) for command in commands])
+
+
+def listed(values):
+    *first, last = (f"{value:.2f}" for value in values)
+    return f"{', '.join(first)} and {last}"
 
 
 def test_the_page_tells_what_the_mean_of_two_networks_does(flowing):
