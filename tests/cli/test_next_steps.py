@@ -4,7 +4,6 @@ import shlex
 from pathlib import Path
 
 from sprintlab.cli.main import Command, named_commands, parse
-from sprintlab.cli.race import Race
 from sprintlab.cli.train import next_steps
 
 
@@ -14,6 +13,7 @@ def test_the_lines_can_be_copied_where_names_have_spaces():
     words = [shlex.split(line.removeprefix("next:")) for line in lines]
     assert all(each[0] == "sprintlab" for each in words)
     learning, race = (parse(each[1:]) for each in words)
-    assert type(learning) is named_commands(Command)["learning"] and isinstance(race, Race)
+    known = named_commands(Command)
+    assert type(learning) is known["learning"] and type(race) is known["race"]
     assert learning.run_folder == Path("my runs/one")
     assert race.policy == "my runs/one/policy.onnx"

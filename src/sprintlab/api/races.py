@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +16,7 @@ from rich.text import Text
 
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
-from sprintlab.api.processes import leave_to_the_parent
+from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
 from sprintlab.core.arguments import checked
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult, TrialResult
-
-Progress = Callable[[str], None]
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
@@ -47,6 +45,7 @@ class Race(Drawn):
         policy: the policy file.
         robot: name, folder or table of the robot.
         folder: where the report lies; ``None`` where none was written.
+        facts: what somebody needs to repeat the race, as the report tells it.
         video_message: why the report has no video; empty where it has one.
     """
 
@@ -54,14 +53,16 @@ class Race(Drawn):
     policy: Path
     robot: str
     folder: Path | None = None
+    facts: dict[str, str] = field(default_factory=dict)
     video_message: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values, keys with units, as in ``result.json``; what is undefined is None."""
-        return self.result.to_dict()
+        reported = {} if self.folder is None else {"facts": self.facts, "folder": str(self.folder)}
+        return {**self.result.to_dict(), **reported}
 
     def tables(self) -> Iterator[RenderableType]:
-        """Raw beside self-paced, then the audit, what failed of it, and remarks."""
+        """Raw beside self-paced, then the audit, what failed of it, remarks, and where the report lies."""
         from sprintlab.evaluation.report_text import audit_failure
 
         yield result_table(self.result)
@@ -71,6 +72,10 @@ class Race(Drawn):
             yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
         yield from _engines(self.result)
         yield from self.result.notes
+        if self.folder is not None:
+            yield f"\nreport: {self.folder / 'report.html'}"
+            yield f"replay: {self.folder / 'replay.html'}"
+            yield self.video_message or f"video: {self.folder / 'sprint.mp4'}"
 
     def plot(self, figure: str = "speed") -> Figure:
         """One figure of the report.
@@ -104,7 +109,7 @@ class Race(Drawn):
             SprintlabError: the folder exists, or the disk refuses; nothing half-written is left.
         """
         with reserved_directory(Path(folder) if folder else default_folder()) as target:
-            _written(self, target, video, lambda _: None)
+            _written(self, target, video, lambda what, share: None)
         return target / "report.html"
 
 
@@ -123,13 +128,13 @@ def race(
     step_check: bool = False,
     folder: Path | str | None = None,
     video: bool = False,
-    progress: Progress = lambda _: None,
+    progress: Progress = lambda what, share: None,
 ) -> Race:
     """Run a policy over 100 m and through the protocol at its top speed, raw and self-paced.
 
     Args:
-        policy: a policy file, or the name of one that comes with the package.
-        robot: name, folder or table; that of the policy's contract when left out.
+        policy: a policy file, or the name of a policy that comes with the package.
+        robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         top_speed: of the profile [m/s]; when left out, a search finds that at which most is held.
         distance: of the sprint [m].
         engine: mujoco, drake (the second engine, extra drake), or both: the race in MuJoCo, and its sprint
@@ -139,8 +144,9 @@ def race(
         drive: motor model, battery and heat; the published numbers' when left out.
         workers: processes; one a core when left out.
         step_check: also compare 1 ms with 0.25 ms simulation steps.
-        folder: also write the report there, as ``Race.report`` does; refused before the race if it exists.
-        video: also render an MP4 into the report.
+        folder: for the report, which must not exist; when left out, the command line takes
+            runs/race-<date>-<time>, and a program writes none.
+        video: whether the report has an MP4, too; without, none is rendered.
         progress: called with what is being done.
 
     Raises:
@@ -159,7 +165,7 @@ def race(
     from sprintlab.robots import load_robot
 
     with nullcontext() if folder is None else reserved_directory(Path(folder)) as target:
-        progress("running trials")
+        progress("running trials", None)
         result = evaluate_race(
             path,
             load_robot(name),
@@ -188,20 +194,15 @@ def _check_race(top_speed: float | None, seed: int, workers: int | None, folder:
 def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race:
     """The race with its report in a folder, and the 100 m as an interactive page beside it."""
     from sprintlab.api.replay import write_race_replay
-    from sprintlab.evaluation.race_files import write_race
+    from sprintlab.evaluation.race_files import race_facts, write_race
 
-    video_message = write_race(
-        target,
-        found.result,
-        found.policy,
-        found.robot,
-        video=video,
-        command_line=command_line(),
-        progress=progress,
+    facts = race_facts(found.policy, command_line())
+    message = write_race(
+        target, found.result, found.robot, facts, video, progress=lambda what: progress(what, None)
     )
-    progress("writing the replay")
+    progress("writing the replay", None)
     write_race_replay(target, found.robot)
-    return replace(found, folder=target, video_message=video_message)
+    return replace(found, folder=target, facts=facts, video_message=message)
 
 
 def command_line() -> str:

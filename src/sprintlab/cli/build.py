@@ -24,6 +24,7 @@ def command(
     repeated: str = "",
     names: Mapping[str, str] | None = None,
     figure: str = "",
+    defaults: Mapping[str, Any] | None = None,
     status: Callable[[Any], int] = lambda found: 0,
 ) -> Any:
     """A command that calls a function of the API with what was typed, and prints what it finds.
@@ -37,15 +38,17 @@ def command(
         repeated: parameter of several values, whose option is typed once for each.
         names: what is typed for parameters that the command calls otherwise.
         figure: help of ``--figure``, where the result draws itself.
+        defaults: of parameters that are others for who types than for who calls.
         status: the exit status that a result means.
     """
     options: list[tuple[str, Any, Any]] = []
-    for place, (name, kind, default) in enumerate(_parameters(function)):
+    for place, (name, kind, usual) in enumerate(_parameters(function)):
+        default = MISSING if name == required else (defaults or {}).get(name, usual)
         shape = tyro.conf.UseAppendAction[kind] if name == repeated else kind
         shape = tyro.conf.Positional[shape] if place < positional else shape
         if names and name in names:
             shape = Annotated[shape, tyro.conf.arg(name=names[name])]
-        options.append((name, shape, field(default=MISSING if name == required else default)))
+        options.append((name, shape, field(default=default)))
     if figure:
         options.append(("figure", Annotated[Path | None, tyro.conf.arg(help=figure)], field(default=None)))
     options.append(("json", Annotated[bool, tyro.conf.arg(help="print JSON only.")], field(default=False)))

@@ -8,10 +8,11 @@ once.
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, get_args, get_type_hints
 
 import tyro
@@ -21,6 +22,7 @@ from sprintlab.api.evaluations import evaluate
 from sprintlab.api.grounds import ground
 from sprintlab.api.learning import learning
 from sprintlab.api.limits import limit
+from sprintlab.api.races import Race, race
 from sprintlab.api.replay import replay
 from sprintlab.api.robustness import robustness
 from sprintlab.api.rollouts import audit_rollout
@@ -30,7 +32,6 @@ from sprintlab.cli.build import FIGURE, choice, command
 from sprintlab.cli.export import Export
 from sprintlab.cli.motor import Motor
 from sprintlab.cli.play import Play
-from sprintlab.cli.race import Race
 from sprintlab.cli.robot import Robot
 from sprintlab.cli.robot_sim import RobotSim
 from sprintlab.cli.run import Run
@@ -40,9 +41,25 @@ from sprintlab.cli.train import Train, run_training
 from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
 from sprintlab.core.errors import SprintlabError, printable, printable_lines
 from sprintlab.core.extras import package_version
+from sprintlab.core.files import default_folder
+
+
+def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
+    """A race whose report goes into a folder of its own where none is named."""
+
+    @functools.wraps(race)
+    def run(**given: Any) -> Race:
+        return race(**{**given, "folder": given["folder"] or default_folder()})
+
+    return run
+
 
 COMMANDS = {
-    "see it": {"race": Race, "play": Play, "replay": command(replay)},
+    "see it": {
+        "race": command(_reported(race), names={"folder": "out"}, defaults={"video": True}),
+        "play": Play,
+        "replay": command(replay),
+    },
     "measure": {
         "evaluate": command(evaluate, required="policy"),
         "turning": command(turning, required="policy", figure="also draw the map here (.png, .pdf or .svg)."),

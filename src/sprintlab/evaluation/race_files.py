@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.control import PolicyContract, load_policy
+from sprintlab.control import load_policy
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -36,11 +36,9 @@ VIDEO_LEFT_OUT = "no video: it was not asked for"
 def write_race(
     target: Path,
     result: RaceResult,
-    policy: Path,
     robot_name: str,
-    *,
-    video: bool = True,
-    command_line: str = "",
+    facts: dict[str, str],
+    video: bool,
     progress: Progress = lambda _: None,
 ) -> str:
     """Write the report of a race; returns one line that says why it has no video, empty where it has one.
@@ -48,23 +46,31 @@ def write_race(
     Args:
         target: where to write, kept free by ``reserved_directory``.
         result: of the race.
-        policy: policy file.
         robot_name: name of a robot, or path of a parameter table.
+        facts: of ``race_facts``.
         video: also render an MP4 where that is possible.
-        command_line: as typed, for the report.
         progress: called with what is being done.
 
     Raises:
         SprintlabError: the disk is full; nothing half-written is left.
     """
-    facts = race_facts(policy, load_policy(policy).contract, command_line)
-    with atomic_directory(target) as temporary:
-        return _fill(temporary, result, load_robot(robot_name), robot_name, facts, video, progress)
+    robot = load_robot(robot_name)
+    with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
+        sprint, recording = result.sprint.trial, folder / "trajectory.npz"
+        save_trajectory(recording, recorded(sprint))
+        shot = (recording, folder / "sprint.mp4", robot_name, sprint.hold_interval)
+        rendering = background.submit(render_video, *shot) if video else None
+        save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
+        pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
+        progress("rendering the video")
+        message = rendering.result() if rendering else VIDEO_LEFT_OUT
+        _write_pages(folder, result, robot, pictures, facts, message)
+    return message
 
 
-def race_facts(policy: Path, contract: PolicyContract, command_line: str) -> dict[str, str]:
-    """What somebody needs to repeat a race: command, policy, training run, versions."""
-    training = contract.training
+def race_facts(policy: Path, command_line: str) -> dict[str, str]:
+    """What somebody needs to repeat a race: command as typed, policy, training run, versions."""
+    training = load_policy(policy).contract.training
     return {
         "command": command_line,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -89,29 +95,6 @@ def save_trajectory(path: Path, trajectory: Trajectory) -> None:
     stream = io.BytesIO()
     np.savez_compressed(stream, **trajectory.arrays())  # pyright: ignore[reportArgumentType]
     atomic_write_bytes(path, stream.getvalue())
-
-
-def _fill(
-    folder: Path,
-    result: RaceResult,
-    robot: RobotDescription,
-    robot_name: str,
-    facts: dict[str, str],
-    video: bool,
-    progress: Progress,
-) -> str:
-    """Write everything into the folder; return why there is no video, or an empty string."""
-    sprint, recording = result.sprint.trial, folder / "trajectory.npz"
-    save_trajectory(recording, recorded(sprint))
-    with ThreadPoolExecutor(1) as background:
-        shot = (recording, folder / "sprint.mp4", robot_name, sprint.hold_interval)
-        rendering = background.submit(render_video, *shot) if video else None
-        save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
-        pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
-        progress("rendering the video")
-        message = rendering.result() if rendering else VIDEO_LEFT_OUT
-    _write_pages(folder, result, robot, pictures, facts, message)
-    return message
 
 
 def _write_pages(
