@@ -51,7 +51,7 @@ def test_bad_input_is_refused_in_one_sentence(call, tmp_path, arguments, words):
 
 
 def test_without_its_extra_the_way_to_it_is_named(call, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     outcome = call("sweep", tmp_path, "--seeds", 1)
     assert outcome.status == 2
     assert "pip install 'sprintlab[sweep]'" in outcome.err

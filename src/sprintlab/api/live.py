@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from sprintlab.api.policies import (
     shipped_policies_opened,
 )
 from sprintlab.core.arguments import checked
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
     from sprintlab.viewer.live import Session
@@ -46,8 +45,7 @@ def play(
     Raises:
         SprintlabError: viser is missing, policy or gamepad are refused, or nothing can be served there.
     """
-    if importlib.util.find_spec("viser") is None:
-        raise SprintlabError("sprintlab play needs viser; install it with: pip install 'sprintlab[play]'")
+    require_package("viser", extra="play", use="sprintlab play")
     from sprintlab.viewer.page import Page, PageOptions
 
     options = PageOptions(host=host, port=port, duration=duration, gamepad=gamepad)

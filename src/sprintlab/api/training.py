@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError, printable_stderr
+from sprintlab.core.extras import require_package
 from sprintlab.core.reading import parse_json, read_text
 from sprintlab.core.streams import lasting_streams
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _LOG_LIMIT, _MOST_ITERATIONS = 64 << 20, 100_000
 NEEDED = ("torch", "warp", "mujoco_warp")
-MISSING = "training needs packages that are not installed ({names}): pip install 'sprintlab[train]'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,11 +222,10 @@ def require_training() -> None:
     """Refuse with one sentence where the training extra is not installed.
 
     Raises:
-        SprintlabError: names the missing packages and how to install them.
+        SprintlabError: names a missing package and how to install it.
     """
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise SprintlabError(MISSING.format(names=", ".join(missing)))
+    for name in NEEDED:
+        require_package(name, extra="train", use="training")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,15 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from sprintlab.cli.output import plain_table, print_json, stderr_console, stdout_console
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.extras import require_package
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from sprintlab.training.runs.sweep import Cluster, RunStatus
     from sprintlab.training.runs.sweep_plan import RunPlan
-
-MISSING = "a sweep needs submitit, which is not installed: pip install 'sprintlab[sweep]'"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +78,7 @@ class Sweep:
         if self.dry_run:
             self._print_plans(plans)
             return 0
-        if importlib.util.find_spec("submitit") is None:
-            raise SprintlabError(MISSING)
+        require_package("submitit", extra="sweep", use="a sweep")
         from sprintlab.api.training import require_training
         from sprintlab.training.runs.sweep import Sweep as Training
         from sprintlab.training.runs.sweep import summary
