@@ -125,7 +125,7 @@ def _comparison(chosen: tuple[LibraryMotor, ...]) -> RenderableType:
 
 
 def _sources(actuator: LibraryMotor) -> RenderableType:
-    table = plain_table(actuator.title, "quantity", "value", "unit", "", "source", numbers=("value",))
+    table = plain_table(actuator.title, "quantity", "value", "unit", "", "source")
     table.columns[-1].overflow = "fold"
     for name, item in actuator.values.items():
         mark = styled("[yellow]estimated[/]") if item.estimated else ""

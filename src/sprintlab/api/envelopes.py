@@ -178,7 +178,7 @@ def _cost_table(costs: list[dict[str, float]]) -> RenderableType:
 
 
 def _operating_table(summary: dict[str, float]) -> RenderableType:
-    table = plain_table("Operating points of the trajectory", "quantity", "value", numbers=("value",))
+    table = plain_table("Operating points of the trajectory", "quantity", "value")
     table.add_row("samples", f"{summary['samples']:.0f}")
     table.add_row("highest speed over no-load speed", f"{summary['speed_ratio']:.3f}")
     table.add_row("greatest torque over the peak torque", f"{summary['torque_ratio']:.3f}")

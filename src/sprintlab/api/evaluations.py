@@ -312,7 +312,5 @@ def _estimate_table(name: str, bands: list[dict[str, Any]]) -> Table:
     from sprintlab.evaluation.results import EstimateBand
 
     title = f"Estimate against truth at the highest speed, {name}"
-    table = plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:])
-    for row in estimate_cells([EstimateBand(**band) for band in bands]):
-        table.add_row(*row)
-    return table
+    rows = estimate_cells([EstimateBand(**band) for band in bands])
+    return plain_table(title, *ESTIMATE_COLUMNS, numbers=ESTIMATE_COLUMNS[1:], rows=rows)

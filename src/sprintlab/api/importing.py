@@ -37,10 +37,8 @@ class RobotImport(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """One row per comparison, where the files are, and what to do next."""
-        table = plain_table(f"Robot {self.robot.name} from {self.source}", "check", "outcome", "")
-        for check in self.checks:
-            table.add_row(check.what, check.outcome, "" if check.good else "look at this")
-        yield table
+        rows = ((check.what, check.outcome, "" if check.good else "look at this") for check in self.checks)
+        yield plain_table(f"Robot {self.robot.name} from {self.source}", "check", "outcome", "", rows=rows)
         yield f"written: {self.folder}/ (parameters.toml, joints.json, train.py)"
         # By its folder: a robot of the package may have the same name, and it comes first.
         yield f"next: sprintlab robot show {self.folder}; python {self.folder}/train.py --help"

@@ -44,7 +44,7 @@ class Learning(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """One row per number, then the pictures."""
-        table = plain_table(f"{self.checkpoint}", "what", "value", "unit", numbers=("value",))
+        table = plain_table(f"{self.checkpoint}", "what", "value", "unit")
         for name, value in self.numbers.items():
             text = f"{value:.6g}" if isinstance(value, float) else str(value)
             table.add_row(name.replace("_", " "), text, UNITS.get(name, ""))

@@ -71,7 +71,7 @@ class Limit(Drawn):
     def tables(self) -> Iterator[RenderableType]:
         """One table, and what stops the robot."""
         limit = self.estimate
-        table = plain_table(f"Speed limit of {limit.robot}", "quantity", "value", "unit", numbers=("value",))
+        table = plain_table(f"Speed limit of {limit.robot}", "quantity", "value", "unit")
         table.add_row("speed limit (upper estimate)", f"{limit.speed:.2f}", "m/s")
         for item in limit.trained:
             table.add_row(f"policy {item.policy} holds", f"{item.speed:.2f}", "m/s")

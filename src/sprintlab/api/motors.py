@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
+from rich.table import Table
 
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.arguments import checked
@@ -27,6 +28,12 @@ MOTOR_UNITS = {
     "rotor_inertia": "kg m^2",
 }
 """Fields of a motor file and their units."""
+
+
+def values_table(title: str, heading: str, values: Mapping[str, float], units: Mapping[str, str]) -> Table:
+    """Numbers by name, one a row, with their units."""
+    rows = ((name, f"{value:.5g}", units.get(name, "")) for name, value in values.items())
+    return plain_table(title, heading, "value", "unit", rows=rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -61,12 +68,8 @@ class ChosenMotor(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """Parameters and speeds."""
-        table = plain_table(self.title, "quantity", "value", "unit", numbers=("value",))
-        for name, value in self.parameters().items():
-            table.add_row(name, f"{value:.5g}", MOTOR_UNITS.get(name, ""))
-        for name, value in self.speeds().items():
-            table.add_row(name, f"{value:.5g}", "rad/s")
-        yield table
+        units = MOTOR_UNITS | dict.fromkeys(self.speeds(), "rad/s")
+        yield values_table(self.title, "quantity", {**self.parameters(), **self.speeds()}, units)
 
 
 @checked

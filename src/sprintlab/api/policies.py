@@ -181,10 +181,8 @@ class ShippedPolicies(Printed, tuple[ShippedPolicy, ...]):
 
     def tables(self) -> Iterator[RenderableType]:
         """One row per policy."""
-        table = plain_table("Policies", "name", "robot", "method")
-        for item in self:
-            table.add_row(item.name, item.robot, item.method)
-        yield table
+        rows = ((item.name, item.robot, item.method) for item in self)
+        yield plain_table("Policies", "name", "robot", "method", rows=rows)
 
     def to_dict(self) -> dict[str, dict[str, str]]:
         """Robot, method and path by name."""

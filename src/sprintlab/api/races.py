@@ -265,11 +265,9 @@ def _engines(result: RaceResult) -> Iterator[RenderableType]:
     both = engine_table(result)
     if both is None:
         return
-    table = plain_table("Two engines", "quantity", *both["names"], "unit", numbers=tuple(both["names"]))
-    for row in both["rows"]:
-        table.add_row(*row)
+    names = tuple(both["names"])
     yield ""
-    yield table
+    yield plain_table("Two engines", "quantity", *names, "unit", numbers=names, rows=both["rows"])
     if fault := engine_fault(result):
         yield Text(f"marked: {fault}", style="bold red")
 

@@ -49,10 +49,7 @@ class DrivenRun(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """The run, and its latencies."""
-        table = plain_table("Run", "quantity", "value", "unit", numbers=("value",))
-        for row in self._rows():
-            table.add_row(*row)
-        yield table
+        yield plain_table("Run", "quantity", "value", "unit", rows=self._rows())
         yield _latency_table(self.report)
 
     def _rows(self) -> list[tuple[str, str, str]]:

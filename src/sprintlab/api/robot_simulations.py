@@ -36,10 +36,7 @@ class SimulatedRun(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """One row per number."""
-        table = plain_table("Simulated robot", "quantity", "value", "unit", numbers=("value",))
-        for row in _rows(self.report):
-            table.add_row(*row)
-        yield table
+        yield plain_table("Simulated robot", "quantity", "value", "unit", rows=_rows(self.report))
 
 
 class RobotSimulation:

@@ -57,7 +57,7 @@ class Robustness(Drawn):
         """All sprints together, then one cause at a time."""
         found = self.summary
         title = f"{self.policy}, {self.distance:g} m at {self.top_speed:g} m/s, everything randomized at once"
-        table = plain_table(title, "quantity", "value", "unit", numbers=("value",))
+        table = plain_table(title, "quantity", "value", "unit")
         lower, upper = (f"{100 * bound:.1f}" for bound in found["interval_95"])
         share = f"{100 * found['share_upright']:.1f} ({lower} to {upper})"
         table.add_row("upright", f"{found['upright']} of {found['trials']}", "")

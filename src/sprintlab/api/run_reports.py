@@ -39,12 +39,9 @@ class RunReport(Printed):
         from sprintlab.evaluation.run_report import number_rows
 
         columns = ("robot", "simulation")
-        table = plain_table("Run", "quantity", *columns, "unit", numbers=columns)
-        for row in number_rows(self.numbers):
-            table.add_row(row["name"], row["robot"], row["simulation"], row["unit"])
-        for name, count in self.numbers["faults"].items():
-            table.add_row(f"fault {name}", str(count), "", "")
-        yield table
+        rows = [tuple(row.values()) for row in number_rows(self.numbers)]
+        rows += [(f"fault {name}", str(count), "", "") for name, count in self.numbers["faults"].items()]
+        yield plain_table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
         yield f"\nreport: {self.folder / 'report.html'}"
 
 

@@ -42,12 +42,8 @@ class Turning(OfAPolicy, Drawn):
 
         shares = tuple(f"{100 * share:+.0f} %" for share in self.found.settings.fractions)
         columns = ("speed [m/s]", "largest [rad/s]", *shares)
-        table = plain_table(
-            f"Turning of {self.policy}: achieved over commanded yaw rate", *columns, numbers=columns
-        )
-        for row in turning_rows(self.found):
-            table.add_row(*row)
-        yield table
+        title = f"Turning of {self.policy}: achieved over commanded yaw rate"
+        yield plain_table(title, *columns, numbers=columns, rows=turning_rows(self.found))
         yield "Columns: shares of the largest yaw rate that friction allows (at most 1 rad/s), left positive."
         least = self.found.least_gain
         worst = f"{100 * least:.0f} %" if least == least else "undefined, since one fell"
@@ -77,7 +73,7 @@ class Lap(OfAPolicy, Drawn):
         """Time, lane, energy, heat."""
         lap = self.found
         title = f"{lap.distance:.0f} m in lane 1 with {self.policy}, {lap.trial.top_speed:g} m/s commanded"
-        table = plain_table(title, "quantity", "value", numbers=("value",))
+        table = plain_table(title, "quantity", "value")
         fell = f"fell ({lap.trial.fall_reason})" if lap.trial.fall_reason else "not run to its end"
         time = f"{lap.time:.2f} s" if lap.finished else fell
         table.add_row("time", time if lap.lane_kept else f"{time} (left the lane)")

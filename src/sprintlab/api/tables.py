@@ -75,13 +75,20 @@ class Drawn(Printed):
         """The result as a picture."""
 
 
-def plain_table(title: str, *columns: str, numbers: tuple[str, ...] = ()) -> Table:
+def plain_table(
+    title: str,
+    *columns: str,
+    numbers: tuple[str, ...] = ("value",),
+    rows: Iterable[Iterable[RenderableType]] = (),
+) -> Table:
     """A table with quiet lines; columns named in ``numbers`` are aligned to the right."""
     table = Table(
         title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0)
     )
     for column in columns:
         table.add_column(column, justify="right" if column in numbers else "left", header_style="dim")
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

@@ -68,12 +68,9 @@ class Training(Drawn):
     def tables(self) -> Iterator[RenderableType]:
         """How far the run has come."""
         shown = ("iterations", "seconds", "speed_median", "speed_p999", "range_upper", "reward", "falls")
-        table = plain_table(f"Training in {self.folder}", "what", "value", numbers=("value",))
         numbers = self.to_dict()
-        for name in shown:
-            if name in numbers:
-                table.add_row(name.replace("_", " "), f"{numbers[name]:.4g}")
-        yield table
+        rows = ((name.replace("_", " "), f"{numbers[name]:.4g}") for name in shown if name in numbers)
+        yield plain_table(f"Training in {self.folder}", "what", "value", rows=rows)
 
     def plot(self) -> Figure:
         """Speeds, falls and reward over the training time."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from sprintlab.api.motors import MOTOR_UNITS
+from sprintlab.api.motors import MOTOR_UNITS, values_table
 from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 from sprintlab.core.errors import InvalidValueError
 
@@ -64,24 +64,11 @@ class MotorFromDatasheet:
 
     def _print(self, title: str, numbers: dict[str, Any]) -> None:
         console = stdout_console()
-        steps = plain_table(title, "quantity", "formula", "numbers", "result", "unit", numbers=("result",))
-        for step in numbers["steps"]:
-            steps.add_row(
-                *(step[key] for key in ("quantity", "formula", "numbers")),
-                f"{step['value']:.5g}",
-                step["unit"],
-            )
-        console.print(steps)
+        columns = ("quantity", "formula", "numbers", "result", "unit")
+        rows = ({**step, "value": f"{step['value']:.5g}"}.values() for step in numbers["steps"])
+        console.print(plain_table(title, *columns, numbers=("result",), rows=rows))
         console.print()
-        console.print(parameter_table(numbers["motor"]))
+        console.print(values_table("Motor", "parameter", numbers["motor"], MOTOR_UNITS))
         for note in numbers["notes"]:
             console.print(f"note: {note}")
         show_files(motor_file=self.out, supply_file=self.supply_out)
-
-
-def parameter_table(motor: dict[str, float]) -> Any:
-    """The parameters of a motor file."""
-    table = plain_table("Motor", "parameter", "value", "unit", numbers=("value",))
-    for name, value in motor.items():
-        table.add_row(name, f"{value:.5g}", MOTOR_UNITS.get(name, ""))
-    return table

@@ -33,12 +33,9 @@ class RobotShow:
         if self.json:
             print_json([asdict(row) for row in rows])
             return 0
-        table = plain_table(
-            f"Robot {self.name}", "quantity", "value", "unit", "uncertainty", "basis", numbers=("value",)
-        )
-        for row in rows:
-            table.add_row(row.quantity, value_text(row.value), row.unit, row.uncertainty, row.basis)
-        stdout_console().print(table)
+        columns = ("quantity", "value", "unit", "uncertainty", "basis")
+        cells = ((row.quantity, value_text(row.value), row.unit, row.uncertainty, row.basis) for row in rows)
+        stdout_console().print(plain_table(f"Robot {self.name}", *columns, rows=cells))
         return 0
 
 
