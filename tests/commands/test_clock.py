@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sprintlab.commands import SprintProfile, command_start, race_clock
+from sprintlab.commands import SprintProfile, command_start, finish_time, race_clock
 
 TIME = np.arange(0.0, 12.0, 0.002)
 
@@ -26,3 +26,9 @@ def test_a_held_heading_is_no_command_to_move():
 
 def test_a_robot_that_is_never_sent_counts_from_the_first_sample():
     assert command_start(TIME, np.zeros(len(TIME))) == 0.0
+
+
+def test_the_finish_lies_between_two_samples_or_nowhere():
+    time, way = np.array([0.0, 1.0, 2.0]), np.array([0.0, 4.0, 8.0])
+    assert finish_time(time, way, 5.0) == 1.25
+    assert np.isnan(finish_time(time, way, 9.0)) and np.isnan(finish_time(time, way, 0.0))

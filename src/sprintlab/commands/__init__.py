@@ -1,6 +1,7 @@
 """How the commanded velocity evolves: schedules, range growth, stages, evaluation profiles."""
 
 from sprintlab.commands.clock import command_start as command_start
+from sprintlab.commands.clock import finish_time as finish_time
 from sprintlab.commands.clock import race_clock as race_clock
 from sprintlab.commands.comparators import CurriculumSchedule as CurriculumSchedule
 from sprintlab.commands.comparators import RampedSchedule as RampedSchedule

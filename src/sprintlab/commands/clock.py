@@ -1,4 +1,4 @@
-"""When a run begins: at the first command to move, not at the first sample, which still stands."""
+"""When a run begins, at the first command to move, not at the first sample, which still stands; and ends."""
 
 from __future__ import annotations
 
@@ -21,6 +21,22 @@ def command_start(time: Samples, command: Samples) -> float:
     """
     asked = np.abs(np.reshape(command, (len(time), -1))[:, :2]).max(axis=1) > 1e-9
     return float(time[int(asked.argmax())])
+
+
+def finish_time(time: Samples, way: Samples, distance: float) -> float:
+    """When a distance was run [s], between two samples straight; ``nan`` when it never was.
+
+    Args:
+        time: of every sample ``(T,)`` [s], rising.
+        way: run at every sample ``(T,)`` [m].
+        distance: [m].
+    """
+    reached = way >= distance
+    after = int(reached.argmax())
+    if not reached[after] or after == 0:
+        return float("nan")
+    share = (distance - way[after - 1]) / (way[after] - way[after - 1])
+    return float(time[after - 1] + share * (time[after] - time[after - 1]))
 
 
 def race_clock(time: Samples, command: Samples, finish: float) -> Samples:

@@ -143,9 +143,7 @@ def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> Float
 def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, float]:
     """Median stance and touchdowns per stride and foot in the steady window; every bounce is a stance."""
     contact, step = trajectory.foot_contact[window], sample_time(trajectory)
-    phases = [
-        (start, end) for foot in contact.T for start, end in stances(foot, shortest_flight=1) if start > 0
-    ]
+    phases = [(start, end) for foot in contact.T for start, end in stances(foot) if start > 0]
     whole = [end - start for start, end in phases if end < len(contact)]
     strides = stride_frequency(trajectory.joint_position[window], step) * len(contact) * step
     return {
@@ -247,21 +245,17 @@ def sample_time(trajectory: Trajectory) -> float:
     return span / max(1, len(trajectory.time) - 1) or 1.0
 
 
-def stances(contact: NDArray[np.bool_], shortest_flight: int) -> list[tuple[int, int]]:
-    """Stance phases of one foot as ``[start, end)`` samples; flights of fewer samples are bridged.
+def stances(contact: NDArray[np.bool_], shortest_flight: int = 1) -> NDArray[np.intp]:
+    """Stance phases of one foot as ``[start, end)`` samples ``(n, 2)``; shorter flights are bridged.
 
     Args:
         contact: ``(T,)``.
         shortest_flight: in samples.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([0], contact.astype(np.int8), [0]))))
-    phases: list[tuple[int, int]] = []
-    for start, end in edges.reshape(-1, 2).tolist():
-        if phases and start - phases[-1][1] < shortest_flight:
-            phases[-1] = (phases[-1][0], end)
-        else:
-            phases.append((start, end))
-    return phases
+    flights = edges[1:-1].reshape(-1, 2)
+    long = flights[np.diff(flights)[:, 0] >= shortest_flight]
+    return np.concatenate((edges[:1], long.ravel(), edges[-1:])).reshape(-1, 2)
 
 
 def slip_per_step(trajectory: Trajectory) -> float:

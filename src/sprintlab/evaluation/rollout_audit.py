@@ -26,6 +26,7 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes, table_number
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
 from sprintlab.core.thinning import thinned_cloud
+from sprintlab.evaluation.metrics import stances
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
@@ -284,22 +285,18 @@ def joint_envelope(
     return lower, upper
 
 
-def _stances(contact: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """First samples and the ones after the last of every whole stance of one foot."""
-    change = np.flatnonzero(np.diff(contact.astype(np.int8)))
-    down, up = change[~contact[change]] + 1, change[contact[change]] + 1
-    up = up[up > down[0]] if len(down) else up[:0]
-    return down[: len(up)], up
+def _whole_stances(contact: FloatArray) -> NDArray[np.intp]:
+    """Those of one foot that begin and end within the recording, as ``[start, end)`` samples ``(n, 2)``."""
+    phases = stances(contact != 0.0)
+    return phases[(phases[:, 0] > 0) & (phases[:, 1] < len(contact))]
 
 
 def _median_stance(rollout: Rollout) -> float | None:
     """Median duration of a stance [s]; ``None`` where no whole one was recorded."""
     if rollout.foot_contact is None:
         return None
-    stances = [_stances(foot) for foot in (rollout.foot_contact != 0.0).T]
-    spans = np.concatenate(
-        [rollout.time[:0], *(rollout.time[up] - rollout.time[down] for down, up in stances)]
-    )
+    phases = [_whole_stances(foot) for foot in rollout.foot_contact.T]
+    spans = np.diff(rollout.time[np.concatenate([np.empty((0, 2), dtype=int), *phases])])
     return float(np.median(spans)) if len(spans) else None
 
 
@@ -311,10 +308,10 @@ def _slip(rollout: Rollout) -> float | None:
     way = np.linalg.norm(rollout.foot_velocity[..., :2], axis=-1) * step[:, None]
     total, count = 0.0, 0
     for foot in range(way.shape[1]):
-        down, up = _stances(rollout.foot_contact[:, foot] != 0.0)
-        if len(up):  # sums from each touchdown to the lift-off, between them those of the flights
-            total += float(np.add.reduceat(way[:, foot], np.stack((down, up), axis=1).ravel())[::2].sum())
-            count += len(up)
+        phases = _whole_stances(rollout.foot_contact[:, foot])
+        if len(phases):  # sums from each touchdown to the lift-off, between them those of the flights
+            total += float(np.add.reduceat(way[:, foot], phases.ravel())[::2].sum())
+            count += len(phases)
     return total / count if count else None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from sprintlab.commands import command_start, finish_time
 from sprintlab.control import Policy
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_curve
@@ -56,13 +57,8 @@ class TrackRun:
     @property
     def time_over_distance(self) -> float:
         """From the first non-zero command to the distance, between the fixes straight [s]; nan if not run."""
-        passed, moving = self.fix_way >= self.distance, np.abs(self.command[:, 0]) > 1e-9
-        after = int(passed.argmax())
-        if not after or not moving.any():
-            return float("nan")
-        span = slice(after - 1, after + 1)
-        finish = float(np.interp(self.distance, self.fix_way[span], self.fix_time[span]))
-        return finish - float(self.command_time[int(moving.argmax())])
+        finish = finish_time(self.fix_time, self.fix_way, self.distance)
+        return finish - command_start(self.command_time, self.command[:, 0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,9 +206,8 @@ def run_numbers(run: TrackRun, simulation: TrialResult | None) -> dict[str, Any]
     }
     if simulation is not None:
         numbers["simulation"] = {
-            "time_over_distance_s": _simulated_time(run, figures.recorded(simulation)),
             **_metric_numbers(simulation),
-            **_difference(run, figures.recorded(simulation)),
+            **_comparison(run, figures.recorded(simulation)),
         }
     return json_ready(numbers)
 
@@ -225,23 +220,16 @@ def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
     }
 
 
-def _difference(run: TrackRun, motion: Trajectory) -> dict[str, Any]:
-    """Robot minus simulation at the receiver's moments."""
+def _comparison(run: TrackRun, motion: Trajectory) -> dict[str, Any]:
+    """The simulation's time over the distance; robot minus simulation at the receiver's moments."""
+    finish = finish_time(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], run.distance)
     inside = (run.fix_time >= motion.time[0]) & (run.fix_time <= motion.time[-1])
     gap = run.fix_speed[inside] - sampled_speed(motion, run.fix_time[inside])
     return {
+        "time_over_distance_s": finish - command_start(motion.time, motion.command[:, 0]),
         "speed_difference_rms_m_s": np.sqrt(np.mean(gap**2)),
         "speed_difference_mean_m_s": gap.mean(),
     }
-
-
-def _simulated_time(run: TrackRun, motion: Trajectory) -> float:
-    """From the first non-zero command to the distance [s]; nan if it was not run."""
-    way = motion.qpos[:, 0] - motion.qpos[0, 0]
-    moving = motion.command[:, 0] > 0.0
-    if way[-1] < run.distance or not moving.any():
-        return float("nan")
-    return float(motion.time[int((way >= run.distance).argmax())] - motion.time[int(moving.argmax())])
 
 
 def render_run_report(

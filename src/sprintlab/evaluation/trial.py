@@ -9,7 +9,14 @@ from typing import Protocol
 
 import numpy as np
 
-from sprintlab.commands import SpeedProfile, SprintProfile, heading_command, self_paced
+from sprintlab.commands import (
+    SpeedProfile,
+    SprintProfile,
+    command_start,
+    finish_time,
+    heading_command,
+    self_paced,
+)
 from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
@@ -204,9 +211,11 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     distance = request.distance or 100.0
     profile = SprintProfile(top_speed=request.top_speed)
     run = _simulate(policy, robot, request, SprintCourse(profile, distance))
-    start, finish = _start_and_finish(run.trajectory, distance)
+    moved = run.trajectory
+    start = command_start(moved.time, moved.profile_speed)
+    finish = finish_time(moved.time, moved.qpos[:, 0] - moved.qpos[0, 0], distance)
     full_speed = profile.stand + profile.top_speed / profile.acceleration
-    end = finish if np.isfinite(finish) else float(run.trajectory.time[-1])
+    end = finish if np.isfinite(finish) else float(moved.time[-1])
     trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
     return SprintResult(distance=distance, time=finish - start, trial=trial)
 
@@ -276,19 +285,6 @@ def _command(asked: float, base: BaseState, paced: bool, steering: Steering) -> 
     """Command ``(3,)``: forward speed, no sideways speed, yaw rate."""
     speed = float(self_paced(asked, base.forward_speed)) if paced else asked
     return np.array([speed, 0.0, steering(base, speed)])
-
-
-def _start_and_finish(trajectory: Trajectory, distance: float) -> tuple[float, float]:
-    """Time of the first non-zero command, and of the distance (``nan`` when it was not reached)."""
-    start = float(trajectory.time[int((trajectory.profile_speed > 0.0).argmax())])
-    way = trajectory.qpos[:, 0] - trajectory.qpos[0, 0]
-    reached = way >= distance
-    if not reached.any():
-        return start, float("nan")
-    after = int(reached.argmax())
-    share = (distance - way[after - 1]) / (way[after] - way[after - 1])
-    before, then = trajectory.time[after - 1], trajectory.time[after]
-    return start, float(before + share * (then - before))
 
 
 def _completed(run: _Run, metrics: TrialMetrics, hold_interval: tuple[float, float]) -> bool:

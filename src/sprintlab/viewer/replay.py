@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
-from sprintlab.commands import Track, command_start
+from sprintlab.commands import Track, command_start, finish_time
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
@@ -251,10 +252,11 @@ def _run(run: ReplayRun, model: mujoco.MjModel, distance: float, lap: bool) -> d
     frames = _frames(arrays["time"])
     start = command_start(arrays["time"], arrays["command"])
     way = _way(arrays["qpos"], lap)
+    finish = finish_time(arrays["time"] - start, way, distance)
     kept = {name: values[frames] for name, values in arrays.items() if name in NEEDED_ARRAYS}
     kept["time"] = kept["time"] - start
     return {
-        "finish": _finish(arrays["time"] - start, way, distance),
+        "finish": finish if math.isfinite(finish) else None,
         "way": _packed(way[frames], np.float32),
         **_recording(kept, robot),
     }
@@ -269,16 +271,6 @@ def _way(qpos: Array, lap: bool) -> Array:
     progress = np.array([track.locate(x, y).progress for x, y in places])
     way = np.unwrap(progress, period=track.length)
     return way - way[0]
-
-
-def _finish(time: Array, way: Array, distance: float) -> float | None:
-    """When the distance was reached [s], between samples; ``None`` when it never was."""
-    reached = way >= distance
-    after = int(reached.argmax())
-    if not reached.any() or after == 0:
-        return None
-    share = (distance - way[after - 1]) / (way[after] - way[after - 1])
-    return float(time[after - 1] + share * (time[after] - time[after - 1]))
 
 
 def _pace(pace: Pace) -> dict[str, Any]:
