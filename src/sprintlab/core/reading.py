@@ -236,8 +236,12 @@ def table_number(cell: str, column: str, line: int) -> float:
 
 
 @contextmanager
-def refused_as_damaged(path: object) -> Generator[None, None, None]:
+def refused_as_damaged(path: object, how: str = "is damaged") -> Generator[None, None, None]:
     """What numbers of a stranger bring about in the block becomes one sentence about their file.
+
+    Args:
+        path: of the file, or what it is.
+        how: the sentence goes on.
 
     Raises:
         SprintlabError: an error of the kinds that impossible numbers lead to.
@@ -250,7 +254,7 @@ def refused_as_damaged(path: object) -> Generator[None, None, None]:
         LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError, RuntimeError,
     ) as error:  # fmt: skip
         reason = printable(" ".join(str(error).split()) or type(error).__name__, 150)
-        raise SprintlabError(f"{printable(path)} is damaged: {reason}") from error
+        raise SprintlabError(f"{printable(path)} {how}: {reason}") from error
 
 
 def _check_tree(value: Any, depth: int) -> None:

@@ -16,10 +16,10 @@ from typing import Any
 import torch
 
 from sprintlab.core.checks import check_choice
-from sprintlab.core.errors import SprintlabError, printable
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
-from sprintlab.core.reading import read_text
+from sprintlab.core.reading import read_text, refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import read_checkpoint, unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
@@ -136,17 +136,9 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     device = pick_device(options.device)
     if workers.several and device.startswith("cuda"):
         device = f"cuda:{workers.local_rank}"
-    try:
+    untrainable = "has settings with which nothing can be trained"
+    with refused_as_damaged(checkpoint, untrainable) if saved else nullcontext():
         runner = Runner(settings, device, words, options.fused, workers)
-    except (
-        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError, RuntimeError,
-    ) as error:  # fmt: skip
-        if saved is None or isinstance(error, SprintlabError):
-            raise
-        reason = printable(" ".join(str(error).split()), 150)
-        raise SprintlabError(
-            f"{checkpoint} has settings with which nothing can be trained: {reason}"
-        ) from error
     if isinstance(begun, PolicyStart):
         begin_from_policy(runner, begun, options.critic_iterations)
     elif state := saved or begun:

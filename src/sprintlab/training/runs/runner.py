@@ -16,8 +16,9 @@ import numpy as np
 import torch
 
 from sprintlab.commands import RangeGrowth, StageBlend
-from sprintlab.core.errors import SprintlabError, printable
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import refused_as_damaged
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
@@ -217,15 +218,8 @@ class Runner:
         """
         if "growth" not in state:
             raise SprintlabError("a milestone holds a policy only: export it, but go on from a checkpoint")
-        try:
+        with refused_as_damaged("the checkpoint", "does not fit this run"):
             self._load(state)
-        except (
-            LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
-        ) as error:  # fmt: skip
-            if isinstance(error, SprintlabError):
-                raise
-            reason = " ".join(str(error).split())
-            raise SprintlabError(f"the checkpoint does not fit this run: {printable(reason)}") from error
 
     def _load(self, state: dict[str, Any]) -> None:
         self.learner.load_state_dict(state["learner"])
