@@ -106,8 +106,7 @@ class Evaluation(Drawn):
                 markersize=5, markeredgecolor=colour, markerfacecolor=LIGHT.background,
             )  # fmt: skip
         axis.axline((0.0, 0.0), slope=1.0, color=LIGHT.muted, linestyle=":", linewidth=1.0)
-        axis.set_xlabel("commanded top speed [m/s]")
-        axis.set_ylabel("held speed [m/s]")
+        axis.set(xlabel="commanded top speed [m/s]", ylabel="held speed [m/s]")
         axis_legend(axis, LIGHT)
         return in_notebook(figure)
 

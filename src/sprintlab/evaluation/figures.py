@@ -62,8 +62,7 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
         _draw_speed(axis, trial, theme)
         set_title(axis, title, theme)
         axis.set_ylabel("forward speed [m/s]")
-    axes[-1].set_xlabel("time [s]")
-    axes[-1].set_xlim(0.0, max(_last_moment(trial) for trial in (raw, self_paced)))
+    axes[-1].set(xlabel="time [s]", xlim=(0.0, max(_last_moment(trial) for trial in (raw, self_paced))))
     legend_above(axes[0], theme)
     return figure
 
@@ -88,8 +87,7 @@ def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LI
                 ha="center",
                 transform=axis.get_xaxis_transform(),
             )
-    axis.set_xlim(0.0, raw.distance)
-    axis.set_ylim(bottom=0.0)
+    axis.set(xlim=(0.0, raw.distance), ylim=(0.0, None))
     axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * _SPLIT, _SPLIT))
     axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
     axis.set_ylabel("forward speed [m/s]")
@@ -146,8 +144,7 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
     duty = contact.mean(axis=0)
     labels = [f"{name}  {100 * share:.0f} %" for name, share in zip(robot.leg_names, duty, strict=True)]
     axis.set_yticks(rows, labels)
-    axis.set_ylim(-0.6, rows[0] + 0.6)
-    axis.set_xlim(end - GAIT_WINDOW, end)
+    axis.set(ylim=(-0.6, rows[0] + 0.6), xlim=(end - GAIT_WINDOW, end))
     axis.grid(False, axis="y")
     axis.set_xlabel("time [s]")
     axis.set_title(_gait_title(trial, flight), loc="left", fontsize=9, color=theme.muted)
@@ -170,9 +167,7 @@ def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
     axes[0].set_ylim(-limit, limit)
     axes[1].set_ylim(-limit, limit)
     axes[2].plot(*thinned_curve(trajectory.time, _cumulative_cost(trajectory)), color=theme.foreground)
-    axes[2].set_ylabel("J so far [rad²/s]")
-    axes[2].set_xlabel("time [s]")
-    axes[2].set_ylim(bottom=0.0)
+    axes[2].set(ylabel="J so far [rad²/s]", xlabel="time [s]", ylim=(0.0, None))
     for axis in axes:
         _shade_hold(axis, trial, theme)
     axes[0].set_xlim(trajectory.time[0], trajectory.time[-1])
@@ -363,9 +358,7 @@ def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: A
         smooth = thinned_curve(time, moving_average(values, time, POWER_WINDOW) / 1e3)
         axis.plot(*smooth, color=colour, linewidth=1.6, label=f"{name}, mean of {POWER_WINDOW:g} s")
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
-    axis.set_xlim(time[0], time[-1])
-    axis.set_ylabel("power, all joints [kW]")
-    axis.set_xlabel("time [s]")
+    axis.set(xlim=(time[0], time[-1]), ylabel="power, all joints [kW]", xlabel="time [s]")
 
 
 def _draw_power_by_joint(

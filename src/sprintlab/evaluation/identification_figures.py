@@ -44,16 +44,14 @@ def _draw_met(axis: Axes, channel: ChannelFit, outlying: Array) -> None:
     ends = [float(np.min(channel.predicted)), float(np.max(channel.predicted))]
     axis.plot(ends, ends, color=LIGHT.muted, linewidth=0.9, label="model")
     _scatter(axis, channel, channel.predicted, channel.measured, outlying)
-    axis.set_xlabel(f"model [{channel.unit}]")
-    axis.set_ylabel(f"measured [{channel.unit}]")
+    axis.set(xlabel=f"model [{channel.unit}]", ylabel=f"measured [{channel.unit}]")
 
 
 def _draw_residuals(axis: Axes, channel: ChannelFit, across: Array, label: str, outlying: Array) -> None:
     axis.axhspan(-2 * channel.noise, 2 * channel.noise, color=LIGHT.shade, zorder=0)
     axis.axhline(0.0, color=LIGHT.muted, linewidth=0.9)
     _scatter(axis, channel, across, channel.measured - channel.predicted, outlying)
-    axis.set_xlabel(label)
-    axis.set_ylabel(f"residual [{channel.unit}], band: 2 sigma")
+    axis.set(xlabel=label, ylabel=f"residual [{channel.unit}], band: 2 sigma")
 
 
 def _scatter(axis: Axes, channel: ChannelFit, across: Array, values: Array, outlying: Array) -> None:

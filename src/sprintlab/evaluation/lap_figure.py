@@ -21,9 +21,7 @@ def lap_figure(lap: LapResult) -> Figure:
         axis.plot(*_oval(line, outward).T, color=LIGHT.muted, linewidth=0.7)
     places = motion.qpos[:, :2] - motion.qpos[0, :2]
     axis.plot(*places.T, color=LIGHT.speed, linewidth=1.2, label="path of the trunk")
-    axis.set_aspect("equal")
-    axis.set_xlabel("x [m]")
-    axis.set_ylabel("y [m]")
+    axis.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     set_title(axis, "One lap in lane 1, anticlockwise from (0, 0)", LIGHT)
     axis_legend(axis, LIGHT, loc="center")
     return figure

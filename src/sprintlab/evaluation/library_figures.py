@@ -36,12 +36,9 @@ def library_figure(actuators: Sequence[LibraryMotor]) -> Figure:
         normalised.plot(speed / speed[-1], torque / torque[0], **look)
     _finish(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque after saturation [N m]")
     _finish(normalised, "Normalised", "speed / no-load speed", "torque / torque at standstill")
-    absolute.set_xscale("log")
-    absolute.set_yscale("log")
-    absolute.set_xlim(left=2.0)
-    absolute.set_ylim(bottom=0.5, top=2.0 * absolute.dataLim.y1)
-    normalised.set_xlim(0.0, 1.0)
-    normalised.set_ylim(0.0, 1.05)
+    absolute.set(xscale="log", yscale="log")
+    absolute.set(xlim=(2.0, None), ylim=(0.5, 2.0 * absolute.dataLim.y1))
+    normalised.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05))
     figure_legend(figure, LIGHT, labelled(absolute), columns=3, place="lower")
     return figure
 
@@ -57,5 +54,4 @@ def driving_envelope(actuator: LibraryMotor) -> tuple[NDArray[Any], NDArray[Any]
 
 def _finish(axis: Axes, title: str, xlabel: str, ylabel: str) -> None:
     set_title(axis, title, LIGHT)
-    axis.set_xlabel(xlabel)
-    axis.set_ylabel(ylabel)
+    axis.set(xlabel=xlabel, ylabel=ylabel)

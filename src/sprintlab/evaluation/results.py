@@ -222,13 +222,6 @@ class TrialMetrics:
     highest_i2t_level: float | None = None
 
     @property
-    def held_steady(self) -> bool | None:
-        """Whether the held speed had stopped rising; ``None`` where nothing was held."""
-        if math.isnan(self.hold_acceleration):
-            return None
-        return self.hold_acceleration <= STEADY_RISE
-
-    @property
     def mean_duty(self) -> float:
         """Duty factor, mean of the feet."""
         return float(np.mean(self.duty_factor))

@@ -137,8 +137,7 @@ def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Them
     way.plot(*fixes, color=theme.speed, marker="o", markersize=3.0, linewidth=0.9)
     way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
     speed.set_ylabel("forward speed [m/s]")
-    way.set_ylabel("way [m]")
-    way.set_xlabel("time since the policy took over [s]")
+    way.set(ylabel="way [m]", xlabel="time since the policy took over [s]")
     speed.set_xlim(0.0, float(run.command_time[-1]))
     legend_above(speed, theme)
     return figure

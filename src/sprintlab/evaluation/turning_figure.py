@@ -33,8 +33,7 @@ def turning_figure(found: TurningMap) -> Figure:
     axis.plot([], [], "o", color=LIGHT.speed, markersize=4, label="achieved, mean over 2 s")
     if found.falls:
         axis.plot([], [], "x", color=LIGHT.on_limit, label="fell")
-    axis.set_xlabel("forward speed [m/s]")
-    axis.set_ylabel("yaw rate [rad/s], left is positive")
+    axis.set(xlabel="forward speed [m/s]", ylabel="yaw rate [rad/s], left is positive")
     set_title(axis, "Turning: achieved and commanded", LIGHT)
     figure_legend(figure, LIGHT, axis.get_legend_handles_labels()[0])
     return figure

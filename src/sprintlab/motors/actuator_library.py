@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from importlib import resources
@@ -10,13 +9,9 @@ from typing import Any, cast
 
 from sprintlab.core.checks import check_choice, check_positive
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.reading import parse_toml
 from sprintlab.motors.gear import Gear
 from sprintlab.motors.parameters import PmsmParameters
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +81,7 @@ def actuator_from_toml(name: str, text: str) -> LibraryMotor:
     Raises:
         InvalidValueError: a number or its source is missing, unknown or impossible.
     """
-    document = tomllib.loads(text)
+    document = parse_toml(text)
     values = {"bus_voltage": _value(f"{name}: bus_voltage", document.get("bus_voltage"))}
     for group, kind in (("motor", PmsmParameters), ("gear", Gear)):
         table = cast("dict[str, Any]", document.get(group, {}))

@@ -115,8 +115,7 @@ def grid_figure(grid: CommandGrid, weights: np.ndarray, growth: dict[str, Any]) 
     )
     figure.colorbar(image, ax=axes, label="weight of the bin")
     axes.axhline(float(growth["upper"]), color="white", linestyle="--", linewidth=1.4)
-    axes.set_xlabel("yaw rate [rad/s]")
-    axes.set_ylabel("speed [m/s]")
+    axes.set(xlabel="yaw rate [rad/s]", ylabel="speed [m/s]")
     open_bins = f"{100 * float((weights > 0).mean()):.0f} % of the bins are open"
     set_title(axes, f"{open_bins}; dashed: top of the range", LIGHT)
     return figure
@@ -146,8 +145,7 @@ def speed_figure(running: np.ndarray, commanded: np.ndarray) -> Figure:
     edges = np.arange(np.floor(2 * both.min()) / 2, np.ceil(2 * both.max()) / 2 + 0.51, 0.5).tolist()
     axes.hist(running, edges, color=_BLUE, alpha=0.6, label="run")
     axes.hist(commanded, edges, histtype="step", color=_ORANGE, linewidth=1.6, label="commanded")
-    axes.set_xlabel("forward speed [m/s]")
-    axes.set_ylabel("robots")
+    axes.set(xlabel="forward speed [m/s]", ylabel="robots")
     axis_legend(axes, LIGHT)
     return figure
 
