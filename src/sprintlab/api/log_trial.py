@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprintlab.commands import heading_angle, wrap_angle
-from sprintlab.control import projected_gravity
+from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle, wrap_angle
 from sprintlab.deployment.log import RunRecord
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.evaluation.audit import audit_trials
@@ -141,10 +140,10 @@ def _trajectory(
         ),
         profile_speed=command[:, 0],
         command=command,
-        velocity=_in_heading_frame(velocity, heading),
+        velocity=in_heading_frame(velocity, heading),
         height=position[:, 2],
         angular_velocity=states["angular_velocity"][index],
-        tilt=np.arccos(np.clip(-np.asarray(projected_gravity(states["quaternion"][index]))[:, 2], -1.0, 1.0)),
+        tilt=tilt_angle(states["quaternion"][index]),
         heading=heading,
         joint_position=states["joint_position"][index],
         joint_velocity=joint_velocity,
@@ -157,12 +156,6 @@ def _trajectory(
         foot_slip_speed=np.zeros(feet),
         leg_distance=np.zeros(len(time)),
     )
-
-
-def _in_heading_frame(velocity: FloatArray, heading: FloatArray) -> FloatArray:
-    c, s = np.cos(heading), np.sin(heading)
-    vx, vy = velocity[:, 0], velocity[:, 1]
-    return np.stack((c * vx + s * vy, c * vy - s * vx), axis=-1)
 
 
 def _motor_side(

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle
 from sprintlab.control import ESTIMATE_SIZE
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.results import Trajectory, require_finite
@@ -170,15 +171,13 @@ class Recorder:
         }
 
     def _base(self, raw: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        w, x, y, z = raw["qpos"][:, 3:7].T
-        heading = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-        vx, vy = raw["qvel"][:, :2].T
-        cosine, sine = np.cos(heading), np.sin(heading)
+        quaternion = raw["qpos"][:, 3:7]
+        heading = np.unwrap(heading_angle(quaternion))
         return {
-            "velocity": np.stack((vx * cosine + vy * sine, vy * cosine - vx * sine), axis=-1),
+            "velocity": in_heading_frame(raw["qvel"], heading),
             "height": raw["qpos"][:, 2],
             "angular_velocity": raw["qvel"][:, 3:6],
-            "tilt": np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)),
+            "tilt": tilt_angle(quaternion),
             "heading": heading,
         }
 
