@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle, wrap_angle
+from sprintlab.core.array_types import FloatArray
 from sprintlab.deployment.log import RunRecord
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.evaluation.audit import audit_trials
@@ -24,8 +25,6 @@ from sprintlab.evaluation.run_report import TrackRun
 from sprintlab.motors import desaturate, shaft_torque, torque_limits
 from sprintlab.plant import TrialSettings
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 RATE = 500.0
 """Samples a second of the trajectory [Hz], as the evaluation's."""

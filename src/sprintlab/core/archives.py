@@ -10,15 +10,13 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sprintlab.core.array_types import Array
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.reading import read_bytes
-
-Array = npt.NDArray[Any]
 
 ARCHIVE_LIMIT = 512 << 20
 """Most bytes that an archive, packed or unpacked, may have."""

@@ -5,12 +5,9 @@ Short records stay as they are: the pictures of a race do not change.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from sprintlab.core.array_types import Array
 
 MOST_OF_CURVE = 16_000
 """Curves of at most so many samples are drawn whole; of longer ones half as many are left."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sprintlab.control import Measurement
+from sprintlab.core.array_types import FloatArray
 from sprintlab.plant import Plant, TrialSettings
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 SENSOR_NOISE = Measurement(
     angular_velocity=np.array(0.15),

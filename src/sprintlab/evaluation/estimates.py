@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.control import POLICY_RATE_HZ
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.results import EstimateBand, Trajectory
-
-FloatArray = NDArray[np.float64]
 
 BAND_WIDTH = 2.0
 """Width of a speed band [m/s]."""

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import Array
 from sprintlab.core.errors import SimulationError
 from sprintlab.core.theme import (
     LIGHT,
@@ -30,8 +30,6 @@ from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
-
-Array = NDArray[Any]
 
 JOINT_TITLES = {"abad": "abduction", "hip": "hip", "knee": "knee", "waist": "waist"}
 GAIT_WINDOW = 1.0  # seconds of the hold that the gait diagram shows

@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sprintlab.core.array_types import FloatArray
 
 _PARALLEL = 1e-12
 

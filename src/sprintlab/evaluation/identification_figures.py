@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import Array
 from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
 from sprintlab.workbench.identification import ChannelFit, Identification
-
-Array = NDArray[Any]
 
 
 def identification_figure(result: Identification, title: str) -> Figure:

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.commands.state import GRAVITY
+from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.estimates import estimate_bands
 from sprintlab.evaluation.results import Trajectory, TrialMetrics
 from sprintlab.motors import WindingHeat, copper_loss, no_load_speed, resistance_factor, saturate, warmed
 from sprintlab.plant import PlantOptions
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 STEADY_WINDOW = 2.0
 """Speed, power and gait are means over this last part of the hold [s]."""

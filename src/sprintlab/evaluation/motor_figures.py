@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import Array
 from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
 from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
@@ -22,8 +20,6 @@ from sprintlab.motors.chart import (
     joint_limits,
     peak_torque_speed,
 )
-
-Array = NDArray[Any]
 
 LABELS = {
     "refined": "refined",

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sprintlab.core.archives import named_floats, read_arrays
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
-
-FloatArray = NDArray[np.float64]
 
 _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
 _NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope

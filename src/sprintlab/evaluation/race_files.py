@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import platform
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
@@ -22,12 +21,10 @@ from sprintlab.core.files import (
     atomic_write_text,
 )
 from sprintlab.evaluation.figures import recorded
-from sprintlab.evaluation.report import Picture, make_pictures, render_report, representative
+from sprintlab.evaluation.report import Picture, Progress, make_pictures, render_report, representative
 from sprintlab.evaluation.results import RaceResult, Trajectory
 from sprintlab.evaluation.video import render_video
 from sprintlab.robots import RobotDescription, load_robot
-
-Progress = Callable[[str], None]
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 VIDEO_LEFT_OUT = "no video: it was not asked for"

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from sprintlab.commands import heading_angle, in_heading_frame, tilt_angle
 from sprintlab.control import ESTIMATE_SIZE
+from sprintlab.core.array_types import FloatArray
 from sprintlab.evaluation.geometry import leg_distance
 from sprintlab.evaluation.results import Trajectory, require_finite
 from sprintlab.motors import DriveOutput
 from sprintlab.plant import RoughGround, SupplyState, foot_table
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 _CAPSULES = ("thigh", "shank")
 _KEPT_SUPPLY = ("winding_temperature", "i2t_level")  # of ``SupplyState``, where they are not None

@@ -12,17 +12,13 @@ from itertools import takewhile
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.commands import LANE_WIDTH
+from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.quantities import json_ready, quantity_numbers
 from sprintlab.plant import TrialSettings
-
-Array = NDArray[Any]
-
-LANE_WIDTH = 1.22
-"""Of a lane [m] (World Athletics, Technical Rule 14.4)."""
 
 REST_SPEED = 0.3
 """Below it a robot counts as at rest [m/s]."""

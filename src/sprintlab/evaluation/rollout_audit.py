@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sprintlab.core.archives import read_arrays
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes, table_number
@@ -39,8 +40,6 @@ from sprintlab.motors import (
     shaft_torque,
     torque_limits,
 )
-
-FloatArray = NDArray[np.float64]
 
 MARGIN = 1e-3
 """Share of the peak joint torque by which a sample may exceed the envelope: rounding of recordings."""

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sprintlab.commands import command_start, finish_time
 from sprintlab.control import Policy
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_curve
 from sprintlab.evaluation import figures
@@ -26,8 +26,6 @@ from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,14 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sprintlab.commands import race_clock
 from sprintlab.core.archives import read_arrays
+from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive
 from sprintlab.core.thinning import moving_average
-
-Array = NDArray[Any]
 
 INSTALL_ENCODER = "no video: the encoder is missing, install it with: pip install imageio-ffmpeg"
 INSTALL_BACKEND = (

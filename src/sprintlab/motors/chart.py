@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array
@@ -20,8 +20,6 @@ from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.power import copper_loss
 from sprintlab.motors.saturation import desaturate, saturate
 from sprintlab.motors.voltage import phase_voltage_limit
-
-FloatArray = NDArray[np.float64]
 
 SATURATED = "refined + saturation"
 """Name of the refined envelope with magnetic saturation: the torque that reaches the joint."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
@@ -43,8 +43,6 @@ from sprintlab.motors import (
     weakening_current,
 )
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 
 class PreparedDrive:

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
-
-FloatArray = NDArray[np.float64]
 
 SPACING = 0.2
 """Between two points of rough ground [m], as in the random ground of legged_gym (Rudin et al. 2022)."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Measurement, pd_torque
 from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, I2tLimit, MotorModel, WindingHeat
@@ -35,8 +36,6 @@ from sprintlab.robots import (
     set_friction,
     soft_stop_torque,
 )
-
-FloatArray = NDArray[np.float64]
 
 ENGINES = ("mujoco", "drake")
 """Physics engines that a robot can be measured in."""

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import Gear, PmsmParameters
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, ...]
 
 JOINTS_PER_LEG = ("abad", "hip", "knee")

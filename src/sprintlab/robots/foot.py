@@ -26,12 +26,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import RobotModelError
-
-FloatArray = NDArray[np.float64]
 
 STIFFNESS_BAND = (40e3, 160e3)
 """Of a foot pad that its maker has not stated [N/m]: the range above, a fifth more to either side."""

@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.robots import RobotDescription
 from sprintlab.robots.model import shank_with_foot
 
-FloatArray = NDArray[np.float64]
 GRAVITY = 9.81
 
 

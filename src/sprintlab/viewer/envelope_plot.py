@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.motors import MotorModel, no_load_speed
 from sprintlab.plant import PreparedDrive
 from sprintlab.robots import RobotDescription, joint_kind
-
-FloatArray = NDArray[np.float64]
 
 LEG_COLORS = ("#228be6", "#e8590c", "#12b886", "#be4bdb")
 _WIDTH, _HEIGHT, _MARGIN = 320.0, 100.0, 6.0

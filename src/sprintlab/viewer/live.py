@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 
 from sprintlab.commands import heading_command, limit_yaw_rate, self_paced, wrap_angle
 from sprintlab.control import Policy, PolicyRuntime
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
 from sprintlab.plant import Plant, PlantOptions, PreparedDrive, TrialSettings
 from sprintlab.robots import RobotDescription, set_friction
-
-FloatArray = NDArray[np.float64]
 
 POLICY_RATE = 50.0
 """Policy steps a second [Hz]."""

@@ -16,9 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.robots.model import VISUAL_GROUP
 
-FloatArray = NDArray[np.float64]
 Mesh = tuple[FloatArray, NDArray[np.int64]]
 
 _SEGMENTS = 24

@@ -25,14 +25,13 @@ from numpy.typing import NDArray
 
 from sprintlab.commands import Track, command_start, finish_time
 from sprintlab.core.archives import read_arrays
+from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors import electrical_power
 from sprintlab.robots import ModelOptions, RobotDescription, build_model
 from sprintlab.viewer.meshes import Surface, robot_surfaces
-
-Array = NDArray[Any]
 
 FRAME_RATE = 125.0
 """Frames a second in the page [Hz]; between them it interpolates."""

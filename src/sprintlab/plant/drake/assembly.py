@@ -15,7 +15,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     Box,
@@ -40,10 +39,9 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots import RobotDescription
-
-FloatArray = NDArray[np.float64]
 
 LINK_STIFFNESS = 200e3
 """Of everything but the feet where it touches something [N/m]; such a touch is a fall or an audit line."""

@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import RoleAssign
 from pydrake.multibody.tree import default_model_instance
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SimulationError
 from sprintlab.plant.drake.assembly import Rotor, assemble, surface_properties, without_remarks
 from sprintlab.plant.drake.pad import Pad
-
-FloatArray = NDArray[np.float64]
 
 
 class DrakeEngine:

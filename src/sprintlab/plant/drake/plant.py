@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.plant.drake.assembly import rotors_of
 from sprintlab.plant.drake.engine import DrakeEngine
 from sprintlab.plant.drake.pad import pad_for
@@ -16,8 +16,6 @@ from sprintlab.plant.plant import Plant, PlantOptions
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import RobotDescription
 from sprintlab.robots.foot import effective_leg_mass
-
-FloatArray = NDArray[np.float64]
 
 
 class DrakePlant(Plant):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.robots import ContactLaw, FootContact, contact_law
 
-FloatArray = NDArray[np.float64]
 _NODES = 5  # of the table, along stiffness and along restitution
 
 

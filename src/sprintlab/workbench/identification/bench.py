@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import plain_number, read_text
-
-FloatArray = NDArray[np.float64]
 
 _AMPERE = {"A": 1.0, "mA": 1e-3}
 _VOLT = {"V": 1.0, "mV": 1e-3}

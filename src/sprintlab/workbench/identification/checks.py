@@ -10,13 +10,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import directions, turns
-
-FloatArray = NDArray[np.float64]
 
 FEWEST_ROWS = 8
 FEWEST_LEVELS = 3

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
@@ -58,7 +59,6 @@ from sprintlab.workbench.identification.verdict import (
     problems,
 )
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 OUTLIER_DISTANCE = 5.0

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.motors.thermal import COPPER_COEFFICIENT
 from sprintlab.workbench.identification.bench import Bench
 
-FloatArray = NDArray[np.float64]
 Parameters = Mapping[str, float]
 
 REFERENCE_TEMPERATURE = 20.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SprintlabError
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.workbench.identification.bench import Bench
@@ -16,8 +17,6 @@ from sprintlab.workbench.identification.model import (
     PARAMETER_UNITS,
     shaft_torque,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import Channel, directions
-
-FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 LOAD_LOSS = "difference of driving and braking"

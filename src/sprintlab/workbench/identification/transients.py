@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import STANDING
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.1
 """Length of a window [s]: long for the noise of a current at 100 Hz, short for the steps of a bench."""
