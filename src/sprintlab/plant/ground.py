@@ -1,8 +1,5 @@
 """The ground under a simulated robot: level or sloping, even or rough."""
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math

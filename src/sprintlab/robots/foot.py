@@ -14,9 +14,6 @@ lightest foot, and stiffness and damping are given directly. A coarse step and t
 a drop shows; ``contact_law`` corrects for it.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math

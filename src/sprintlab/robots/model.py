@@ -1,8 +1,5 @@
 """The MuJoCo model of a robot, compiled from its description."""
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import sys

@@ -3,9 +3,6 @@
 The shapes are decoration scaled to the robot's lengths; no physical number comes from this file.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -3,9 +3,6 @@
 Nothing here knows a browser: a session is advanced by motor steps and hands out what happened.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math

@@ -3,9 +3,6 @@
 Primitives are tessellated here, so that the live page and the replay page draw the same robot.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from collections import defaultdict

@@ -5,9 +5,6 @@ small WebGL renderer of its own (``templates/replay.js``). Forward kinematics ru
 of 23 coordinates take a fifth of the room that the poses of 21 bodies would.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import base64

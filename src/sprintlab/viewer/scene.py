@@ -1,8 +1,5 @@
 """The robot on a running track, drawn by viser."""
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math

@@ -1,8 +1,5 @@
 """Whether the table's robot is the source's robot: inertia, feet, torques, friction, compared by number."""
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from dataclasses import dataclass

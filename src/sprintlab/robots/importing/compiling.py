@@ -4,9 +4,6 @@ A few lines of MJCF can ask for two million bodies, or for a terrain of 40 GB; M
 has a limit of time, memory and file size, and works in an empty folder; back comes MuJoCo's own binary.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import json

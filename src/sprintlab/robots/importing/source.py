@@ -3,9 +3,6 @@
 MuJoCo reads both formats. Meshes are left out: masses and inertias must stand in the file.
 """
 
-# MuJoCo's compiled module has no type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 from dataclasses import dataclass
