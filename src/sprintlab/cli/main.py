@@ -41,6 +41,18 @@ from sprintlab.cli.train import Train, run_training
 from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
 from sprintlab.core.errors import SprintlabError, printable, printable_lines
 from sprintlab.core.extras import package_version
+from sprintlab.core.files import default_folder
+
+
+def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
+    """A race whose report goes into a folder of its own where none is named."""
+
+    @functools.wraps(race)
+    def run(**given: Any) -> Race:
+        return race(**{**given, "folder": given["folder"] or default_folder()})
+
+    return run
+
 
 
 def _reported(race: Callable[..., Race]) -> Callable[..., Race]:

@@ -9,9 +9,7 @@ a test proves the two equal on random inputs.
 from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
-# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
-# pyright: reportMissingImports=false, reportUntypedBaseClass=false, reportUnknownMemberType=false
+# pyright: reportInvalidTypeForm=false, reportMissingImports=false
 from dataclasses import fields
 from typing import Any
 

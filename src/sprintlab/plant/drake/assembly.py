@@ -1,8 +1,7 @@
 """The robot as a Drake ``MultibodyPlant``, built body by body from the numbers of its compiled model."""
 
 # Drake's stubs take numpy's shapes for its element types, and MuJoCo's compiled module has no complete stubs.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
-# pyright: reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """One time step of Drake: from a state and the forces on it to the next state and the forces on the feet."""
 
 # Drake's stubs take numpy's shapes for its element types, and MuJoCo's compiled module has no complete stubs.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
-# pyright: reportCallIssue=false, reportOperatorIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
 
 from __future__ import annotations
 

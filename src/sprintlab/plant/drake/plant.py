@@ -1,8 +1,5 @@
 """The simulated robot of evaluation with Drake's physics under it."""
 
-# MuJoCo's compiled module has no complete type stubs.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import mujoco

@@ -7,9 +7,8 @@ form because it runs inside every physics substep; a test proves the two equal o
 from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
-# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
-# pyright: reportAssignmentType=false
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportOperatorIssue=false
 import warp as wp
 
 from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS, TURNING_SPEED

@@ -10,9 +10,7 @@ fixed, the bus and the winding's resistance, the network cannot vary. The kernel
 from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
-# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
-# pyright: reportAssignmentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
 import os
 from typing import Any
 

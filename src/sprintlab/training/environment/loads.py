@@ -7,9 +7,8 @@ and leave one number per joint or foot for the rewards.
 from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
-# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
-# pyright: reportAssignmentType=false
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportOperatorIssue=false
 from typing import Any, NamedTuple
 
 import numpy as np

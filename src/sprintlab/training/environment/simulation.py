@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # mujoco and warp ship no type stubs for what is used here.
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportArgumentType=false, reportCallIssue=false
 from collections.abc import Callable
 from typing import Any
 

@@ -8,9 +8,8 @@ battery nothing is launched, and without heat the torque kernel touches no tempe
 from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
-# pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportGeneralTypeIssues=false
-# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false, reportCallIssue=false, reportIndexIssue=false
-# pyright: reportAssignmentType=false
+# pyright: reportArgumentType=false, reportCallIssue=false, reportGeneralTypeIssues=false
+# pyright: reportInvalidTypeForm=false, reportOperatorIssue=false
 from typing import Any
 
 import numpy as np
