@@ -54,7 +54,6 @@ def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
     return run
 
 
-
 def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
     """A race whose report goes into a folder of its own where none is named."""
 
