@@ -49,6 +49,16 @@ METHOD_COLOURS = {
     "fixed-acceleration": "#7a5af8",
     "uniform-commands": "#0e9384",
     "sprint": "#0b6bcb",
+    "actuator-network": "#b54708",
+    "after-hacl": "#12855b",
+    "flux-weakening": "#c11574",
+    "hound": "#98a2b3",
+    "literal-acs": "#344054",
+    "lp-acrl": "#66b2a0",
+    "no-saturation": "#4e5ba6",
+    "rlvrl": "#b8860b",
+    "spot-battery": "#9e77ed",
+    "stride-prior": "#e31b54",
 }
 """One colour a method in every figure; each is legible on white and on black."""
 _STYLES: dict[str, Any] = {"square": ":", "simplified-dc": "--", "refined": "-"}
@@ -466,9 +476,10 @@ def learning_figure(curves: Mapping[str, Sequence[Mapping[str, Array]]], theme: 
         end = min(float(curve["seconds"][-1]) for curve in seeds)
         time = np.linspace(0.0, end, 300)
         values = np.stack([np.interp(time, curve["seconds"], curve["speed_p999"]) for curve in seeds])
-        axis.plot(time / 60.0, values.mean(axis=0), color=colour, linewidth=1.6, label=method)
+        line = "-" if method in PAPER_TABLE else "--"
+        axis.plot(time / 60.0, values.mean(axis=0), line, color=colour, linewidth=1.6, label=method)
         axis.fill_between(time / 60.0, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.15)
     axis.set_xlabel("training time [min]")
     axis.set_ylabel("speed, 99.9th percentile [m/s]")
-    figure_legend(figure, theme, labelled(axis))
+    figure_legend(figure, theme, labelled(axis), columns=5)
     return figure
