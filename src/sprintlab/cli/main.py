@@ -54,18 +54,6 @@ def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
     return run
 
 
-def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
-    """A race whose report goes into a folder of its own where none is named."""
-
-    @functools.wraps(race)
-    def run(**given: Any) -> Race:
-        from sprintlab.core.files import default_folder
-
-        return race(**{**given, "folder": given["folder"] or default_folder()})
-
-    return run
-
-
 COMMANDS = {
     "see it": {
         "race": command(_reported(race), names={"folder": "out"}, defaults={"video": True}),
