@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.motors import MOTOR_UNITS
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
 from sprintlab.core.arguments import checked
 
@@ -16,13 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.motors import LibraryMotor
-
-_UNITS = {
-    "bus_voltage": "V",
-    **{f"motor.{name}": unit for name, unit in MOTOR_UNITS.items()},
-    "gear.ratio": "",
-    "gear.efficiency": "",
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -77,7 +69,7 @@ def _numbers(actuator: LibraryMotor) -> dict[str, Any]:
         "values": {
             key: {
                 "value": item.value,
-                "unit": _UNITS[key],
+                "unit": _unit(key),
                 "source": item.source,
                 "estimated": item.estimated,
             }
@@ -85,6 +77,13 @@ def _numbers(actuator: LibraryMotor) -> dict[str, Any]:
         },
         "joint": joint_numbers(actuator),
     }
+
+
+def _unit(key: str) -> str:
+    """Unit of a value of the library, e.g. of ``motor.peak_torque``."""
+    from sprintlab.motors.parameters import MOTOR_UNITS
+
+    return {"bus_voltage": "V", **MOTOR_UNITS}.get(key.rpartition(".")[2], "")
 
 
 def joint_numbers(actuator: LibraryMotor) -> dict[str, float]:
@@ -129,5 +128,5 @@ def _sources(actuator: LibraryMotor) -> RenderableType:
     table.columns[-1].overflow = "fold"
     for name, item in actuator.values.items():
         mark = styled("[yellow]estimated[/]") if item.estimated else ""
-        table.add_row(name, f"{item.value:.5g}", _UNITS[name], mark, item.source)
+        table.add_row(name, f"{item.value:.5g}", _unit(name), mark, item.source)
     return table

@@ -18,21 +18,14 @@ if TYPE_CHECKING:
     from sprintlab.motors.chart import JointDrive
 
 DEFAULT_BUS_VOLTAGE = 60.0
-MOTOR_UNITS = {
-    "pole_pairs": "",
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "peak_torque": "N m",
-    "saturation": "",
-    "rotor_inertia": "kg m^2",
-}
-"""Fields of a motor file and their units."""
 
 
-def values_table(title: str, heading: str, values: Mapping[str, float], units: Mapping[str, str]) -> Table:
-    """Numbers by name, one a row, with their units."""
-    rows = ((name, f"{value:.5g}", units.get(name, "")) for name, value in values.items())
+def motor_table(title: str, heading: str, motor: Mapping[str, float], speeds: Mapping[str, float]) -> Table:
+    """A motor's parameters and speeds [rad/s] by name, one a row, with their units."""
+    from sprintlab.motors.parameters import MOTOR_UNITS
+
+    units = MOTOR_UNITS | dict.fromkeys(speeds, "rad/s")
+    rows = ((name, f"{value:.5g}", units[name]) for name, value in {**motor, **speeds}.items())
     return plain_table(title, heading, "value", "unit", rows=rows)
 
 
@@ -48,7 +41,7 @@ class ChosenMotor(Printed):
     """Columns of a trajectory that this motor drives; empty for a motor file."""
 
     def parameters(self) -> dict[str, float]:
-        """The numbers of the motor's file, in the units of ``MOTOR_UNITS``."""
+        """The numbers of the motor's file, in the units of ``motors.parameters.MOTOR_UNITS``."""
         motor = self.drive.motor
         return {item.name: float(getattr(motor, item.name)) for item in fields(motor)}
 
@@ -68,8 +61,7 @@ class ChosenMotor(Printed):
 
     def tables(self) -> Iterator[RenderableType]:
         """Parameters and speeds."""
-        units = MOTOR_UNITS | dict.fromkeys(self.speeds(), "rad/s")
-        yield values_table(self.title, "quantity", {**self.parameters(), **self.speeds()}, units)
+        yield motor_table(self.title, "quantity", self.parameters(), self.speeds())
 
 
 @checked

@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from sprintlab.api.motors import MOTOR_UNITS, values_table
+from sprintlab.api.motors import motor_table
 from sprintlab.cli.output import plain_table, print_json, show_files, stdout_console
 from sprintlab.core.errors import InvalidValueError
 
@@ -68,7 +68,7 @@ class MotorFromDatasheet:
         rows = ({**step, "value": f"{step['value']:.5g}"}.values() for step in numbers["steps"])
         console.print(plain_table(title, *columns, numbers=("result",), rows=rows))
         console.print()
-        console.print(values_table("Motor", "parameter", numbers["motor"], MOTOR_UNITS))
+        console.print(motor_table("Motor", "parameter", numbers["motor"], {}))
         for note in numbers["notes"]:
             console.print(f"note: {note}")
         show_files(motor_file=self.out, supply_file=self.supply_out)

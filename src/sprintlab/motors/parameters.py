@@ -14,13 +14,23 @@ from sprintlab.motors.arrays import Array, as_arrays
 
 # field -> (low, high, unit). Wide enough for any motor of a legged robot, narrow enough to catch a
 # millihenry written for a henry or a milliohm for an ohm.
+MOTOR_UNITS = {
+    "pole_pairs": "",
+    "stator_resistance": "ohm",
+    "q_axis_inductance": "H",
+    "flux_linkage": "Wb",
+    "peak_torque": "N m",
+    "saturation": "",
+    "rotor_inertia": "kg m^2",
+}
+"""Fields of ``PmsmParameters`` and of a motor file, with their units."""
 _PLAUSIBLE = {
-    "pole_pairs": (1, 200, ""),
-    "stator_resistance": (1e-4, 50.0, "ohm"),
-    "q_axis_inductance": (0.0, 1e-2, "H"),
-    "flux_linkage": (1e-5, 0.5, "Wb"),
-    "peak_torque": (1e-4, 5e3, "N m"),
-    "rotor_inertia": (1e-9, 0.1, "kg m^2"),
+    "pole_pairs": (1, 200),
+    "stator_resistance": (1e-4, 50.0),
+    "q_axis_inductance": (0.0, 1e-2),
+    "flux_linkage": (1e-5, 0.5),
+    "peak_torque": (1e-4, 5e3),
+    "rotor_inertia": (1e-9, 0.1),
 }
 _LONGEST_TIME_CONSTANT = 0.05  # L / R [s]; small machines have 0.1 ms to 10 ms
 _LARGEST_PEAK_CURRENT = 5e3  # peak torque / torque constant [A]
@@ -55,8 +65,8 @@ class PmsmParameters:
 
     def __post_init__(self) -> None:
         """Refuse what no motor has; see ``_PLAUSIBLE``."""
-        for name, (low, high, unit) in _PLAUSIBLE.items():
-            check_range(name, getattr(self, name), low, high, unit)
+        for name, (low, high) in _PLAUSIBLE.items():
+            check_range(name, getattr(self, name), low, high, MOTOR_UNITS[name])
         _check_whole("pole_pairs", self.pole_pairs)
         _check_saturation(self.saturation)
         _check_shapes({field.name: getattr(self, field.name) for field in fields(self)})

@@ -12,6 +12,7 @@ import numpy as np
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import Gear, PmsmParameters, stack_motors
+from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import (
     JOINTS_PER_LEG,
     WAIST,
@@ -23,7 +24,7 @@ from sprintlab.robots.description import (
     SoftStop,
     joint_kind,
 )
-from sprintlab.robots.table import DRIVE_FIELDS, ParameterRow, ParameterTable, read_table
+from sprintlab.robots.table import ParameterRow, ParameterTable, read_table
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 TABLE_FILE = "parameters.toml"
@@ -171,9 +172,8 @@ def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
     number = table.number(pole_pairs)
     if number != int(number):
         raise InvalidValueError(pole_pairs, number, "must be a whole number")
-    names = [field for field in DRIVE_FIELDS if not field.startswith("gear_") and field != "pole_pairs"]
-    fields = {name: table.number(table.drive(joint, name)) for name in names}
-    return PmsmParameters(pole_pairs=int(number), **fields)
+    values = {name: table.number(table.drive(joint, name)) for name in MOTOR_UNITS}
+    return PmsmParameters(**values | {"pole_pairs": int(number)})
 
 
 def _gear(table: ParameterTable) -> Gear:

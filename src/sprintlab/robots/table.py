@@ -11,6 +11,7 @@ import numpy as np
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.core.reading import read_toml
+from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG, WAIST
 
 _LINK = {"mass": 1, "center_of_mass": 3, "inertia": 3}
@@ -23,17 +24,7 @@ _JOINT = {
     "viscous_friction": 1,
     "dry_friction": 1,
 }
-DRIVE_FIELDS = (
-    "pole_pairs",
-    "stator_resistance",
-    "q_axis_inductance",
-    "flux_linkage",
-    "peak_torque",
-    "saturation",
-    "rotor_inertia",
-    "gear_ratio",
-    "gear_efficiency",
-)
+DRIVE_FIELDS = (*MOTOR_UNITS, "gear_ratio", "gear_efficiency")
 """What a joint's drive needs: a motor's parameters, motor side, and its gear."""
 _DRIVE_SECTIONS = {
     # joint: where its drive is looked up; the first section that has a quantity decides

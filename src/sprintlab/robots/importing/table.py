@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sprintlab.motors import Gear, PmsmParameters, joint_torque, saturate
+from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG
 from sprintlab.robots.importing.choices import JointChoice, RobotChoices, find_motor
 from sprintlab.robots.importing.fit import FittedLink, FittedRobot
 
-_UNITS = {
-    "pole_pairs": "1",
-    "stator_resistance": "ohm",
-    "q_axis_inductance": "H",
-    "flux_linkage": "Wb",
-    "peak_torque": "N m",
-    "saturation": "1",
-    "rotor_inertia": "kg m^2",
-}
 _STIFFNESS_ERROR = 0.45  # rad of error at which the controller asks for the peak torque
 _DAMPING_TIME = 0.03  # s: derivative over proportional gain
 _SOFT_ZONE = 0.08  # rad
@@ -190,10 +182,8 @@ def _joint_section(
 def _motor_section(choice: JointChoice, motor: PmsmParameters) -> dict[str, Entry]:
     basis = f"motor {choice.motor}"
     entries = {
-        item.name: Entry(
-            _exact(float(getattr(motor, item.name))), _UNITS[item.name], "as in its source", basis
-        )
-        for item in fields(PmsmParameters)
+        name: Entry(_exact(float(getattr(motor, name))), unit or "1", "as in its source", basis)
+        for name, unit in MOTOR_UNITS.items()
     }
     entries["pole_pairs"] = Entry(int(motor.pole_pairs), "1", "exact", basis)
     entries["gear_ratio"] = Entry(choice.gear_ratio, "1", "chosen", "given at the import")
