@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -13,7 +13,6 @@ from functools import lru_cache, partial
 from multiprocessing import connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, TypeVar
 
 from sprintlab.control import Policy, check_contract, load_policy
@@ -74,9 +73,7 @@ class WorkerProcesses:
     def __enter__(self) -> WorkerProcesses:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None and not issubclass(kind, Exception):
             self._abandon()
         self.close()
@@ -96,12 +93,6 @@ class WorkerProcesses:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-    def run(
-        self, policy: PolicyFile, robot: RobotDescription, requests: Sequence[TrialRequest]
-    ) -> Generator[TrialResult | SprintResult, None, None]:
-        """Results in the order of the requests; errors and order as in ``map``."""
-        yield from self.map(partial(_worked, run_request, policy, robot), requests)
 
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> Generator[R, None, None]:
         """Results in the order of the items, each as soon as it and those before it are there.
@@ -123,7 +114,8 @@ class WorkerProcesses:
             message = "a worker process died; is there enough memory?" if self._begun.is_set() else NO_GUARD
             raise SimulationError(message) from error
         finally:
-            _cancel(futures)
+            for future in futures:
+                future.cancel()
 
 
 class TrialPool:
@@ -152,18 +144,15 @@ class TrialPool:
         self._file = PolicyFile(Path(policy), Path(policy).stat().st_mtime_ns)
         check_contract(self.policy.contract, robot)
         self.robot = robot
-        self._own = WorkerProcesses(workers) if processes is None else None
-        self._processes = processes or self._own
-        assert self._processes is not None
+        self._owned = processes is None
+        self._processes = WorkerProcesses(workers) if processes is None else processes
 
     def __enter__(self) -> TrialPool:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._own is not None:
-            self._own.__exit__(kind, error, trace)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._owned:
+            self._processes.__exit__(kind)
 
     def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
         """Run profiles, in order of the requests.
@@ -194,7 +183,9 @@ class TrialPool:
         """
         return list(self.stream(requests))
 
-    def map(self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]) -> Iterator[R]:
+    def map(
+        self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]
+    ) -> Generator[R, None, None]:
         """Results of ``work(policy, robot, item)`` in the order of the items, each as soon as it is there.
 
         Args:
@@ -204,13 +195,11 @@ class TrialPool:
         Raises:
             SimulationError: as ``run``.
         """
-        assert self._processes is not None
-        yield from self._processes.map(partial(_worked, work, self._file, self.robot), items)
+        return self._processes.map(partial(_worked, work, self._file, self.robot), items)
 
     def stream(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
         """As ``run``, each result as soon as it and those before it are there."""
-        assert self._processes is not None
-        yield from self._processes.run(self._file, self.robot, requests)
+        return self.map(run_request, requests)
 
 
 def available_cores() -> int:
@@ -255,9 +244,3 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _cancel(futures: Sequence[Future]) -> None:
-    """Drop what has not started; nothing to do when all have ended."""
-    for future in futures:
-        future.cancel()
