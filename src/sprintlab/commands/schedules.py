@@ -26,18 +26,8 @@ from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW, self_paced
 from sprintlab.commands.state import CommandState, limit_yaw_rate
 from sprintlab.control.arrays import Array, clip, namespace
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-
-
-def check_interval(field: str, interval: tuple[float, float], low: float, unit: str) -> None:
-    """Refuse a pair that is not ``low <= first <= second``. Raises ``InvalidValueError``."""
-    if len(interval) != 2:
-        raise InvalidValueError(field, interval, "a pair (lowest, highest)")
-    for value in interval:
-        check_range(field, value, low, float("inf"), unit)
-    if interval[0] > interval[1]:
-        raise InvalidValueError(field, interval, "the first must not exceed the second")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +62,7 @@ class TargetSampling:
     grid: Curriculum | None = CommandGrid()
 
     def __post_init__(self) -> None:
-        check_interval("persistence", self.persistence, 0.0, "s")
+        check_interval("persistence", self.persistence, 0.0, unit="s")
         for field in ("top_share", "top_fraction", "zero_share", "backward_share", "yaw_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
         check_range("turn_share", self.turn_share, 0.0, 1.0)
@@ -318,8 +308,8 @@ class AdaptiveSchedule(TargetSchedule):
     def __post_init__(self) -> None:
         for field in ("window", "braking_window"):
             check_positive(field, getattr(self, field), "m/s")
-        check_interval("hold", self.hold, 0.0, "s")
-        check_interval("ramp", self.ramp, 0.0, "m/s^2")
+        check_interval("hold", self.hold, 0.0, unit="s")
+        check_interval("ramp", self.ramp, 0.0, unit="m/s^2")
         for field in ("biased_share", "ramp_share"):
             check_range(field, getattr(self, field), 0.0, 1.0)
 
@@ -389,7 +379,7 @@ class FixedAccelerationSchedule(TargetSchedule):
     acceleration: tuple[float, float] = (2.0, 4.0)
 
     def __post_init__(self) -> None:
-        check_interval("acceleration", self.acceleration, 0.0, "m/s^2")
+        check_interval("acceleration", self.acceleration, 0.0, unit="m/s^2")
 
     def _follow(self, state: CommandState, renewed: Array, step: CommandStep) -> CommandState:
         xp = namespace(step.random)

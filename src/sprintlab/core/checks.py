@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from sprintlab.core.errors import InvalidValueError
@@ -32,6 +32,18 @@ def check_range(field: str, value: Any, low: float, high: float, unit: str = "")
     check_finite(field, value)
     if not _every((value >= low) & (value <= high)):
         raise InvalidValueError(field, value, f"must lie in [{low:g}, {high:g}] {unit}".rstrip())
+
+
+def check_interval(
+    field: str, interval: Sequence[float], low: float, high: float = _INFINITE, unit: str = ""
+) -> None:
+    """Refuse a pair that is not ``low <= first <= second <= high``. Raises ``InvalidValueError``."""
+    if len(interval) != 2:
+        raise InvalidValueError(field, interval, "a pair (lowest, highest)")
+    for value in interval:
+        check_range(field, value, low, high, unit)
+    if interval[0] > interval[1]:
+        raise InvalidValueError(field, interval, "the first must not exceed the second")
 
 
 def check_positive(field: str, value: Any, unit: str = "") -> None:

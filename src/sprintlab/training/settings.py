@@ -18,7 +18,7 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
-from sprintlab.core.checks import check_choice, check_positive, check_range
+from sprintlab.core.checks import check_choice, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
@@ -95,11 +95,8 @@ class SimulationSettings:
     winding_temperature: tuple[float, float] = (25.0, 90.0)
 
     def __post_init__(self) -> None:
-        check_range("state_of_charge[1]", self.state_of_charge[1], 0.0, 1.0)
-        check_range("state_of_charge[0]", self.state_of_charge[0], 0.0, self.state_of_charge[1])
-        check_range("winding_temperature[1]", self.winding_temperature[1], -60.0, 200.0, "degC")
-        coldest, hottest = self.winding_temperature
-        check_range("winding_temperature[0]", coldest, -60.0, hottest, "degC")
+        check_interval("state_of_charge", self.state_of_charge, 0.0, 1.0)
+        check_interval("winding_temperature", self.winding_temperature, -60.0, 200.0, "degC")
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
         if self.actuator_network is not None and (self.battery or self.heat):
@@ -313,16 +310,14 @@ class RandomizationSettings:
     def __post_init__(self) -> None:
         factors = ("friction", "bus_voltage", "resistance", "dry_friction", "clock")
         for name in (*factors, "foot_stiffness", "foot_restitution"):
-            low, high = getattr(self, name)
-            check_range(f"{name}[0]", low, 0.05, high)
-        check_range("drag_area[0]", self.drag_area[0], 0.0, self.drag_area[1], "m^2")
+            check_interval(name, getattr(self, name), 0.05)
+        check_interval("drag_area", self.drag_area, 0.0, unit="m^2")
         check_range("slope", self.slope, 0.0, 0.3)
-        check_range("payload[0]", self.payload[0], -15.0, self.payload[1], "kg")
+        check_interval("payload", self.payload, -15.0, unit="kg")
         for name in ("gain", "strength", "center_of_mass"):
             check_range(name, getattr(self, name), 0.0, 0.5)
         check_positive("push_interval", self.push_interval, "s")
-        check_range("delay[0]", self.delay[0], 0.0, self.delay[1], "s")
-        check_range("delay[1]", self.delay[1], 0.0, 0.02, "s")
+        check_interval("delay", self.delay, 0.0, 0.02, "s")
         check_range("delay_jitter", self.delay_jitter, 0.0, 0.02, "s")
 
     def without(self) -> RandomizationSettings:
@@ -361,7 +356,7 @@ class EpisodeSettings:
     knee_clearance: float = 0.05
 
     def __post_init__(self) -> None:
-        check_range("duration[0]", self.duration[0], 0.1, self.duration[1], "s")
+        check_interval("duration", self.duration, 0.1, unit="s")
         for name in ("clone_share", "fast_start_share"):
             check_range(name, getattr(self, name), 0.0, 1.0)
         for name in ("tilt_limit", "leg_distance_limit", "knee_clearance"):
