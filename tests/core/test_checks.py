@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core import errors
-from sprintlab.core.checks import check_choice, check_finite, check_positive, check_range
+from sprintlab.core.checks import check_choice, check_finite, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 
 NESTED = []
@@ -32,6 +32,15 @@ def test_every_element_is_looked_at(library):
         check_positive("mass", asarray([1.0, 0.0]))
     with pytest.raises(InvalidValueError, match="mass"):
         check_range("mass", asarray([1.0, 3.0]), 0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    "pair", [(0.5, 0.4), (0.0, 0.5), (0.5, 3.0), (0.5, math.inf), (0.5,), (0.5, 0.6, 0.7)]
+)
+def test_what_is_no_pair_of_bounds_is_refused(pair):
+    check_interval("friction", (0.1, 2.0), 0.1, 2.0)
+    with pytest.raises(InvalidValueError, match="friction"):
+        check_interval("friction", pair, 0.1, 2.0)
 
 
 def test_bounds_of_a_range_are_allowed():

@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,12 @@ from sprintlab.training.runs import run as run_module
 from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
 from sprintlab.training.runs.options import check_places
 from sprintlab.training.runs.run import TrainOptions, open_run, train
-from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
+from sprintlab.training.settings import (
+    PpoSettings,
+    RandomizationSettings,
+    SimulationSettings,
+    TrainingSettings,
+)
 
 
 @pytest.mark.parametrize(
@@ -120,6 +126,12 @@ def test_settings_with_a_name_that_is_none_are_refused(change):
 def test_a_seed_that_is_no_whole_number_is_refused(seed):
     with pytest.raises(InvalidValueError, match="a whole number"):
         TrainingSettings(seed=seed)
+
+
+@pytest.mark.parametrize("name", ["friction", "drag_area", "payload", "delay", "foot_stiffness"])
+def test_what_is_drawn_has_an_upper_bound(name):
+    with pytest.raises(InvalidValueError, match=name):
+        replace(RandomizationSettings(), **{name: (0.1, np.inf)})
 
 
 @pytest.mark.skipif(importlib.util.find_spec("wandb") is not None, reason="wandb is installed here")
