@@ -229,6 +229,23 @@ def test_a_bomb_that_says_it_is_small_is_not_unpacked(tmp_path):
         tracemalloc.stop()
 
 
+@pytest.mark.parametrize(("members", "extra"), [(200_000, b""), (1000, bytes(60_000))])
+def test_a_long_table_of_contents_is_refused_before_it_is_read(tmp_path, members, extra, monkeypatch):
+    """``zipfile`` takes 10 µs for a member and longer for its extra fields: minutes for those of 512 MB."""
+    fields = (b"PK\1\2", 20, 20, *[0] * 7, 1, len(extra), *[0] * 5)
+    table = members * (struct.pack("<4s6H3L5H2L", *fields) + b"a" + extra)
+    size, most, unknown = len(table), 0xFFFFFFFF, 0xFFFF
+    end = struct.pack("<4sQ2H2L4Q", b"PK\6\6", 44, 45, 45, 0, 0, members, members, size, 0)
+    end += struct.pack("<4sLQL", b"PK\6\7", 0, size, 1)
+    end += struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, unknown, unknown, most, most, 0)
+    (tmp_path / "a.npz").write_bytes(table + end)
+    made = []
+    monkeypatch.setattr(zipfile, "ZipInfo", lambda name: made.append(name))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz")
+    assert not made
+
+
 @pytest.mark.parametrize("code", [0x110000, 0x7FFFFFFF, 0xD800])
 @pytest.mark.parametrize("order", "<>")
 def test_texts_with_code_points_that_unicode_does_not_have_are_refused(tmp_path, code, order):
