@@ -113,7 +113,7 @@ class McapRunLog:
         """Finish the file; a second call does nothing.
 
         Raises:
-            LogError: the file could not be written to its end; the message says why.
+            LogError: the file could not be written to its end, or has another name; the message says why.
         """
         if self._pipe is None:
             return
@@ -124,7 +124,7 @@ class McapRunLog:
         self._pipe = None
         complaint = self._complaint()
         if self._writer.wait() != 0:
-            raise LogError(f"the log {self._path} ends before the run does: {complaint}")
+            raise LogError(f"the log {self._path} is not as it should be: {complaint}")
 
     def _complaint(self) -> str:
         """What the writing process says last; waits until it has ended."""
