@@ -233,21 +233,23 @@ def test_directory_appears_only_when_complete(tmp_path):
 def test_what_somebody_puts_there_while_a_directory_is_filled_is_kept(tmp_path, kind):
     """It was deleted without a word; now both are there, and the sentence says where the new one is."""
     race, kept = tmp_path / "race", tmp_path / "kept"
-    with pytest.raises(SprintlabError, match=r"something else is at .*race now: .*race-3 is what"):
-        with atomic_directory(race) as folder:
-            (folder / "new").touch()
-            (tmp_path / "race-2").touch()
-            if kind == "folder":
-                race.mkdir()
-                (race / "notes").write_text("mine")
-            elif kind == "file":
-                race.write_text("mine")
-            else:
-                kept.mkdir(exist_ok=kind == "link")
-                race.symlink_to(kept if kind == "link" else "nowhere")
+    expected = pytest.raises(SprintlabError, match=r"something else is at .*race now: .*race-3 is what")
+    with expected, atomic_directory(race) as folder:
+        (folder / "new").touch()
+        (tmp_path / "race-2").touch()
+        if kind == "folder":
+            race.mkdir()
+            (race / "notes").write_text("mine")
+        elif kind == "file":
+            race.write_text("mine")
+        else:
+            kept.mkdir(exist_ok=kind == "link")
+            race.symlink_to(kept if kind == "link" else "nowhere")
     assert [path.name for path in (tmp_path / "race-3").iterdir()] == ["new"]
     assert os.path.lexists(race) and race.is_symlink() == (kind in ("link", "dangling"))
-    assert kind in ("link", "dangling") or (race / "notes" if kind == "folder" else race).read_text() == "mine"
+    assert (
+        kind in ("link", "dangling") or (race / "notes" if kind == "folder" else race).read_text() == "mine"
+    )
     assert not list(tmp_path.glob(".*"))
 
 

@@ -101,13 +101,28 @@ def test_json_that_is_none(tmp_path, text):
         read_json(tmp_path / "a.json")
 
 
-@pytest.mark.parametrize("text", ['["\\ud800"]', '{"\\uDC00": 1}', '["\\ud83d \\ude00"]'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'["\\\ud800"]',
+        r'["\ud83d\ud83d\ude00\ude00"]',
+        '["\\ud800"]',
+        '{"\\uDC00": 1}',
+        '["\\ud83d \\ude00"]',
+    ],
+)
 def test_json_with_half_a_character_is_refused(tmp_path, text):
     """Python reads it, and fails where it is printed or written."""
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(SprintlabError, match="not a JSON file"):
         read_json(tmp_path / "a.json")
     assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
+    assert parse_json(r'["\\ud800", "\\\ud83d\ude00\\\\ud800"]') == [r"\ud800", "\\\U0001f600\\\\ud800"]
+
+
+def test_an_object_of_very_many_names_is_refused():
+    with pytest.raises(ValueError, match="more than 200000 names"):
+        parse_json("{" + ",".join(f'"{number}":0' for number in range(200_001)) + "}")
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, "a": 1}', '[{"b": {"a": 1, "\\u0061": 2}}]'])

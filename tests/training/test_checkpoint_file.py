@@ -19,6 +19,7 @@ pytest.importorskip("mujoco_warp")
 import torch
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import parse_json
 from sprintlab.training.runs import checkpoint as module
 from sprintlab.training.runs.checkpoint import (
     Progress,
@@ -198,7 +199,8 @@ def test_a_module_of_the_package_is_not_imported_for_a_stranger(path: Path, monk
         lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="O"),
         lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="f8,("),
         lambda v, h: v.update(more=[{"$tensor": "state.learner.actor.count"}] * 2),
-        lambda v, h: v.update(more=[0] * 4_000_000),
+        lambda v, h: v.update(more=[0] * 2_500_000),
+        lambda v, h: v.update(more=[v["settings"]] * 1001),  # a million of them took half a minute
     ],
 )
 def test_values_that_no_run_writes(path: Path, change) -> None:
@@ -236,6 +238,26 @@ def test_places_that_no_tensor_has_are_refused(path: Path, offsets) -> None:
         header["more"] = {"dtype": "U8", "shape": [1], "data_offsets": offsets}
 
     refused(path, change, "damaged")
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{"more": [0] * 3}, {"shape": [1] * 17}, {"shape": [[0] * 3]}, {"shape": [True]}, {"shape": [1.0]}],
+)
+def test_a_table_that_says_more_than_a_table_does_is_refused_before_the_values_are_read(
+    path: Path, more, monkeypatch
+) -> None:
+    """Four million numbers in the table and as many among the values took 24 s."""
+
+    def change(_, header):
+        header["more"] = {"dtype": "U8", "shape": [1], "data_offsets": [0, 1], **more}
+
+    rewritten(path, change)
+    read = []
+    monkeypatch.setattr(module, "parse_json", lambda text: read.append(text) or parse_json(text))
+    with pytest.raises(SprintlabError, match="no table of tensors"):
+        read_checkpoint(path)
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize("kind", ["float64", "uint8", "int64", "uint16"])
