@@ -18,10 +18,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import parse_json
 from sprintlab.training.runs import checkpoint as module
 from sprintlab.training.runs.checkpoint import (
+    MOST_ITERATIONS,
     Progress,
     UnknownSettings,
     check_checkpoint,
@@ -29,6 +30,7 @@ from sprintlab.training.runs.checkpoint import (
     unknown_settings,
     write_checkpoint,
 )
+from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import RewardSettings, RewardWeight, TrainingSettings
 
 _SIDEWAYS = RewardWeight(first=-0.5, second=-2.0)
@@ -292,6 +294,14 @@ def test_lists_and_objects_within_others_count_as_values(path: Path, monkeypatch
     monkeypatch.setattr(module, "_MOST_VALUES", 3500)
     with pytest.raises(SprintlabError, match="more than 3500 values"):
         read_checkpoint(path)
+
+
+def test_the_longest_run_writes_what_is_read_again(path: Path) -> None:
+    row = {f"value {number}": 0.5 for number in range(70)}  # a few more than there are
+    rewritten(path, lambda values, _: values["progress"].update(log=[row] * MOST_ITERATIONS))
+    assert len(read_checkpoint(path)["progress"].log) == MOST_ITERATIONS
+    with pytest.raises(InvalidValueError, match="iterations = 30001"):
+        TrainOptions(iterations=MOST_ITERATIONS + 1)
 
 
 def test_a_module_that_imports_others_when_asked_is_not_asked(path: Path, monkeypatch) -> None:

@@ -33,7 +33,9 @@ CHECKPOINT_FORMAT = 4
 CHECKPOINT_LIMIT = 1 << 30
 """Largest checkpoint that is read [bytes]; those of this package have some ten million."""
 _HEADER_LIMIT = 128 << 20
-_MOST_VALUES = 2_500_000  # a log of 39,000 iterations of a training
+_MOST_VALUES = 2_500_000
+MOST_ITERATIONS = 30_000
+"""Most iterations of a run: its log holds 64 values of each, and shall be read again."""
 _MOST_SETTINGS = 1000  # a run has some twenty
 _MOST_TENSORS = 100_000
 _MOST_SIDES, _ENTRIES = 16, 3  # of a tensor; of what the table says of it: type, shape, place
