@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from pathlib import Path
 
@@ -17,7 +18,7 @@ _SPEC.loader.exec_module(fuzz_tool)
 
 SECONDS = 3.0
 """For each kind: less than a minute in all."""
-NEEDS = {"log": "mcap", "checkpoint": "torch", "bench": "scipy"}
+NEEDS = {"log": "mcap", "network": "onnx", "checkpoint": "torch", "bench": "scipy"}
 
 
 @pytest.mark.parametrize("name", fuzz_tool.KINDS)
@@ -38,3 +39,10 @@ def test_the_fuzzer_notices_what_it_looks_for(tmp_path: Path) -> None:
     kind = fuzz_tool.Kind(name="k", suffix=".k", make=lambda _: [b"good"], read=read)
     found = [finding for _, finding in fuzz_tool.fuzz(kind, 1.0, most=20)]
     assert sum(finding is not None for finding in found) > 10
+
+
+def test_the_fuzzer_notices_a_reader_that_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", shutil.which("false"))
+    kind = fuzz_tool.Kind(name="policy", suffix=".k", make=lambda _: [b"good"], read=len, apart=True)
+    with fuzz_tool._Reader(kind) as look:
+        assert look(Path("file")) == "the process ended with status 1"

@@ -2,17 +2,20 @@
 
     python tools/fuzz.py --seconds 3600 --kind log --seed 7
 
-Every kind of file starts from good ones that this script makes. A mutation is a finding where its reader
-raises anything but a ``SprintlabError`` of one line, or computes for longer than ten seconds. Findings are
-kept in ``--output``.
+Every kind of file starts from good ones that this script makes; of networks others are made up as well. A
+file is a finding where its reader raises anything but a ``SprintlabError`` of one line, computes for longer
+than ten seconds, or ends the process. Findings are kept in ``--output``.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import os
 import random
 import re
+import subprocess
 import sys
 import tempfile
 import time
@@ -20,6 +23,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +50,10 @@ class Kind:
     """Good files; may write into the folder."""
     read: Callable[[Path], object]
     """What a command does with such a file."""
+    change: Callable[[bytes, random.Random], bytes] | None = None
+    """Makes another file of a good one; ``mutated`` when left out."""
+    apart: bool = False
+    """Whether its reader calls what can end a process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,13 +103,14 @@ def fuzz(
         for content in seeds:
             path.write_bytes(content)
             kind.read(path)  # good files are read, or the fuzzing would say nothing
-        started = time.monotonic()
-        while (count == 0 or time.monotonic() - started < seconds) and (most is None or count < most):
-            content = mutated(rng.choice(seeds), rng)
-            path.write_bytes(content)
-            count += 1
-            what = trouble(kind, path)
-            yield count, None if what is None else Finding(kind=kind.name, content=content, what=what)
+        change, started = kind.change or mutated, time.monotonic()
+        with _Reader(kind) as look:
+            while (count == 0 or time.monotonic() - started < seconds) and (most is None or count < most):
+                content = change(rng.choice(seeds), rng)
+                path.write_bytes(content)
+                count += 1
+                what = look(path)
+                yield count, None if what is None else Finding(kind=kind.name, content=content, what=what)
 
 
 def trouble(kind: Kind, path: Path) -> str | None:
@@ -118,6 +127,46 @@ def trouble(kind: Kind, path: Path) -> str | None:
         return "".join(traceback.format_exception(error))
     spent = _worked() - started
     return f"it took {spent:.1f} s" if spent > LONGEST else None
+
+
+class _Reader:
+    """``trouble`` of a kind, in a process of its own where the kind is read ``apart``."""
+
+    def __init__(self, kind: Kind) -> None:
+        self._kind = kind
+        self._child: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> _Reader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def __call__(self, path: Path) -> str | None:
+        if not self._kind.apart:
+            return trouble(self._kind, path)
+        if self._child is None:
+            command = [sys.executable, __file__, "--read", self._kind.name]
+            self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self._child.stdin is not None and self._child.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            print(path, file=self._child.stdin, flush=True)
+        answer = self._child.stdout.readline()
+        return json.loads(answer) if answer else f"the process ended with status {self._end()}"
+
+    def _end(self) -> int | None:
+        child, self._child = self._child, None
+        if child is not None:
+            with contextlib.suppress(BrokenPipeError):
+                child.communicate()
+            child.wait()
+        return None if child is None else child.returncode
+
+
+def read_apart(kind: Kind) -> None:
+    """Say what is wrong with each of the files whose names come down standard input."""
+    for line in sys.stdin:
+        print(json.dumps(trouble(kind, Path(line.removesuffix("\n")))), flush=True)
 
 
 def _worked() -> float:
@@ -215,8 +264,134 @@ def _policy() -> Kind:
         policy = load_policy(path)
         return policy.infer(np.zeros((1, policy.layout.input_size), dtype=np.float32))
 
+    good = _text_of(next(iter(shipped_policies().values())))
+    return Kind(name="policy", suffix=".onnx", make=good, read=read, apart=True)
+
+
+def _network() -> Kind:
+    """Policies whose contract is good, and whose network is made up at random."""
+    policy = _policy()
     return Kind(
-        name="policy", suffix=".onnx", make=_text_of(next(iter(shipped_policies().values()))), read=read
+        name="network", suffix=".onnx", make=policy.make, read=policy.read, change=_made_up, apart=True
+    )
+
+
+# What operators are given: a letter for each tensor (f floats, i whole numbers, b truth values, * any), and
+# the values that their attributes choose among.
+_FEW = (0, 1, -1, 2, 7, -8, 2**31, -(2**63))
+_ONE_FOR_ONE = (
+    "Abs Celu Cos Elu Erf Exp Gelu HardSigmoid HardSwish LeakyRelu Log LogSoftmax Mish Neg Reciprocal Relu "
+    "Selu Sigmoid Sign Sin Softmax Softplus Softsign Sqrt Tanh Floor Ceil Round"
+)
+_TWO_TO_ONE = "Add Sub Mul Div Pow Min Max Sum Mean PRelu Equal Less Greater LessOrEqual And Or MatMul"
+_OPERATORS: dict[str, tuple[str, dict[str, tuple[object, ...]]]] = {
+    **dict.fromkeys(_ONE_FOR_ONE.split(), ("f", {})),
+    **dict.fromkeys(_TWO_TO_ONE.split(), ("**", {})),
+    **dict.fromkeys(("ReduceMean", "ReduceSum", "ReduceMax", "ReduceMin"), (
+        "*i", {"keepdims": (0, 1, 2), "axes": ([0], [1], [0, 1], [], [-9]), "noop_with_empty_axes": (0, 1)},
+    )),
+    "Softmax": ("f", {"axis": _FEW}), "LogSoftmax": ("f", {"axis": _FEW}), "Identity": ("*", {}),
+    "Clip": ("fff", {}), "Not": ("b", {}), "Where": ("b**", {}), "Flatten": ("*", {"axis": _FEW}),
+    "LayerNormalization": ("fff", {"axis": _FEW, "epsilon": (0.0, -1.0, 1e38)}),
+    "BatchNormalization": ("fffff", {"training_mode": (0, 1), "epsilon": (0.0, 1e38)}),
+    "Cast": ("*", {"to": (1, 2, 3, 6, 7, 8, 9, 10, 11, 16, 99)}), "Shape": ("*", {"start": _FEW}),
+    "Gemm": ("fff", {"transA": (0, 1, 2), "transB": (0, 1), "alpha": (0.0, 1e38)}),
+    "Constant": ("", {"value_int": _FEW, "value_ints": ([], [1, 12], [-1]), "value_float": (0.5, 1e38)}),
+    "Gather": ("*i", {"axis": _FEW}), "Unsqueeze": ("*i", {"axes": ([0], [1, 1], [])}),
+    "Squeeze": ("*i", {"axes": ([0], [1], [])}), "Concat": ("**", {"axis": _FEW}),
+    "ConstantOfShape": ("i", {}), "Expand": ("*i", {}), "Tile": ("*i", {}), "Slice": ("*iiii", {}),
+    "Reshape": ("*i", {"allowzero": (0, 1)}), "Transpose": ("*", {"perm": ([0, 1], [1, 0], [0, 0], [2])}),
+    "Split": ("*i", {"axis": _FEW, "num_outputs": (1, 2, 3), "split": ([6, 6], [12], [-1, 13])}),
+    "Loop": ("ib*", {}), "GRU": ("fff", {"hidden_size": _FEW}), "Einsum": ("ff", {"equation": ("ij,jk",)}),
+    "Pad": ("*i", {"mode": ("wrap", "edge")}), "TopK": ("fi", {"axis": _FEW}), "NonZero": ("*", {}),
+}  # fmt: skip
+
+
+def _made_up(good: bytes, rng: random.Random) -> bytes:
+    """A policy file whose network is a few operators at random before one that fits; at times damaged."""
+    import onnx
+    from onnx import TensorProto, helper
+
+    known = {"f": ["observation", "previous_estimate"], "i": list[str](), "b": list[str]()}
+    tensors = [_tensor(rng, f"t{number}", known) for number in range(rng.choice((4, 8, 12)))]
+    nodes = [_node(rng, number, known) for number in range(rng.choice((1, 1, 1, 2, 3, 6)))]
+    made = [name for node in nodes for name in node.output if name]
+    used = [helper.make_node("Cast", [name], [f"cast {name}"], to=TensorProto.FLOAT) for name in made]
+    used += [
+        helper.make_node("ReduceMax", [f"cast {name}"], [f"most {name}"], keepdims=0) for name in made
+    ]  # fmt: skip
+    used.append(helper.make_node("Sum", [f"most {name}" for name in made] or ["t0"], ["all"]))
+    for name, size in (("action", 12), ("estimate", 8)):
+        tensors.append(helper.make_tensor(f"w {name}", TensorProto.FLOAT, [450, size], [0.0] * 450 * size))
+        used.append(helper.make_node("Gemm", ["observation", f"w {name}"], [f"raw {name}"]))
+        used.append(helper.make_node("Add", [f"raw {name}", "all"], [name]))
+    policy = onnx.load_from_string(good)
+    graph = helper.make_graph(
+        nodes + used, "g", [*policy.graph.input], [*policy.graph.output], tensors,
+        value_info=[_told(rng, name) for name in made if rng.random() < 0.1],
+    )  # fmt: skip
+    opset = helper.make_opsetid("", rng.choice((7, 11, 13, 17, 17, 18, 20, 21)))
+    model = helper.make_model(graph, opset_imports=[opset], ir_version=rng.choice((6, 8, 8, 10)))
+    model.metadata_props.extend(policy.metadata_props)
+    content = model.SerializeToString()
+    return mutated(content, rng) if rng.random() < 0.05 else content
+
+
+def _shape(rng: random.Random) -> list[int]:
+    return rng.choice(([], [1], [12], [1, 12], [12, 12], [450, 12], [0], [2, 0, 3], [1] * 9, [3, 1, 2]))
+
+
+def _tensor(rng: random.Random, name: str, known: dict[str, list[str]]) -> Any:
+    """Numbers that are there from the start."""
+    from onnx import TensorProto, helper
+
+    kind = rng.choice("ffiiib")
+    known[kind].append(name)
+    shape = rng.choice(([], [1], [2], [3])) if kind == "i" else _shape(rng)
+    draw = {"f": lambda: rng.choice((0.0, 1.0, -1e38)), "i": lambda: rng.choice(_FEW), "b": lambda: True}[
+        kind
+    ]
+    count = int(np.prod(shape))
+    type_ = {"f": TensorProto.FLOAT, "i": rng.choice((TensorProto.INT64, TensorProto.INT32)), "b": 9}[kind]
+    values = [
+        min(max(draw(), -(2**31)), 2**31 - 1) if type_ == TensorProto.INT32 else draw() for _ in range(count)
+    ]
+    return helper.make_tensor(name, type_, shape, values)
+
+
+def _node(rng: random.Random, number: int, known: dict[str, list[str]]) -> Any:
+    """An operator on what is known, or on what it should not have; what it makes is known after it."""
+    from onnx import AttributeProto, helper
+
+    operator = rng.choice(list(_OPERATORS))
+    letters, choices = _OPERATORS[operator]
+    everything = [name for names in known.values() for name in names]
+    inputs = [rng.choice(known.get(letter) or everything) for letter in letters]
+    inputs = inputs[: rng.choice((len(inputs), len(inputs), 1))]
+    if inputs and rng.random() < 0.1:
+        inputs[rng.randrange(len(inputs))] = rng.choice(("", "nowhere", f"n{number}", *everything))
+    chosen = [name for name in choices if rng.random() < 0.5]
+    values = {name: rng.choice(choices[name]) for name in chosen}
+    outputs = [
+        f"n{number}" if place == 0 else f"n{number}.{place}"
+        for place in range(rng.choice((1, 1, 1, 1, 1, 1, 1, 2, 3)))
+    ]
+    if rng.random() < 0.05:
+        outputs[rng.randrange(len(outputs))] = rng.choice(("", "observation", "action", "t0"))
+    known["i" if operator in ("Shape", "NonZero") else "f"] += [name for name in outputs if name]
+    node = helper.make_node(operator, inputs, outputs)
+    for name, value in values.items():
+        list_of = AttributeProto.INTS if isinstance(value, list) else None
+        node.attribute.append(helper.make_attribute(name, value, attr_type=list_of))
+    return node
+
+
+def _told(rng: random.Random, name: str) -> Any:
+    """What a file says of a tensor within it, true or not."""
+    from onnx import helper
+
+    return helper.make_tensor_value_info(
+        name, rng.choice((1, 7, 9, 10)), rng.choice((_shape(rng), ["batch"]))
     )
 
 
@@ -387,8 +562,9 @@ def _ring() -> Kind:
 
 KINDS: dict[str, Callable[[], Kind]] = {
     "motor": _motor, "supply": _supply, "datasheet": _datasheet, "robot": _robot, "bench": _bench,
-    "profile": _profile, "profile-toml": _profile_toml, "policy": _policy, "trajectory": _trajectory,
-    "result": _result, "log": _log, "model": _model, "checkpoint": _checkpoint, "ring": _ring,
+    "profile": _profile, "profile-toml": _profile_toml, "policy": _policy, "network": _network,
+    "trajectory": _trajectory, "result": _result, "log": _log, "model": _model, "checkpoint": _checkpoint,
+    "ring": _ring,
 }  # fmt: skip
 """Makers of the kinds of files, by name."""
 
@@ -400,7 +576,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", action="append", choices=sorted(KINDS), help="may be given several times")
     parser.add_argument("--output", type=Path, default=Path("fuzz-findings"))
+    parser.add_argument("--read", choices=sorted(KINDS), help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.read is not None:
+        read_apart(KINDS[given.read]())
+        return 0
     chosen = given.kind or list(KINDS)
     found = 0
     for name in chosen:

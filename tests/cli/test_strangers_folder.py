@@ -1,5 +1,6 @@
 """A command that is started in a stranger's folder runs no Python that lies there."""
 
+import os
 import platform
 import subprocess
 import sys
@@ -39,6 +40,40 @@ def test_processes_of_a_command_import_nothing_from_the_folder_it_is_started_in(
     done = subprocess.run([sys.executable, tmp_path / "own" / "command.py"], cwd=strange, check=False)
     assert sorted(path.name for path in strange.iterdir()) == ["multiprocessing.py", "struct.py"]
     assert done.returncode == 0
+
+
+SCRIPT = """
+import os, sys
+from pathlib import Path
+from sprintlab.api.doctor import doctor
+from sprintlab.deployment.log import LogFacts, McapRunLog
+from sprintlab.evaluation.pool import WorkerProcesses
+from sprintlab.evaluation.video import working_gl_backend
+
+if __name__ == "__main__":
+    os.chdir(sys.argv[1])
+    McapRunLog(Path("../run.mcap"), LogFacts(robot="bp2", contract="{}")).close()
+    with WorkerProcesses(2) as processes:
+        assert list(processes.map(abs, [-1, 2])) == [1, 2]
+    working_gl_backend()
+    doctor()
+"""
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 cannot be told where not to look")
+def test_what_the_package_starts_for_a_script_of_ones_own_imports_nothing_from_there_either(
+    tmp_path: Path,
+) -> None:
+    """The log's writer, worker processes and probes ran a struct.py that lay there."""
+    pytest.importorskip("mcap")
+    (tmp_path / "script.py").write_text(SCRIPT)
+    strange = tmp_path / "strange"
+    strange.mkdir()
+    for module in ("struct", "multiprocessing", "mujoco", "torch"):
+        (strange / f"{module}.py").write_text(f"open('{module} ran', 'w').close()")
+    before = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    subprocess.run([sys.executable, tmp_path / "script.py", strange], env=before, check=True)
+    assert not list(strange.glob("* ran"))
 
 
 DRAWS = """

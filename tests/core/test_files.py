@@ -229,12 +229,36 @@ def test_directory_appears_only_when_complete(tmp_path):
     assert list(target.parent.iterdir()) == [target]
 
 
-def test_directory_replaces_an_older_one(tmp_path):
-    target = tmp_path / "race"
-    for name in ("first", "second"):
-        with atomic_directory(target) as folder:
-            (folder / name).touch()
-    assert [path.name for path in target.iterdir()] == ["second"]
+@pytest.mark.parametrize("kind", ["folder", "file", "link", "dangling"])
+def test_what_somebody_puts_there_while_a_directory_is_filled_is_kept(tmp_path, kind):
+    """It was deleted without a word; now both are there, and the sentence says where the new one is."""
+    race, kept = tmp_path / "race", tmp_path / "kept"
+    expected = pytest.raises(SprintlabError, match=r"something else is at .*race now: .*race-3 is what")
+    with expected, atomic_directory(race) as folder:
+        (folder / "new").touch()
+        (tmp_path / "race-2").touch()
+        if kind == "folder":
+            race.mkdir()
+            (race / "notes").write_text("mine")
+        elif kind == "file":
+            race.write_text("mine")
+        else:
+            kept.mkdir(exist_ok=kind == "link")
+            race.symlink_to(kept if kind == "link" else "nowhere")
+    assert [path.name for path in (tmp_path / "race-3").iterdir()] == ["new"]
+    assert os.path.lexists(race) and race.is_symlink() == (kind in ("link", "dangling"))
+    assert (
+        kind in ("link", "dangling") or (race / "notes" if kind == "folder" else race).read_text() == "mine"
+    )
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_what_is_put_into_a_reserved_folder_is_kept(tmp_path):
+    with pytest.raises(SprintlabError, match="race-2 is what"), reserved_directory(tmp_path / "race"):
+        (tmp_path / "race" / "notes").touch()
+        with atomic_directory(tmp_path / "race") as folder:
+            (folder / "new").touch()
+    assert {path.name for path in tmp_path.rglob("*")} == {"race", "notes", "race-2", "new"}
 
 
 @pytest.mark.parametrize("failure", [ValueError("broken"), KeyboardInterrupt()])
@@ -258,43 +282,10 @@ def test_failed_block_keeps_the_older_directory(tmp_path):
 
 @pytest.mark.parametrize("step", ["replace", "chmod"])
 def test_full_disk_at_the_end_of_a_directory_leaves_nothing_new(tmp_path, monkeypatch, step):
-    target = tmp_path / "race"
-    target.mkdir()
-    (target / "result.json").write_text("old")
-    monkeypatch.setattr(files, "_exchanged", lambda *_: False)
     monkeypatch.setattr(os, step, full_disk)
-    with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
+    with pytest.raises(SprintlabError, match="No space left"), atomic_directory(tmp_path / "race") as folder:
         (folder / "half").touch()
-    monkeypatch.undo()
-    assert (target / "result.json").read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-def test_older_directory_comes_back_when_the_new_one_cannot_take_its_name(tmp_path, monkeypatch):
-    target = tmp_path / "race"
-    target.mkdir()
-    (target / "result.json").write_text("old")
-    replace = os.replace
-
-    def refuse_the_new_one(source, destination):
-        if (Path(source) / "new").exists():
-            full_disk()
-        replace(source, destination)
-
-    monkeypatch.setattr(files, "_exchanged", lambda *_: False)
-    monkeypatch.setattr(os, "replace", refuse_the_new_one)
-    with pytest.raises(SprintlabError, match="No space left"), atomic_directory(target) as folder:
-        (folder / "new").touch()
-    assert (target / "result.json").read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-def test_directory_does_not_replace_a_file(tmp_path):
-    (tmp_path / "race").write_text("precious")
-    with pytest.raises(SprintlabError, match="Not a directory"), atomic_directory(tmp_path / "race"):
-        pass
-    assert (tmp_path / "race").read_text() == "precious"
-    assert len(list(tmp_path.iterdir())) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_full_disk_inside_the_block_is_told_in_one_sentence(tmp_path):
@@ -414,40 +405,6 @@ def test_a_folder_of_somebody_else_that_is_named_like_an_unfinished_one_is_kept(
     with atomic_directory(elsewhere / "next"):
         pass
     assert set(elsewhere.rglob("*")) == before | {elsewhere / "next"}
-
-
-KILLED = """
-import os, shutil, sys
-from sprintlab.core.files import atomic_directory
-with atomic_directory(sys.argv[1]) as folder:
-    (folder / "new").touch()
-    replace, remove = os.replace, shutil.rmtree
-    os.replace = lambda *names: (replace(*names), os._exit(9))
-    shutil.rmtree = lambda *_, **__: os._exit(9)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot exchange two names")
-def test_whenever_a_process_is_killed_a_whole_folder_has_the_name(tmp_path):
-    """Killed after its first step, whichever that is."""
-    (tmp_path / "race").mkdir()
-    (tmp_path / "race" / "old").touch()
-    assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "race")], check=False).returncode == 9
-    assert [path.name for path in (tmp_path / "race").iterdir()] == ["new"]
-    with atomic_directory(tmp_path / "next"):
-        pass
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["next", "race"]
-
-
-def test_a_link_to_a_folder_is_replaced_and_what_it_led_to_is_kept(tmp_path):
-    (tmp_path / "kept").mkdir()
-    (tmp_path / "kept" / "old").touch()
-    (tmp_path / "race").symlink_to(tmp_path / "kept")
-    with atomic_directory(tmp_path / "race") as folder:
-        (folder / "new").touch()
-    assert [path.name for path in (tmp_path / "race").iterdir()] == ["new"]
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["old"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept", "race"]
 
 
 def test_a_text_that_is_none_in_utf8_is_written_with_its_code(tmp_path):

@@ -101,13 +101,28 @@ def test_json_that_is_none(tmp_path, text):
         read_json(tmp_path / "a.json")
 
 
-@pytest.mark.parametrize("text", ['["\\ud800"]', '{"\\uDC00": 1}', '["\\ud83d \\ude00"]'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'["\\\ud800"]',
+        r'["\ud83d\ud83d\ude00\ude00"]',
+        '["\\ud800"]',
+        '{"\\uDC00": 1}',
+        '["\\ud83d \\ude00"]',
+    ],
+)
 def test_json_with_half_a_character_is_refused(tmp_path, text):
     """Python reads it, and fails where it is printed or written."""
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(SprintlabError, match="not a JSON file"):
         read_json(tmp_path / "a.json")
     assert parse_json('["\\ud83d\\ude00"]') == ["\U0001f600"]
+    assert parse_json(r'["\\ud800", "\\\ud83d\ude00\\\\ud800"]') == [r"\ud800", "\\\U0001f600\\\\ud800"]
+
+
+def test_an_object_of_very_many_names_is_refused():
+    with pytest.raises(ValueError, match="more than 200000 names"):
+        parse_json("{" + ",".join(f'"{number}":0' for number in range(200_001)) + "}")
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, "a": 1}', '[{"b": {"a": 1, "\\u0061": 2}}]'])
@@ -227,6 +242,23 @@ def test_a_bomb_that_says_it_is_small_is_not_unpacked(tmp_path):
         assert tracemalloc.get_traced_memory()[1] < 20 << 20
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("members", "extra"), [(200_000, b""), (1000, bytes(60_000))])
+def test_a_long_table_of_contents_is_refused_before_it_is_read(tmp_path, members, extra, monkeypatch):
+    """``zipfile`` takes 10 µs for a member and longer for its extra fields: minutes for those of 512 MB."""
+    fields = (b"PK\1\2", 20, 20, *[0] * 7, 1, len(extra), *[0] * 5)
+    table = members * (struct.pack("<4s6H3L5H2L", *fields) + b"a" + extra)
+    size, most, unknown = len(table), 0xFFFFFFFF, 0xFFFF
+    end = struct.pack("<4sQ2H2L4Q", b"PK\6\6", 44, 45, 45, 0, 0, members, members, size, 0)
+    end += struct.pack("<4sLQL", b"PK\6\7", 0, size, 1)
+    end += struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, unknown, unknown, most, most, 0)
+    (tmp_path / "a.npz").write_bytes(table + end)
+    made = []
+    monkeypatch.setattr(zipfile, "ZipInfo", lambda name: made.append(name))
+    with pytest.raises(SprintlabError, match="no npz archive"):
+        read_arrays(tmp_path / "a.npz")
+    assert not made
 
 
 @pytest.mark.parametrize("code", [0x110000, 0x7FFFFFFF, 0xD800])

@@ -18,9 +18,11 @@ pytest.importorskip("mujoco_warp")
 
 import torch
 
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import parse_json
 from sprintlab.training.runs import checkpoint as module
 from sprintlab.training.runs.checkpoint import (
+    MOST_ITERATIONS,
     Progress,
     UnknownSettings,
     check_checkpoint,
@@ -28,6 +30,7 @@ from sprintlab.training.runs.checkpoint import (
     unknown_settings,
     write_checkpoint,
 )
+from sprintlab.training.runs.options import TrainOptions
 from sprintlab.training.settings import RewardSettings, RewardWeight, TrainingSettings
 
 _SIDEWAYS = RewardWeight(first=-0.5, second=-2.0)
@@ -198,7 +201,8 @@ def test_a_module_of_the_package_is_not_imported_for_a_stranger(path: Path, monk
         lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="O"),
         lambda v, h: v["generators"]["numpy"]["$tuple"][1].update(dtype="f8,("),
         lambda v, h: v.update(more=[{"$tensor": "state.learner.actor.count"}] * 2),
-        lambda v, h: v.update(more=[0] * 4_000_000),
+        lambda v, h: v.update(more=[0] * 2_500_000),
+        lambda v, h: v.update(more=[v["settings"]] * 1001),  # a million of them took half a minute
     ],
 )
 def test_values_that_no_run_writes(path: Path, change) -> None:
@@ -238,6 +242,26 @@ def test_places_that_no_tensor_has_are_refused(path: Path, offsets) -> None:
     refused(path, change, "damaged")
 
 
+@pytest.mark.parametrize(
+    "more",
+    [{"more": [0] * 3}, {"shape": [1] * 17}, {"shape": [[0] * 3]}, {"shape": [True]}, {"shape": [1.0]}],
+)
+def test_a_table_that_says_more_than_a_table_does_is_refused_before_the_values_are_read(
+    path: Path, more, monkeypatch
+) -> None:
+    """Four million numbers in the table and as many among the values took 24 s."""
+
+    def change(_, header):
+        header["more"] = {"dtype": "U8", "shape": [1], "data_offsets": [0, 1], **more}
+
+    rewritten(path, change)
+    read = []
+    monkeypatch.setattr(module, "parse_json", lambda text: read.append(text) or parse_json(text))
+    with pytest.raises(SprintlabError, match="no table of tensors"):
+        read_checkpoint(path)
+    assert len(read) == 1
+
+
 @pytest.mark.parametrize("kind", ["float64", "uint8", "int64", "uint16"])
 def test_an_array_is_of_the_kind_that_is_kept(path: Path, kind: str) -> None:
     """Bytes read as numbers of eight bytes are eight times as many."""
@@ -270,6 +294,14 @@ def test_lists_and_objects_within_others_count_as_values(path: Path, monkeypatch
     monkeypatch.setattr(module, "_MOST_VALUES", 3500)
     with pytest.raises(SprintlabError, match="more than 3500 values"):
         read_checkpoint(path)
+
+
+def test_the_longest_run_writes_what_is_read_again(path: Path) -> None:
+    row = {f"value {number}": 0.5 for number in range(70)}  # a few more than there are
+    rewritten(path, lambda values, _: values["progress"].update(log=[row] * MOST_ITERATIONS))
+    assert len(read_checkpoint(path)["progress"].log) == MOST_ITERATIONS
+    with pytest.raises(InvalidValueError, match="iterations = 30001"):
+        TrainOptions(iterations=MOST_ITERATIONS + 1)
 
 
 def test_a_module_that_imports_others_when_asked_is_not_asked(path: Path, monkeypatch) -> None:

@@ -7,7 +7,6 @@ import platform
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -20,6 +19,7 @@ from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table, styled
 from sprintlab.core.arguments import checked
 from sprintlab.core.extras import keep_compiled_code_private, package_version
+from sprintlab.core.interpreters import new_interpreter
 
 State = Literal["ok", "missing", "broken", "not tried"]
 LEAST_DISK = 1e9
@@ -243,7 +243,7 @@ def _probe(code: str, *arguments: str) -> str | None:
     """What went wrong with Python code, ``None`` if nothing; in its own process: it may crash or hang."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code, *arguments],
+            [*new_interpreter(), "-c", code, *arguments],
             capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
@@ -283,7 +283,7 @@ def _cuda() -> Outcome:
         advice = "install the PyTorch build for your driver's CUDA (pytorch.org/get-started)"
         return Outcome("broken", wrong, advice)
     asked = "import torch; print(torch.version.cuda, torch.cuda.get_device_name(0))"
-    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=False)
+    done = subprocess.run([*new_interpreter(), "-c", asked], capture_output=True, text=True, check=False)
     return Outcome("ok", done.stdout.strip())
 
 

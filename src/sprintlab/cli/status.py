@@ -12,11 +12,11 @@ from contextlib import contextmanager
 
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
+from sprintlab.core.interpreters import SAFE_PATH
 from sprintlab.core.streams import lasting_streams
 
 REFUSED = 2
 INTERRUPTED = 130
-_SAFE_PATH = "PYTHONSAFEPATH"
 _LIBRARIES = ("libcuda.so.1", "libnvrtc.so.12", "libnvrtc.so.13", "libcask_profile_interface.so")
 """What PyTorch's cuSPARSELt looks for in the working folder, too: its search path ends with a colon."""
 
@@ -40,14 +40,14 @@ def _no_modules_of_this_folder() -> Generator[None]:
     ``python -c`` and ``python -m`` look there first, and in a stranger's folder may lie a ``struct.py``.
     Python 3.10 cannot be told.
     """
-    before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = "1"
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
     try:
         yield
     finally:
-        os.environ.pop(_SAFE_PATH)
+        os.environ.pop(SAFE_PATH)
         if before is not None:
-            os.environ[_SAFE_PATH] = before
+            os.environ[SAFE_PATH] = before
 
 
 def _without_the_matplotlibrc_of_this_folder() -> None:

@@ -21,7 +21,7 @@ MOST_NUMBERS = 1 << 24
 MOST_PRODUCTS = 1 << 30
 """Most multiplications of one step: beyond, no step would fit into its 20 ms."""
 _MOST_NODES = 5000
-_MOST_FIELDS = 200_000
+_MOST_FIELDS = 50_000  # of which the runtime's time grows with the square; a policy has a thousand
 _MOST_KNOWN = 4096  # numbers of a tensor whose values are followed: shapes, indices
 
 Shape = tuple[int, ...]

@@ -23,6 +23,7 @@ ARCHIVE_LIMIT = 512 << 20
 _MOST_NUMBERS = 12_000_000  # in one array, whatever their size: each becomes one of 8 bytes
 _MOST_TEXTS = 10_000  # in one array
 _MOST_MEMBERS = 10_000
+_LARGEST_TABLE = 1 << 20  # bytes that say what the members are
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, TypeError, OverflowError,
@@ -47,12 +48,13 @@ def read_arrays(
         limit: most bytes that the file, and all arrays that are taken from it, may have.
 
     Raises:
-        SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, or with an array
-            of more than twelve million elements.
+        SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, or with a table
+            of contents of more than 1 MB or an array of more than twelve million elements.
     """
-    content = read_bytes(path, limit, what="archive")
+    content = _Content(read_bytes(path, limit, what="archive"))
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        with zipfile.ZipFile(content) as archive:
+            content.opened = True
             if len(archive.infolist()) > _MOST_MEMBERS:
                 raise ValueError("too many members")
             found = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
@@ -89,6 +91,18 @@ def named_floats(
         raise SprintlabError(f"{printable(path)} is {wanted}")
     with np.errstate(over="ignore"):
         return {name: found[name].astype(np.float64) for name in names}
+
+
+class _Content(io.BytesIO):
+    """Bytes of an archive, whose table of contents ``zipfile`` reads at once, and works on for minutes."""
+
+    opened = False
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As that of every stream; refuses a long table before one of its entries is looked at."""
+        if not self.opened and size is not None and size > _LARGEST_TABLE:
+            raise ValueError("its table of contents is too long")
+        return super().read(size)
 
 
 def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:

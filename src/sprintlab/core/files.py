@@ -25,6 +25,7 @@ FIGURE_FORMATS = ("png", "pdf", "svg")
 _UNFINISHED = ".sprintlab-unfinished"
 """How the names of files and folders end that are not complete."""
 _LEFT = re.compile(rf"\.[0-9a-f]{{8}}{re.escape(_UNFINISHED)}")
+_TAKEN = (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR)  # what systems say of a folder's name
 _LEFT_FOLDER = re.compile(rf"\.([0-9a-f]{{1,16}})-[0-9a-f]{{8}}{re.escape(_UNFINISHED)}")
 
 
@@ -221,8 +222,12 @@ def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
 def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None]:
     """Yield a temporary folder that becomes ``path`` only if the block ends without an error.
 
-    An existing folder ``path`` is replaced. Raises ``SprintlabError`` when the disk refuses. What
-    processes that were killed have left unfinished beside ``path`` is removed.
+    An empty folder ``path``, such as that of ``reserved_directory``, is replaced. What processes that were
+    killed have left unfinished beside ``path`` is removed.
+
+    Raises:
+        SprintlabError: the disk refuses, or something else is at ``path``, which is kept: the sentence says
+            beside it where the new folder is.
     """
     target = _place(path)
     temporary = held = None
@@ -231,7 +236,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
         temporary, held = _begin_directory(target)
         yield temporary
         os.chmod(temporary, 0o755)
-        _swap_in(temporary, target)
+        _name_directory(temporary, target)
     except OSError as error:
         raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
@@ -296,9 +301,6 @@ def _reserve(target: Path) -> int | None:
         _unlock(beside)
 
 
-_HERE, _EXCHANGE = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-
-
 def _lock(folder: Path, *, wait: bool) -> int | None:
     """Hold a folder until the returned handle is closed or the process ends; None if another one holds it."""
     if sys.platform == "win32":  # no such locks here: nobody knows whether somebody holds it
@@ -346,53 +348,41 @@ def _begin_directory(target: Path) -> tuple[Path, int | None]:
 
 
 def _is_left(folder: Path) -> bool:
-    """Whether a folder is one that ``_begin_directory`` made, or the older one that it has replaced.
+    """Whether a folder is one that ``_begin_directory`` made.
 
-    Its name tells the number that the disk gave to the new folder. A copy, or a folder of somebody else that
-    bears such a name, has another one.
+    Its name tells the number that the disk gave to it. A copy, or a folder of somebody else that bears such
+    a name, has another one.
     """
     named = _LEFT_FOLDER.fullmatch(folder.name)
-    if named is None or folder.is_symlink() or not folder.is_dir():
-        return False
-    with os.scandir(folder.parent) as beside:
-        found = {entry.name: entry.stat(follow_symlinks=False) for entry in beside}
-    numbers = {name: status.st_ino for name, status in found.items() if stat.S_ISDIR(status.st_mode)}
-    replaced = numbers.pop(folder.name, None)
-    number = int(named[1], 16)
-    return number == replaced or number in numbers.values()
-
-
-def _swap_in(temporary: Path, target: Path) -> None:
-    """Give ``temporary`` the name ``target``; an older folder of that name stays until this has worked.
-
-    Linux exchanges the two names in one step: whenever the process is killed, a whole folder has the name.
-    """
-    if not target.exists():
-        os.replace(temporary, target)
-        return
-    if not target.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(target))
-    if _exchanged(temporary, target):
-        return
-    aside = temporary.with_name(temporary.name + ".old")
-    os.replace(target, aside)
     try:
-        os.replace(temporary, target)
-    except OSError:
-        os.replace(aside, target)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
-
-
-def _exchanged(one: Path, other: Path) -> bool:
-    """Give each of two folders the other's name; False where the system or its disk cannot."""
-    import ctypes
-
-    try:
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError, TypeError):
+        status = folder.lstat()
+    except FileNotFoundError:  # it has just got its name
         return False
-    return rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0
+    return named is not None and stat.S_ISDIR(status.st_mode) and int(named[1], 16) == status.st_ino
+
+
+def _name_directory(temporary: Path, target: Path) -> None:
+    """Give ``temporary`` the name ``target``; what somebody has put there meanwhile stays."""
+    if _named(temporary, target):
+        return
+    others = (target.with_name(f"{target.name}-{count}") for count in range(2, 1000))
+    kept = next((other for other in others if _named(temporary, other)), None)
+    if kept is None:
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+    raise SprintlabError(f"something else is at {target} now: {kept} is what belongs there")
+
+
+def _named(temporary: Path, target: Path) -> bool:
+    """Whether a folder got a name: in one step, whose place only an empty folder gives up."""
+    try:
+        if sys.platform == "win32" and target.is_dir():
+            target.rmdir()
+        os.replace(temporary, target)
+    except OSError as error:
+        if error.errno not in _TAKEN:
+            raise
+        return False
+    return True
 
 
 def _remove(folder: Path) -> None:

@@ -29,8 +29,12 @@ JSON_LIMIT = 8 << 20
 """Largest JSON file that is read [bytes]."""
 _DEEPEST = 40  # tables within tables
 _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
+_MOST_NAMES = 200_000  # in an object of JSON
 _LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
 
+# A character that JSON writes with two codes (or a backslash that begins none), and what is left of one then.
+_WHOLE_PAIR = re.compile(r"\\\\|\\u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}")
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 ErrorType = Callable[[str], SprintlabError]
@@ -191,14 +195,16 @@ def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
             parse_constant=number,
             object_pairs_hook=_without_twins,
         )
-        if "\\ud" in plain or "\\uD" in plain:  # a half of a pair of units can be read, and not written
-            json.dumps(value, ensure_ascii=False).encode()
+        if _HALF.search(plain) and _HALF.search(_WHOLE_PAIR.sub("", plain)):
+            raise ValueError("a text holds half of a pair of code units")  # which cannot be written
         return value
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
 
 def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(pairs) > _MOST_NAMES:
+        raise ValueError(f"an object has more than {_MOST_NAMES} names")
     found = dict(pairs)
     if len(found) < len(pairs):
         seen = set[str]()

@@ -18,6 +18,7 @@ from typing import NamedTuple, TypeVar
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SimulationError
+from sprintlab.core.interpreters import SAFE_PATH
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
 from sprintlab.robots import RobotDescription
@@ -33,7 +34,9 @@ class PolicyFile(NamedTuple):
     changed: int
 
 
-_THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_SETTINGS = (
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", SAFE_PATH,
+)  # fmt: skip
 
 
 NO_GUARD = (
@@ -45,7 +48,8 @@ NO_GUARD = (
 class WorkerProcesses:
     """Fresh interpreters that trials of any policy are sent to; use it as a context manager.
 
-    Each works with one thread: NumPy's linear algebra would else start one a core in every process.
+    Each works with one thread: NumPy's linear algebra would else start one a core in every process. None
+    looks for modules where the program was started.
 
     Args:
         count: processes; ``None`` takes one a core, 1 runs everything in the calling process.
@@ -57,18 +61,17 @@ class WorkerProcesses:
     def __init__(self, count: int | None = None) -> None:
         self.count = available_cores() if count is None else count
         check_range("workers", self.count, 1, 1024)
-        # Spawned: a fork would copy locks of libraries that run threads.
-        context = multiprocessing.get_context("spawn")
-        self._begun = context.Event()
-        self._executor = (
-            ProcessPoolExecutor(self.count, context, initializer=_begin, initargs=(self._begun,))
-            if self.count > 1
-            else None
-        )
-        # New interpreters inherit the environment, and read these before anything could tell them otherwise.
-        self._environment = {name: os.environ.get(name) for name in _THREAD_SETTINGS}
-        if self._executor is not None:
-            os.environ.update(dict.fromkeys(_THREAD_SETTINGS, "1"))
+        self._environment = {name: os.environ.get(name) for name in _SETTINGS}
+        self._executor: ProcessPoolExecutor | None = None
+        if self.count > 1:
+            # New interpreters inherit them, and read them before anything could tell them otherwise.
+            os.environ.update(dict.fromkeys(_SETTINGS, "1"))
+            # Spawned: a fork would copy locks of libraries that run threads.
+            context = multiprocessing.get_context("spawn")
+            self._begun = context.Event()
+            self._executor = ProcessPoolExecutor(
+                self.count, context, initializer=_begin, initargs=(self._begun,)
+            )
 
     def __enter__(self) -> WorkerProcesses:
         return self

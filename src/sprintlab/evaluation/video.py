@@ -22,6 +22,7 @@ from sprintlab.commands import race_clock
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive
+from sprintlab.core.interpreters import new_interpreter
 from sprintlab.core.thinning import moving_average
 
 INSTALL_ENCODER = "no video: the encoder is missing, install it with: pip install imageio-ffmpeg"
@@ -74,7 +75,7 @@ def gl_backends() -> tuple[str, ...]:
 def working_gl_backend() -> str | None:
     """The first backend that renders a frame (in a process of its own); ``None`` when none does."""
     for backend in gl_backends():
-        if _run([sys.executable, "-c", _PROBE], backend, _PROBE_SECONDS) == 0:
+        if _run([*new_interpreter(), "-c", _PROBE], backend, _PROBE_SECONDS) == 0:
             return backend or "default"
     return None
 
@@ -99,7 +100,7 @@ def render_video(trajectory: Path, target: Path, robot_name: str, hold: tuple[fl
     """
     if not has_encoder():
         return INSTALL_ENCODER
-    command = [sys.executable, "-m", "sprintlab.evaluation.video", str(trajectory), str(target)]
+    command = [*new_interpreter(), "-m", "sprintlab.evaluation.video", str(trajectory), str(target)]
     command += ["--robot", robot_name, "--hold", str(hold[0]), str(hold[1])]
     for backend in gl_backends():
         if _run(command, backend, _RENDER_SECONDS) == 0 and target.exists():

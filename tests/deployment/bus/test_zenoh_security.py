@@ -13,10 +13,11 @@ import msgspec
 import pytest
 
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
-from sprintlab.deployment.interface import encode
+from sprintlab.deployment.interface import JointCommand, decode, encode
 
 zenoh = pytest.importorskip("zenoh")
 
+from sprintlab.deployment.bus import zenoh_bus  # noqa: E402
 from sprintlab.deployment.bus.zenoh_session import load_security  # noqa: E402
 
 USERS, TLS = "transport/auth/usrpwd", "transport/link/tls"
@@ -316,6 +317,35 @@ def test_before_a_controller_came_nobody_is_obeyed(address, place, bus_name, mak
         taken = []
         eventually(lambda: stranger_says() or taken.append(endpoint.receive_command()) or endpoint.foreign)
         assert taken == [None] * len(taken)
+
+
+def test_after_a_controller_left_nobody_is_obeyed_in_its_name(address, place, bus_name, make_joint_command):
+    """Its session and the number of its last command are told by the robot's states: no secrets."""
+    with contextlib.closing(open_endpoint(address)) as endpoint, bare_session(place, "peer") as stranger:
+        controller = open_bus(address)
+        session = controller.session
+        say = [encode(msgspec.structs.replace(make_joint_command(n), session=session)) for n in (1, 2)]
+        eventually(lambda: controller.send(decode(JointCommand, say[0])) or endpoint.receive_command())
+        controller.close()
+        eventually(lambda: endpoint.peer_left)
+        time.sleep(2 * zenoh_bus.PARTING)
+        while endpoint.receive_command():
+            pass
+        stranger_says = lambda: stranger.put(f"sprintlab/{bus_name}/command", say[1])  # noqa: E731
+        taken = []
+        eventually(lambda: stranger_says() or taken.append(endpoint.receive_command()) or endpoint.foreign)
+        assert taken == [None] * len(taken)
+
+
+def test_the_last_command_of_a_controller_that_left_is_obeyed(address, make_joint_command, monkeypatch):
+    """It damps the joints, and may still wait when the controller's token is gone."""
+    monkeypatch.setattr(zenoh_bus, "PARTING", 60.0)
+    with contextlib.closing(open_endpoint(address)) as endpoint:
+        controller = open_bus(address)
+        controller.send(msgspec.structs.replace(make_joint_command(1), session=controller.session))
+        controller.close()
+        eventually(lambda: endpoint.peer_left)
+        eventually(endpoint.receive_command)
 
 
 def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(

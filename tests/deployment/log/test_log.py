@@ -23,7 +23,7 @@ from sprintlab.deployment.interface import (
     PositionFix,
     RobotState,
 )
-from sprintlab.deployment.log import LogFacts, McapRunLog, read_log
+from sprintlab.deployment.log import LogFacts, McapRunLog, read_log, writer
 from sprintlab.deployment.log.reader import Ticks
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.deployment.log.writer import write_log
@@ -260,7 +260,7 @@ def test_on_a_full_disk_the_log_ends_where_the_disk_did_and_can_be_read(path, si
     log = full_disk_log(path, size)
     for number in range(1, 20_001):
         log.write(tick(number))
-    with pytest.raises(LogError, match=r"ends before the run does: File too large"):
+    with pytest.raises(LogError, match=r"it ends before the run does: File too large"):
         log.close()
     log.close()  # a second call does nothing
     assert log.dropped > 0
@@ -479,6 +479,20 @@ def test_a_log_that_was_finished_while_another_began_is_kept(path, monkeypatch):
     with pytest.raises(LogError, match="exists already"):
         McapRunLog(path, FACTS)
     assert path.read_text() == "finished" and not list(path.parent.glob(".*"))
+
+
+@pytest.mark.parametrize("links", ["hard links", "none"])
+def test_a_file_that_takes_the_logs_name_while_it_is_written_is_kept(path, links, monkeypatch):
+    """The log replaced it without a word; now it has a name beside it, and says so."""
+    path.with_name("run-2.mcap").write_text("older")
+    frames, file = io.BytesIO(), path
+    if links == "none":
+        monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "no links here")))
+    monkeypatch.setattr(writer, "_write_frames", lambda *_: file.write_text("mine"))
+    problem = write_log(frames, path)
+    assert problem is not None and "run-3.mcap" in problem.strerror
+    assert path.read_text() == "mine" and path.with_name("run-2.mcap").read_text() == "older"
+    assert sorted(each.name for each in path.parent.iterdir()) == ["run-2.mcap", "run-3.mcap", "run.mcap"]
 
 
 def test_what_a_killed_writer_left_makes_room(path):

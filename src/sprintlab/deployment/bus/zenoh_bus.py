@@ -24,6 +24,8 @@ from sprintlab.deployment.bus.zenoh_session import Security, load_security, open
 
 _PATIENCE = 3.0  # [s] to find a robot
 _LEASE = 2.0  # [s] in which the token of a controller that was let in must show
+PARTING = 0.1
+"""Time in which the last commands of a controller are taken whose token is gone already [s]."""
 _DRIVEN, _FREE, _UNKNOWN = b"driven", b"free", b"unknown"
 _CHALLENGE = 32  # bytes
 _SESSION = 8  # bytes
@@ -171,7 +173,7 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         self._alive: set[int] = set()
         self._gone: set[int] = set()
         self._holder = 0
-        self._granted_at = -_LEASE
+        self._granted_at, self._parted_at = -_LEASE, -PARTING
         super().__init__(address, security, "robot", listen=True)
 
     @property
@@ -192,7 +194,9 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         self._queryable = self._session.declare_queryable(f"{self._prefix}/claim", self._answer)
 
     def _admitted(self, session: int) -> bool:
-        return session == self._holder != 0
+        """Whether the controller of this session was let in, and is there: its number is no secret."""
+        parting = time.monotonic() - self._parted_at < PARTING
+        return session == self._holder != 0 and (parting or self._held())
 
     def _held(self) -> bool:
         """Whether the controller that was let in is still there, or so new that its token may not show."""
@@ -213,6 +217,8 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
             else:
                 self._alive.discard(session)
                 self._gone.add(session)
+                if session == self._holder:
+                    self._parted_at = time.monotonic()
 
     def _answer(self, query: Any) -> None:
         """One question after the other: two that come at once do not both get leave."""

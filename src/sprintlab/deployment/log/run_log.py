@@ -11,7 +11,6 @@ import contextlib
 import fcntl
 import os
 import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
@@ -19,6 +18,7 @@ from typing import IO
 import msgspec
 
 from sprintlab.core.files import check_writable
+from sprintlab.core.interpreters import new_interpreter
 from sprintlab.deployment.interface import ControlTick, encode
 from sprintlab.deployment.log.topics import (
     COMMAND,
@@ -113,7 +113,7 @@ class McapRunLog:
         """Finish the file; a second call does nothing.
 
         Raises:
-            LogError: the file could not be written to its end; the message says why.
+            LogError: the file could not be written to its end, or has another name; the message says why.
         """
         if self._pipe is None:
             return
@@ -124,7 +124,7 @@ class McapRunLog:
         self._pipe = None
         complaint = self._complaint()
         if self._writer.wait() != 0:
-            raise LogError(f"the log {self._path} ends before the run does: {complaint}")
+            raise LogError(f"the log {self._path} is not as it should be: {complaint}")
 
     def _complaint(self) -> str:
         """What the writing process says last; waits until it has ended."""
@@ -171,7 +171,7 @@ def _record(tick: ControlTick) -> TickRecord:
 def _start_writer(path: Path) -> subprocess.Popen[bytes]:
     """The writing process; in a session of its own, so that Ctrl-C leaves it its work."""
     writer = subprocess.Popen(
-        [sys.executable, "-m", "sprintlab.deployment.log.writer", str(path)],
+        [*new_interpreter(), "-m", "sprintlab.deployment.log.writer", str(path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

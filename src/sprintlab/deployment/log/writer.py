@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import sys
@@ -55,7 +56,8 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
     """Write every frame of ``stream``; the file gets its name when it is complete, or when the disk is full.
 
     Returns:
-        Why the log ends before the stream does; the file then holds what fitted.
+        What went wrong: the log ends before the stream does, and holds what fitted; or something else took
+        its name meanwhile, and it has another one.
 
     Raises:
         LogError: another process writes this log, or has written it.
@@ -69,9 +71,35 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
             writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
             _write_frames(stream, writer)
         except OSError as error:
-            failure = error
-        os.replace(temporary, path)
+            failure = OSError(error.errno, f"it ends before the run does: {error.strerror or error}")
+        placed = _named(temporary, path)
+    if placed != path:
+        failure = OSError(errno.EEXIST, f"it is {placed.name}, since another file took its name meanwhile")
     return failure
+
+
+def _named(temporary: Path, path: Path) -> Path:
+    """Give a log its name, or one beside it: what somebody has put there meanwhile stays."""
+    beside = (path.with_stem(f"{path.stem}-{count}") for count in range(2, 1000))
+    for name in (path, *beside):
+        with contextlib.suppress(FileExistsError):
+            _move(temporary, name)
+            return name
+    return temporary
+
+
+def _move(temporary: Path, path: Path) -> None:
+    """Give a file a name that nothing has; raises ``FileExistsError``."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a disk without links
+        if os.path.lexists(path):
+            raise FileExistsError(path) from None
+        os.replace(temporary, path)
+    else:
+        temporary.unlink()
 
 
 def _claimed(temporary: Path, path: Path) -> RawIOBase:

@@ -15,7 +15,7 @@ import os
 import struct
 import sys
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -33,8 +33,12 @@ CHECKPOINT_FORMAT = 4
 CHECKPOINT_LIMIT = 1 << 30
 """Largest checkpoint that is read [bytes]; those of this package have some ten million."""
 _HEADER_LIMIT = 128 << 20
-_MOST_VALUES = 4_000_000  # a log of 100,000 iterations of a training
+_MOST_VALUES = 2_500_000
+MOST_ITERATIONS = 30_000
+"""Most iterations of a run: its log holds 64 values of each, and shall be read again."""
+_MOST_SETTINGS = 1000  # a run has some twenty
 _MOST_TENSORS = 100_000
+_MOST_SIDES, _ENTRIES = 16, 3  # of a tensor; of what the table says of it: type, shape, place
 LARGEST_COUNT = 10**15
 """Most iterations or steps that a run has done: it goes on counting, and files keep 64 bits."""
 _NAME = "sprintlab checkpoint"
@@ -100,7 +104,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     values, table, content = _opened(path)
     try:
         _check_places(table, len(content))
-        state = _unpacked(values, table, content)
+        state = _unpacked(values, _Parts(table, content))
         _check_state(state)
         state["progress"] = Progress(**state["progress"])
     except SprintlabError as error:
@@ -205,15 +209,26 @@ def _opened(path: Path) -> tuple[Any, dict[str, Any], memoryview]:
     if len(told) != 64 or _checksum(blank, body) != told:
         raise SprintlabError(f"{path} is damaged: its checksum does not fit; take an earlier copy")
     try:
+        _check_table(header)
         return parse_json(about["values"]), header, body
     except (ValueError, KeyError, TypeError) as error:
-        raise SprintlabError(f"{path} is no checkpoint: {printable(error)}") from error
+        raise SprintlabError(f"{path} is no checkpoint or is damaged: {printable(error)}") from error
 
 
 def _check_count(text: bytes) -> None:
     """Refuse more values than are read in ten seconds; lists and objects within others count too."""
     if sum(map(text.count, (b",", b"[", b"{"))) > _MOST_VALUES:
         raise ValueError(f"it holds more than {_MOST_VALUES} values")
+
+
+def _check_table(table: dict[str, Any]) -> None:
+    """Refuse a table of tensors that says more than a table does. Raises ``ValueError`` and others."""
+    if len(table) > _MOST_TENSORS:
+        raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
+    for entry in table.values():
+        numbers = (*entry["shape"], *entry["data_offsets"])
+        if len(entry) != _ENTRIES or len(numbers) > _MOST_SIDES + 2 or {*map(type, numbers)} != {int}:
+            raise ValueError("it has no table of tensors")
 
 
 # --- values -----------------------------------------------------------------------------------------------
@@ -276,36 +291,57 @@ def _packed_object(value: Any, tensors: dict[str, torch.Tensor], name: str) -> A
     )
 
 
-def _unpacked(value: Any, table: dict[str, Any], content: memoryview, depth: int = 0) -> Any:
+@dataclass
+class _Parts:
+    """Of which values are made: the tensors' table and bytes; settings so far."""
+
+    table: dict[str, Any]
+    content: memoryview
+    settings: int = 0
+
+
+def _unpacked(value: Any, parts: _Parts, depth: int = 0) -> Any:
     """Inverse of ``_packed``."""
     if depth > _DEEPEST:
         raise ValueError("it is nested too deeply")
     if isinstance(value, list):
-        return [_unpacked(item, table, content, depth + 1) for item in cast("list[Any]", value)]
+        items = cast("list[Any]", value)
+        if _plain(items):
+            return items
+        return [_unpacked(item, parts, depth + 1) for item in items]
     if not isinstance(value, dict):
         return value
     entry = cast("dict[str, Any]", value)
     if "$tensor" in entry:
-        return _tensor(entry["$tensor"], table, content)
+        return _tensor(entry["$tensor"], parts)
     if "$array" in entry:
-        if entry["dtype"] not in _ARRAY_TYPES:
-            raise ValueError("an array is of no number")
-        stored, kind = _tensor(entry["$array"], table, content).numpy(), np.dtype(entry["dtype"])
-        if stored.dtype != kind and (stored.dtype != np.int64 or kind.kind != "u"):
-            raise ValueError("an array is not kept as what it is")
-        return stored.astype(kind)
+        return _array(entry, parts)
     if "$tuple" in entry:
-        return tuple(_unpacked(entry["$tuple"], table, content, depth + 1))
+        return tuple(_unpacked(entry["$tuple"], parts, depth + 1))
     if "$class" in entry:
-        known = cast("dict[str, Any]", _unpacked(entry["fields"], table, content, depth + 1))
-        return _settings(str(entry["$class"]), known)
-    return {key: _unpacked(item, table, content, depth + 1) for key, item in entry.items()}
+        known = cast("dict[str, Any]", _unpacked(entry["fields"], parts, depth + 1))
+        return _settings(str(entry["$class"]), known, parts)
+    if _plain(entry.values()):
+        return entry
+    return {key: _unpacked(item, parts, depth + 1) for key, item in entry.items()}
+
+
+def _array(entry: dict[str, Any], parts: _Parts) -> Any:
+    if entry["dtype"] not in _ARRAY_TYPES:
+        raise ValueError("an array is of no number")
+    stored, kind = _tensor(entry["$array"], parts).numpy(), np.dtype(entry["dtype"])
+    if stored.dtype != kind and (stored.dtype != np.int64 or kind.kind != "u"):
+        raise ValueError("an array is not kept as what it is")
+    return stored.astype(kind)
+
+
+def _plain(values: Iterable[Any]) -> bool:
+    """Whether in none of the values others stand: of millions of numbers each would take a call."""
+    return {list, dict}.isdisjoint(map(type, values))
 
 
 def _check_places(table: dict[str, Any], size: int) -> None:
     """Refuse tensors that share bytes, of which a small file could hold any number. Raises ``ValueError``."""
-    if len(table) > _MOST_TENSORS:
-        raise ValueError(f"it has more than {_MOST_TENSORS} tensors")
     used = 0
     for start, end in sorted(entry["data_offsets"] for entry in table.values()):
         if not used <= start <= end <= size:
@@ -313,25 +349,28 @@ def _check_places(table: dict[str, Any], size: int) -> None:
         used = end
 
 
-def _tensor(name: Any, table: dict[str, Any], content: memoryview) -> torch.Tensor:
+def _tensor(name: Any, parts: _Parts) -> torch.Tensor:
     """A tensor by its name, which stands in one place only: a name a million times is no checkpoint."""
     import torch
 
-    entry = table.pop(name)
+    entry = parts.table.pop(name)
     torch_name, size = _TYPES[entry["dtype"]]
-    shape, (start, end) = [int(side) for side in entry["shape"]], entry["data_offsets"]
-    if any(side < 0 for side in shape) or len(shape) > 16 or end - start != math.prod(shape) * size:
+    shape, (start, end) = entry["shape"], entry["data_offsets"]
+    if any(side < 0 for side in shape) or end - start != math.prod(shape) * size:
         raise ValueError(f"the size of tensor {name} is not that of its shape")
     kind = getattr(torch, torch_name)
     if start == end:
         return torch.zeros(shape, dtype=kind)
-    return torch.frombuffer(bytearray(content[start:end]), dtype=kind).reshape(shape)
+    return torch.frombuffer(bytearray(parts.content[start:end]), dtype=kind).reshape(shape)
 
 
-def _settings(path: str, values: dict[str, Any]) -> Any:
+def _settings(path: str, values: dict[str, Any], parts: _Parts) -> Any:
     """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
     from sprintlab.training.settings import without_removed  # and with it all of this package's settings
 
+    parts.settings += 1
+    if parts.settings > _MOST_SETTINGS:
+        raise ValueError(f"it holds more than {_MOST_SETTINGS} settings")
     module_name, _, name = path.partition(":")
     found: Any = sys.modules.get(module_name)
     for part in name.split("."):  # not getattr: some modules import others when they are asked for them
@@ -358,7 +397,7 @@ def _check_state(state: Any) -> None:
     counts = (progress.iteration, progress.environment_steps, progress.policy_rests_until)
     if not all(type(count) is int and 0 <= count <= LARGEST_COUNT for count in counts):
         raise ValueError(f"its counts are not whole numbers from 0 to {LARGEST_COUNT}")
-    if not all(isinstance(number, int | float) for row in progress.log for number in row.values()):
+    if not all({int, float, bool}.issuperset(map(type, row.values())) for row in progress.log):
         raise ValueError("a value in its log is not a number")
     if not math.isfinite(progress.seconds):
         raise ValueError("its time is no finite number")

@@ -14,7 +14,7 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import check_writable
 from sprintlab.robots import load_robot
 from sprintlab.training.methods import ALL_METHODS, PRESETS, method_settings, preset_settings
-from sprintlab.training.runs.checkpoint import check_checkpoint, unknown_settings
+from sprintlab.training.runs.checkpoint import MOST_ITERATIONS, check_checkpoint, unknown_settings
 from sprintlab.training.runs.policy_start import is_policy_file, read_policy_start
 from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import MOST_ENVIRONMENTS, TrainingSettings
@@ -39,7 +39,7 @@ class TrainOptions:
         preset: sprintlab, or paper: the paper's reward table to the letter, no copied states, no fast starts.
         output: folder of the run: checkpoint, log, ``run.toml`` and, at its end, ``policy.onnx``.
         minutes: stop after this much time in this session.
-        iterations: stop at this iteration of the run, after ``stages.steady_iteration``.
+        iterations: stop at this iteration of the run, after ``stages.steady_iteration``; at most 30,000.
         environments: robots side by side.
         seed: of every random generator.
         device: ``cuda:0``, ``cpu`` or ``auto``.
@@ -94,7 +94,7 @@ class TrainOptions:
         check_choice("method", self.method, tuple(ALL_METHODS))
         check_choice("preset", self.preset, PRESETS)
         check_positive("minutes", self.minutes, "min")
-        check_range("iterations", self.iterations, 1, 10**9)
+        check_range("iterations", self.iterations, 1, MOST_ITERATIONS)
         check_range("seed", self.seed, 0, 2**32 - 1)
         check_range("save_seconds", self.save_seconds, 0.0, 1e9, "s")
         if self.milestones is not None:
