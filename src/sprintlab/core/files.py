@@ -248,9 +248,15 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
 def default_folder(parent: Path = Path("runs"), prefix: str = "race") -> Path:
     """``runs/race-<date>-<time>``; a number is added where that is taken."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    candidates = [f"{prefix}-{stamp}", *(f"{prefix}-{stamp}-{count}" for count in range(2, 100))]
-    free = [parent / name for name in candidates if not (parent / name).exists()]
-    return free[0]
+    return next(path for path in numbered(parent / f"{prefix}-{stamp}") if not path.exists())
+
+
+def numbered(path: Path, suffix: str = "") -> Generator[Path, None, None]:
+    """``path``, then what stands beside it where that is taken: with 2 to 999 before its ``suffix``."""
+    yield path
+    stem = path.name.removesuffix(suffix)
+    for count in range(2, 1000):
+        yield path.with_name(f"{stem}-{count}{suffix}")
 
 
 @contextmanager
@@ -363,13 +369,11 @@ def _is_left(folder: Path) -> bool:
 
 def _name_directory(temporary: Path, target: Path) -> None:
     """Give ``temporary`` the name ``target``; what somebody has put there meanwhile stays."""
-    if _named(temporary, target):
-        return
-    others = (target.with_name(f"{target.name}-{count}") for count in range(2, 1000))
-    kept = next((other for other in others if _named(temporary, other)), None)
+    kept = next((place for place in numbered(target) if _named(temporary, place)), None)
     if kept is None:
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
-    raise SprintlabError(f"something else is at {target} now: {kept} is what belongs there")
+    if kept != target:
+        raise SprintlabError(f"something else is at {target} now: {kept} is what belongs there")
 
 
 def _named(temporary: Path, target: Path) -> bool:

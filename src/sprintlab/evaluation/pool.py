@@ -34,7 +34,7 @@ class PolicyFile(NamedTuple):
     changed: int
 
 
-_SETTINGS = (
+_WORKER_VARIABLES = (
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", SAFE_PATH,
 )  # fmt: skip
 
@@ -61,11 +61,11 @@ class WorkerProcesses:
     def __init__(self, count: int | None = None) -> None:
         self.count = available_cores() if count is None else count
         check_range("workers", self.count, 1, 1024)
-        self._environment = {name: os.environ.get(name) for name in _SETTINGS}
+        self._environment = {name: os.environ.get(name) for name in _WORKER_VARIABLES}
         self._executor: ProcessPoolExecutor | None = None
         if self.count > 1:
             # New interpreters inherit them, and read them before anything could tell them otherwise.
-            os.environ.update(dict.fromkeys(_SETTINGS, "1"))
+            os.environ.update(dict.fromkeys(_WORKER_VARIABLES, "1"))
             # Spawned: a fork would copy locks of libraries that run threads.
             context = multiprocessing.get_context("spawn")
             self._begun = context.Event()

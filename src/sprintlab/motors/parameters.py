@@ -12,8 +12,6 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors.arrays import Array, as_arrays
 
-# field -> (low, high, unit). Wide enough for any motor of a legged robot, narrow enough to catch a
-# millihenry written for a henry or a milliohm for an ohm.
 MOTOR_UNITS = {
     "pole_pairs": "",
     "stator_resistance": "ohm",
@@ -24,6 +22,8 @@ MOTOR_UNITS = {
     "rotor_inertia": "kg m^2",
 }
 """Fields of ``PmsmParameters`` and of a motor file, with their units."""
+# field -> (low, high). Wide enough for any motor of a legged robot, narrow enough to catch a millihenry
+# written for a henry or a milliohm for an ohm.
 _PLAUSIBLE = {
     "pole_pairs": (1, 200),
     "stator_resistance": (1e-4, 50.0),

@@ -14,6 +14,7 @@ from typing import IO, Any
 import msgspec
 from mcap.writer import CompressionType, Writer
 
+from sprintlab.core.files import numbered
 from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
 from sprintlab.deployment.log.topics import (
@@ -80,8 +81,7 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
 
 def _named(temporary: Path, path: Path) -> Path:
     """Give a log its name, or one beside it: what somebody has put there meanwhile stays."""
-    beside = (path.with_stem(f"{path.stem}-{count}") for count in range(2, 1000))
-    for name in (path, *beside):
+    for name in numbered(path, path.suffix):
         with contextlib.suppress(FileExistsError):
             _move(temporary, name)
             return name
