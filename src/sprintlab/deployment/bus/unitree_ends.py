@@ -48,26 +48,27 @@ _SUSPECTED = 40_000_000  # [ns]: longer than a controller goes without a usable 
 
 
 class TickNumbers:
-    """Numbers states by the robot's clock, which counts milliseconds in 32 bits and starts at zero."""
+    """Numbers states by the robot's clock, which counts milliseconds in 32 bits and starts at zero.
+
+    The first number is ``FIRST``: those of a robot that has begun anew lie below it, and above zero.
+    """
+
+    FIRST = 1 << 31
 
     def __init__(self) -> None:
         self._last: int | None = None
         self._number = self._time = 0
 
-    @property
-    def newest(self) -> int:
-        """Highest number so far."""
-        return self._number
-
     def number(self, tick: int) -> tuple[int, int]:
         """Sequence and time [ns] of a state: as before for the same tick, lower for an older one."""
         if self._last is None:
-            self._last, self._number, self._time = tick, 1, tick
+            self._last, self._number, self._time = tick, self.FIRST, tick
             return self._number, self._time * _MILLISECOND
         passed = (tick - self._last + _TICKS // 2) % _TICKS - _TICKS // 2
         periods = round(passed * _MILLISECOND / PERIOD)
         if passed <= 0:
-            return self._number + min(periods, -(passed < 0)), (self._time + passed) * _MILLISECOND
+            earlier = max(self._time + passed, 0)  # a clock that was never so early is a stranger's
+            return self._number + min(periods, -(passed < 0)), earlier * _MILLISECOND
         self._last, self._number = tick, self._number + max(periods, 1)
         self._time += passed
         return self._number, self._time * _MILLISECOND
