@@ -96,6 +96,19 @@ def test_everything_comes_back(path):
     assert not list(path.parent.glob(".*"))
 
 
+@pytest.mark.parametrize("number", [2**32 - 2, 2**64 - 6])
+def test_a_robot_that_has_counted_far_is_logged(path, number):
+    """MCAP's own numbers of messages have 32 bits, which a robot's states fill in 50 days."""
+    log = McapRunLog(path, FACTS, wait=True)
+    for later in range(5):
+        now = tick(1 + later)
+        log.write(
+            msgspec.structs.replace(now, state=msgspec.structs.replace(now.state, sequence=number + later))
+        )
+    log.close()
+    assert [state.sequence for state in read_log(path).states] == [number + later for later in range(5)]
+
+
 def test_other_programs_can_read_the_ticks(path):
     from mcap.reader import make_reader
 

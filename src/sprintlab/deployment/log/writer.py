@@ -30,6 +30,7 @@ from sprintlab.deployment.log.topics import (
 )
 
 _CHUNK = 1 << 18  # bytes that are compressed together, a quarter of a second: so much a cut-off log may lose
+_SEQUENCES = 1 << 32  # that MCAP tells apart; the message itself holds the whole number
 
 
 class _Whole:
@@ -164,7 +165,8 @@ def _write_frames(stream: IO[bytes], writer: Any) -> None:
         if frame.topic == END:
             writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
             continue
-        writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, frame.sequence)
+        short = frame.sequence % _SEQUENCES
+        writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, short)
     writer.finish()
 
 
