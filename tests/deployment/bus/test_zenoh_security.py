@@ -337,6 +337,21 @@ def test_after_a_controller_left_nobody_is_obeyed_in_its_name(address, place, bu
         assert taken == [None] * len(taken)
 
 
+def test_a_flood_of_tokens_does_not_bring_back_a_controller_that_left(address, place, bus_name, monkeypatch):
+    """The robot's end forgets who came and went when they are too many, but not who was let in."""
+    monkeypatch.setattr(zenoh_bus, "_MOST_KNOWN", 5)
+    monkeypatch.setattr(zenoh_bus, "_LEASE", 600.0)
+    with contextlib.closing(open_endpoint(address)) as endpoint, bare_session(place, "peer") as stranger:
+        open_bus(address).close()
+        eventually(lambda: endpoint.peer_left)
+        alive = f"sprintlab/{bus_name}/alive/controller"
+        tokens = [stranger.liveliness().declare_token(f"{alive}/{number:016x}") for number in range(1, 9)]
+        eventually(lambda: 8 in endpoint._alive)
+        assert endpoint.peer_left
+        for token in tokens:
+            token.undeclare()
+
+
 def test_the_last_command_of_a_controller_that_left_is_obeyed(address, make_joint_command, monkeypatch):
     """It damps the joints, and may still wait when the controller's token is gone."""
     monkeypatch.setattr(zenoh_bus, "PARTING", 60.0)

@@ -211,7 +211,7 @@ class ZenohEndpoint(_ZenohEnd, RobotEnd):
         with self._lock:
             if len(self._alive) + len(self._gone) > _MOST_KNOWN:  # somebody floods: keep who drives
                 self._alive &= {self._holder}
-                self._gone.clear()
+                self._gone &= {self._holder}
             if sample.kind == zenoh.SampleKind.PUT:
                 self._alive.add(session)
             else:
