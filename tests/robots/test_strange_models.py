@@ -94,3 +94,21 @@ def test_numbers_that_no_robot_has_are_refused_without_a_warning(tmp_path, capfd
     with pytest.raises(RobotModelError, match="cannot be used"):
         read_source(path)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("forked_compiler")
+@pytest.mark.parametrize(
+    "part",
+    [
+        '<size nuserdata="12000000"/>',
+        "<tendon><fixed>" + '<joint joint="fl1" coef="1"/>' * 5000 + "</fixed></tendon>",
+    ],
+    ids=["state", "tendon"],
+)
+def test_a_model_that_takes_long_to_pose_is_refused(tmp_path, part):
+    """It is posed twenty times where it is compared: with 1.6 GB of state that took 41 s."""
+    path = tmp_path / "robot.xml"
+    legs = LEGS.replace('count="300"', 'count="1"')
+    path.write_text(QUADRUPED.format(legs=legs).replace("</mujoco>", f"{part}</mujoco>"), encoding="utf-8")
+    with pytest.raises(RobotModelError, match=r"tendon parts, or .* MB of state"):
+        read_source(path)

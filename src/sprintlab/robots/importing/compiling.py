@@ -27,6 +27,8 @@ LONGEST = 7.0
 _MEMORY = 6 << 30
 _BINARY = 256 << 20
 _MOST_BODIES = 500
+_MOST_WRAPS = 4000  # of tendons; to pose one takes a time that grows with their square
+_STATE = 64 << 20  # bytes of a model's data, which is made anew for each pose that is compared
 _ROUNDING = 1e-6  # relative; files are written with six or seven digits
 _NUMBERS = (
     "qpos0", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "jnt_pos",
@@ -105,6 +107,8 @@ def child(path: str, binary: str) -> None:
             raise ValueError(f"it has {model.nbody} bodies, more than {_MOST_BODIES}")
         if mujoco.mj_sizeModel(model) >= _BINARY:
             raise ValueError(f"it is larger than {_BINARY >> 20} MB, compiled")
+        if model.nwrap > _MOST_WRAPS or mujoco.MjData(model).nbuffer > _STATE:
+            raise ValueError(f"it has more than {_MOST_WRAPS} tendon parts, or {_STATE >> 20} MB of state")
         _check_numbers(model)
         mujoco.mj_saveModel(model, binary, None)
         answer: dict[str, list[str] | str] = {"corrected": list(corrected)}
