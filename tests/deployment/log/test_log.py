@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -524,10 +525,13 @@ def test_a_foreign_file_in_place_of_the_unfinished_log_is_kept(path):
     assert foreign.read_bytes() == b"a download" and not path.exists()
 
 
-def test_a_link_in_place_of_the_unfinished_log_is_not_followed(tmp_path):
-    """In a folder that others may write to it would lead the log over another file."""
-    precious = tmp_path / "precious"
+@pytest.mark.parametrize("make", [lambda place: place.symlink_to("precious"), os.mkfifo, Path.mkdir])
+def test_a_link_or_a_pipe_in_place_of_the_unfinished_log_is_kept(tmp_path, make):
+    """In a folder that others may write to a link would lead the log over another file."""
+    precious, foreign = tmp_path / "precious", tmp_path / ".run.mcap.partial"
     precious.write_text("mine")
-    (tmp_path / ".run.mcap.partial").symlink_to(precious)
-    assert write_log(io.BytesIO(), tmp_path / "run.mcap") is None
-    assert precious.read_text() == "mine" and not (tmp_path / "run.mcap").is_symlink()
+    make(foreign)
+    before = os.lstat(foreign)
+    with pytest.raises(LogError, match=r"run\.mcap\.partial is no log"):
+        write_log(io.BytesIO(), tmp_path / "run.mcap")
+    assert precious.read_text() == "mine" and os.path.samestat(os.lstat(foreign), before)

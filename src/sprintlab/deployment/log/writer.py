@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import stat
 import sys
 from io import RawIOBase
 from pathlib import Path
@@ -120,17 +121,17 @@ def _claimed(temporary: Path, path: Path) -> RawIOBase:
 
 
 def _remove_left(temporary: Path, path: Path) -> None:
-    """Remove the file of a writer that was killed, or a link, which would lead elsewhere."""
+    """Remove the file of a writer that was killed; refuse what else has its name."""
+    foreign = LogError(f"{temporary} is no log, and has the name of the unfinished one: move it away")
     with contextlib.suppress(FileNotFoundError):
-        if not temporary.is_file() or temporary.is_symlink():
-            temporary.unlink()
-            return
+        if not stat.S_ISREG(temporary.lstat().st_mode):
+            raise foreign
         handle = os.open(temporary, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             if not _held(handle):
                 raise LogError(f"{path} is being written by another run; choose another file for the log")
             if not MAGIC.startswith(os.read(handle, len(MAGIC))):
-                raise LogError(f"{temporary} is no log, and has the name of the unfinished one: move it away")
+                raise foreign
             if _is_still(temporary, handle):
                 temporary.unlink()
         finally:
