@@ -7,6 +7,7 @@ import pytest
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.importing import compiling, read_source
+from sprintlab.robots.importing.table import table_text
 
 BODY = '<body name="b"><joint/><geom size="0.1"/></body>'
 STRANGE = {
@@ -112,3 +113,7 @@ def test_a_model_that_takes_long_to_pose_is_refused(tmp_path, part):
     path.write_text(QUADRUPED.format(legs=legs).replace("</mujoco>", f"{part}</mujoco>"), encoding="utf-8")
     with pytest.raises(RobotModelError, match=r"tendon parts, or .* MB of state"):
         read_source(path)
+
+
+def test_a_files_name_writes_no_line_of_the_robots_table():
+    assert "\nmass = 1" not in table_text("r", {}, "a\nmass = 1\n#.xml")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.errors import printable
 from sprintlab.motors import Gear, PmsmParameters, joint_torque, saturate
 from sprintlab.motors.parameters import MOTOR_UNITS
 from sprintlab.robots.description import JOINTS_PER_LEG
@@ -205,7 +206,7 @@ def _exact(value: float) -> float:
 def table_text(name: str, table: Table, source_name: str) -> str:
     """The table as TOML."""
     lines = [
-        f"# {name}, read from {source_name}. Every number the robot is built from stands here, once.",
+        f"# {name}, read from {printable(source_name)}. Every number the robot is built from is here, once.",
         "#",
         "# Each entry: value, SI unit, uncertainty, basis. Frames: x forward, y left, z up; links are given",
         "# for a left leg, the right one mirrors y. Motor quantities are on the motor's side of the gear.",
