@@ -192,6 +192,9 @@ def _others(known: Evidence) -> str:
     if not running:
         return "Not evaluated yet."
     best = max(running, key=lambda row: row.most_held.center)
-    text = f"`{best.method}` is the fastest of {len(found)}. {comparison(known.rows, best.method)}"
+    picked = (
+        f"`{best.method}` is the fastest of {len(found)}, and was picked for that, which no interval counts."
+    )
+    text = f"{picked} {comparison(known.rows, best.method)}"
     missing = [f"`{name}`" for name in known.comparators if name not in known.rows]
     return f"{text} Not evaluated yet: {', '.join(missing)}." if missing else text
