@@ -107,8 +107,10 @@ def child(path: str, binary: str) -> None:
             raise ValueError(f"it has {model.nbody} bodies, more than {_MOST_BODIES}")
         if mujoco.mj_sizeModel(model) >= _BINARY:
             raise ValueError(f"it is larger than {_BINARY >> 20} MB, compiled")
-        if model.nwrap > _MOST_WRAPS or mujoco.MjData(model).nbuffer > _STATE:
-            raise ValueError(f"it has more than {_MOST_WRAPS} tendon parts, or {_STATE >> 20} MB of state")
+        if model.nwrap > _MOST_WRAPS:
+            raise ValueError(f"its tendons have {model.nwrap} parts, more than {_MOST_WRAPS}")
+        if mujoco.MjData(model).nbuffer > _STATE:
+            raise ValueError(f"it has more than {_STATE >> 20} MB of state")
         _check_numbers(model)
         mujoco.mj_saveModel(model, binary, None)
         answer: dict[str, list[str] | str] = {"corrected": list(corrected)}
