@@ -96,6 +96,13 @@ def test_bp2_comes_back_from_its_own_model(tmp_path):
     assert feet < 1e-6
 
 
+def test_the_name_of_a_model_file_leaves_the_robots_table_whole(edited, tmp_path):
+    """It stands in a comment and beside each number; TOML takes no control characters."""
+    named = edited().rename(tmp_path / "bell \x07\n.xml")
+    made = import_robot(named, choices(), tmp_path / "robots")
+    assert "bell \\x07\\n" in (made.folder / "parameters.toml").read_text(encoding="utf-8")
+
+
 def test_other_axes_and_zeros_are_brought_to_ours(edited, tmp_path):
     """All knees turned round and zeroed elsewhere: the same robot, and the map says how."""
     flipped = edited(

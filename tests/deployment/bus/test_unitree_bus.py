@@ -82,6 +82,14 @@ def test_no_clock_of_a_robot_numbers_states_below_zero(first, back, state_at):
     encode(msgspec.structs.replace(state_at(1), sequence=number, timestamp=stamp))
 
 
+def test_no_clock_of_a_robot_runs_beyond_what_a_state_can_hold(state_at):
+    """A stranger's ticks, each as far ahead as counts as ahead, passed 2^64 ns after 8590 messages."""
+    numbers = TickNumbers()
+    for jump in range(9000):
+        number, stamp = numbers.number(jump * (2**31 - 1) % 2**32)
+    encode(msgspec.structs.replace(state_at(1), sequence=number, timestamp=stamp))
+
+
 def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends, state_at, command_at):
     interface, endpoint = ends
     states = commands = 0

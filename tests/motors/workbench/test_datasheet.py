@@ -298,6 +298,13 @@ def test_the_written_file_holds_the_calculation_and_loads(tmp_path):
     same(load_motor(tmp_path / "motor.toml"), MOTOR)
 
 
+def test_a_sheets_name_leaves_the_written_file_whole(tmp_path):
+    """TOML takes no control characters, not even in comments."""
+    sheet = read_datasheet({**sheet_of(MOTOR), "name": "Red \x1b[31m\x00", "source": "bell \x07"})
+    save_converted_motor(convert_datasheet(sheet), sheet, tmp_path / "motor.toml")
+    same(load_motor(tmp_path / "motor.toml"), MOTOR)
+
+
 def test_numbers_for_json_follow_the_steps():
     numbers = conversion_numbers(convert(sheet_of(MOTOR)))
     by_name = {step["quantity"]: step["value"] for step in numbers["steps"]}

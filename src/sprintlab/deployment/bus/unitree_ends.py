@@ -43,6 +43,7 @@ RESPONSE_TIME = 4_000_000
 _SLACK = 500_000  # [ns] by which a message may come early
 _MILLISECOND = 1_000_000
 _TICKS = 1 << 32
+_LATEST = (1 << 63) // _MILLISECOND  # [ms], after 292 years: a state has 64 bits for its time
 _REMEMBERED = 64  # commands
 _SUSPECTED = 40_000_000  # [ns]: longer than a controller goes without a usable state
 
@@ -70,7 +71,7 @@ class TickNumbers:
             earlier = max(self._time + passed, 0)  # a clock that was never so early is a stranger's
             return self._number + min(periods, -(passed < 0)), earlier * _MILLISECOND
         self._last, self._number = tick, self._number + max(periods, 1)
-        self._time += passed
+        self._time = min(self._time + passed, _LATEST)  # later is a stranger's, too
         return self._number, self._time * _MILLISECOND
 
 
