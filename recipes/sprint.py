@@ -2,6 +2,7 @@
 
     python recipes/sprint.py --output runs/sprint
     sprintlab race runs/sprint/policy.onnx --top-speed 13.25
+    python recipes/sprint.py --robot go1 --output runs/go1-sprint    # the same at another robot's size
 
 The first training begins from nothing. The second goes on from it with targets that stay long enough for a
 robot to reach its top speed, which takes ten seconds. The mean of their weights is fast, but drives its knees
@@ -22,18 +23,33 @@ it works, makes up for it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sprintlab.api.training import ScriptOptions, run_script, train_settings
 from sprintlab.control.pace import PaceContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.training.methods import method_settings
+from sprintlab.training.scaling import scaled_pace, scaled_settings, scaled_turning
 from sprintlab.training.settings import RewardWeight, TrainingSettings
 
 ENDS = {"first": 1750, "second": 3300, "third": 4700, "fourth": 6100}
 """Iteration at which each training ends."""
-DEFAULTS = ScriptOptions(output=Path("runs/sprint"), iterations=ENDS["fourth"], minutes=60.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecipeOptions(ScriptOptions):
+    """What this script reads from its command line.
+
+    Attributes:
+        robot: name, folder or table of the robot to train: lengths, speeds, times and masses of all four
+            trainings are scaled to it.
+    """
+
+    robot: str = "bp2"
+
+
+DEFAULTS = RecipeOptions(output=Path("runs/sprint"), iterations=ENDS["fourth"], minutes=60.0)
 SHARES = (0.1, 0.1, 0.8)
 """Of the ends of the first, the second and the fourth training in the policy."""
 PACE = PaceContract(power=30.0, lead=3.0)
@@ -111,7 +127,7 @@ def fourth_settings() -> TrainingSettings:
     )
 
 
-def main(options: ScriptOptions) -> Path:
+def main(options: RecipeOptions) -> Path:
     """Train four times; returns the policy file. ``--resume`` goes on in the training that was stopped.
 
     Raises:
@@ -125,19 +141,20 @@ def main(options: ScriptOptions) -> Path:
     third = _train(third_settings(), options, "third", begun)
     fourth = _train(fourth_settings(), options, "fourth", third)
     ends = (first, second, fourth)
-    return average_checkpoints(ends, options.output / "policy.onnx", SHARES, PACE, TURNING).path
+    pace, turning = scaled_pace(options.robot, PACE), scaled_turning(options.robot, TURNING)
+    return average_checkpoints(ends, options.output / "policy.onnx", SHARES, pace, turning).path
 
 
 def _train(
-    settings: TrainingSettings, options: ScriptOptions, name: str, start_from: Path | None = None
+    settings: TrainingSettings, options: RecipeOptions, name: str, start_from: Path | None = None
 ) -> Path:
     """Train in a folder of its own, or go on there; returns the checkpoint. Errors as in ``main``."""
     end = max(1, round(options.iterations * ENDS[name] / ENDS["fourth"]))
     folder = options.output / name
     resume = options.resume and (folder / "checkpoint.pt").exists()
-    chosen = replace(options, output=folder, iterations=end, resume=resume)
-    begun = None if resume else start_from
-    return train_settings(settings, keep_schedule=True, start_from=begun, **vars(chosen))
+    chosen = vars(replace(options, output=folder, iterations=end, resume=resume))
+    own = scaled_settings(chosen.pop("robot"), settings, settings)
+    return train_settings(own, keep_schedule=True, start_from=None if resume else start_from, **chosen)
 
 
 if __name__ == "__main__":

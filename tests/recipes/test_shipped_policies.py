@@ -17,8 +17,10 @@ pytest.importorskip("mujoco_warp")
 
 from sprintlab.cli.train import parse_training
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
+from sprintlab.robots import load_robot
 from sprintlab.training.runs.named_settings import plain
 from sprintlab.training.runs.options import TrainOptions
+from sprintlab.training.scaling import speed_scale
 from sprintlab.training.settings import ADDED_REWARDS, PpoSettings, without_removed
 
 ROOT = Path(__file__).parents[2]
@@ -149,3 +151,23 @@ def test_the_recipe_trains_four_times_and_averages_twice(
     assert [each.full_settings().seed for each in asked[4:]] == [7] * 4
     assert [each.full_settings().simulation.environments for each in asked] == [8192] * 4 + [64] * 4
     assert [each.iterations for each in asked[4:]] == [175, 330, 470, 610]
+
+
+def test_the_recipe_is_scaled_to_another_robot_whole(
+    load_script: Callable[[str], ModuleType],
+    asked: list[TrainOptions],
+    averaged: list[tuple[Any, ...]],
+    tmp_path: Path,
+) -> None:
+    """What the recipe changed is scaled as well as what it left at the defaults."""
+    recipe = load_script("recipes/sprint.py")
+    recipe.main(replace(recipe.DEFAULTS, output=tmp_path / "own", robot="go1"))
+    size = speed_scale(load_robot("go1"))
+    settings = [each.full_settings() for each in asked]
+    assert {each.robot for each in settings} == {"go1"}
+    assert settings[3].rewards.shortest_stride == pytest.approx(0.205 * size)
+    assert settings[3].stages.growth_margin == pytest.approx(1.5 * size)
+    assert settings[3].rewards.foot_force == recipe.fourth_settings().rewards.foot_force
+    pace, turning = averaged[1][2:]
+    assert (pace.power, pace.lead) == pytest.approx((30.0 * size, 3.0 * size))
+    assert turning.fastest * turning.limit == pytest.approx(recipe.TURNING.fastest * recipe.TURNING.limit)

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from sprintlab.control.pace import PaceContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.robots import load_robot
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.scaling import leg_length, scaled_settings
+from sprintlab.training.scaling import leg_length, scaled_pace, scaled_settings, scaled_turning, speed_scale
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -58,3 +60,15 @@ def test_the_papers_preset_is_scaled_too():
     paper = TrainOptions(robot="go2", preset="paper").full_settings()
     assert paper.stages.second_top == pytest.approx(12.0 * (0.426 / 0.63) ** 0.5)
     assert paper.rewards.progress == 0.0 and paper.episodes.clone_share == 0.0
+
+
+def test_the_loops_of_a_policy_keep_their_accelerations():
+    size = speed_scale(load_robot("go1"))
+    assert size == pytest.approx((leg_length(load_robot("go1")) / 0.63) ** 0.5)
+    pace, turning = scaled_pace("go1", PaceContract(lead=3.0)), scaled_turning("go1", TurningContract())
+    assert pace.deceleration == PaceContract().deceleration
+    assert (pace.power / 30.0, pace.lead) == pytest.approx((size, 3.0 * size))
+    assert turning.lateral_limit == TurningContract().lateral_limit
+    assert turning.doubling_speed * turning.limit == pytest.approx(14.0 * 1.25)
+    assert scaled_pace("go1", PaceContract()).lead is None
+    assert scaled_turning("bp2", TurningContract()) == TurningContract()

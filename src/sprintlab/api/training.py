@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import RenderableType
 
@@ -248,8 +248,15 @@ class ScriptOptions:
     resume: bool = False
 
 
-def run_script(main: Callable[[ScriptOptions], object], defaults: ScriptOptions) -> None:
+Options = TypeVar("Options", bound=ScriptOptions)
+
+
+def run_script(main: Callable[[Options], object], defaults: Options) -> None:
     """Run the main function of a training script: parse its options, print what it returns.
+
+    Args:
+        main: gets the options.
+        defaults: of the options; their class may add some to those of ``ScriptOptions``.
 
     Raises:
         SystemExit: 2, after one sentence on stderr, where something is refused.
@@ -258,7 +265,7 @@ def run_script(main: Callable[[ScriptOptions], object], defaults: ScriptOptions)
 
     try:
         with printable_stderr():
-            options = tyro.cli(ScriptOptions, default=defaults)
+            options = tyro.cli(type(defaults), default=defaults)
         with lasting_streams():
             print(main(options))
     except SprintlabError as error:

@@ -9,6 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import msgspec
+
+from sprintlab.control.pace import PaceContract
+from sprintlab.control.turning import TurningContract
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.settings import TrainingSettings
 
@@ -21,6 +25,40 @@ Group = TypeVar("Group")
 def leg_length(robot: RobotDescription) -> float:
     """Thigh and shank, from the hip's axis to the middle of the foot [m]."""
     return robot.mechanics.thigh_length + robot.mechanics.shank_length
+
+
+def speed_scale(robot: RobotDescription) -> float:
+    """Speeds and times of the robot over BP2's at equal Froude numbers."""
+    return (leg_length(robot) / leg_length(load_robot(REFERENCE_ROBOT))) ** 0.5
+
+
+def scaled_pace(robot: str, pace: PaceContract) -> PaceContract:
+    """BP2's ``pace`` at the size of ``robot``: equal decelerations, at speeds that scale.
+
+    Raises:
+        SprintlabError: the robot is not known, or its table is refused.
+    """
+    speed = speed_scale(load_robot(robot))
+    lead = None if pace.lead is None else speed * pace.lead
+    return msgspec.structs.replace(pace, power=speed * pace.power, lead=lead)
+
+
+def scaled_turning(robot: str, turning: TurningContract) -> TurningContract:
+    """BP2's ``turning`` at the size of ``robot``: equal lateral accelerations, so yaw rates go with 1 / time.
+
+    Raises:
+        SprintlabError: the robot is not known, or its table is refused.
+    """
+    speed = speed_scale(load_robot(robot))
+    return msgspec.structs.replace(
+        turning,
+        doubling_speed=speed * turning.doubling_speed,
+        smoothing=speed * turning.smoothing,
+        onset=turning.onset / speed,
+        integral=turning.integral / speed,
+        limit=turning.limit / speed,
+        fastest=speed * turning.fastest,
+    )
 
 
 def scaled_settings(
@@ -42,8 +80,8 @@ def scaled_settings(
     defaults = defaults or TrainingSettings()
     base = base or defaults
     small, large = load_robot(robot), load_robot(REFERENCE_ROBOT)
-    length, mass = leg_length(small) / leg_length(large), small.total_mass / large.total_mass
-    speed = length**0.5
+    speed, mass = speed_scale(small), small.total_mass / large.total_mass
+    length = leg_length(small) / leg_length(large)
     rewards, episodes, stages = defaults.rewards, defaults.episodes, defaults.stages
     payload = defaults.randomization.payload
 
