@@ -13,7 +13,7 @@ import pytest
 from studies.paper.answers import verdict
 from studies.paper.own_motor import OwnMotorRecord, own_motor
 from studies.paper.page import Page, page_text
-from studies.paper.plan import RESULTS, Plan, Training, study_trainings
+from studies.paper.plan import PAPER_PRESET, RESULTS, Plan, Training, study_trainings
 from studies.paper.record import (
     AuditRecord,
     EvaluationRecord,
@@ -356,7 +356,9 @@ def test_the_committed_runs_are_what_the_plan_trains() -> None:
 
 
 def test_every_policy_that_is_committed_can_be_read():
-    kept = sorted(RESULTS.rglob("policy.onnx"))
-    assert {run.method for run in find_runs(RESULTS)} <= {path.parent.parent.name for path in kept}
-    for path in kept:
-        assert load_policy(path).contract.robot_name == "bp2", path
+    for folder in (RESULTS, RESULTS / PAPER_PRESET):
+        runs = find_runs(folder)
+        kept = [run for run in runs if run.policy.is_file()]
+        assert sorted(run.method for run in kept) == sorted({run.method for run in runs})
+        for run in kept:
+            assert load_policy(run.policy).contract.robot_name == "bp2", run
