@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import json
 import pickle
 import struct
 import sys
 import types
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,14 @@ _SIDEWAYS = RewardWeight(first=-0.5, second=-2.0)
 @dataclass(frozen=True, kw_only=True)
 class OwnRewards(RewardSettings):
     sideways_velocity: RewardWeight = _SIDEWAYS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strict:
+    weight: float
+
+    def __post_init__(self) -> None:
+        assert self.weight > 0.0, "no weight"
 
 
 def state(settings: TrainingSettings | None = None) -> dict:
@@ -160,6 +169,49 @@ def test_classes_of_no_settings_are_not_made(path: Path, name: str) -> None:
         assert "\n" not in str(refusal)
     else:
         assert isinstance(settings.rewards, UnknownSettings)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("torch.utils._pytree:TreeSpec", {"type": None, "context": 1, "children_specs": []}),
+        (
+            "torch._higher_order_ops.invoke_subgraph:NestedCompileRegionOptions",
+            {"inductor_config_patches": {}},
+        ),
+        ("random:Settings", {}),
+    ],
+)
+def test_no_class_of_another_library_is_made(path: Path, name: str, fields: dict, monkeypatch) -> None:
+    """Some of them import PyTorch's compiler, which takes seconds; others end in a traceback."""
+    where, _, kind = name.partition(":")
+    library = importlib.import_module(where)
+    if where == "random":
+        made = make_dataclass(kind, [], frozen=True, namespace={"__module__": where})
+        monkeypatch.setattr(library, kind, made, raising=False)
+    rewritten(path, lambda values, _: values.update(more={"$class": name, "fields": fields}))
+    before = set(sys.modules)
+    assert read_checkpoint(path)["more"] == UnknownSettings(name, fields)
+    assert set(sys.modules) == before
+
+
+def test_a_library_that_is_made_for_this_package_may_bring_settings(path: Path, monkeypatch) -> None:
+    library = types.ModuleType("library")
+    library.__file__ = "/somewhere/site-packages/library.py"
+    library.Own = make_dataclass("Own", [], frozen=True, namespace={"__module__": "library"})  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "library", library)
+    rewritten(path, lambda values, _: values.update(more={"$class": "library:Own", "fields": {}}))
+    assert read_checkpoint(path)["more"] == UnknownSettings("library:Own", {})
+    library.RewardSettings = RewardSettings  # type: ignore[attr-defined]
+    assert read_checkpoint(path)["more"] == library.Own()
+
+
+def test_settings_that_assert_are_refused_in_one_sentence(path: Path) -> None:
+    name = f"{Strict.__module__}:Strict"
+    rewritten(path, lambda values, _: values.update(more={"$class": name, "fields": {"weight": -1.0}}))
+    with pytest.raises(SprintlabError, match="refuses its fields: no weight") as refusal:
+        read_checkpoint(path)
+    assert "\n" not in str(refusal.value)
 
 
 def test_modules_are_not_imported_for_a_stranger(path: Path, tmp_path: Path, monkeypatch) -> None:

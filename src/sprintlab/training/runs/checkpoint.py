@@ -14,6 +14,7 @@ import math
 import os
 import struct
 import sys
+import sysconfig
 import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -372,14 +373,40 @@ def _settings(path: str, values: dict[str, Any], parts: _Parts) -> Any:
     if parts.settings > _MOST_SETTINGS:
         raise ValueError(f"it holds more than {_MOST_SETTINGS} settings")
     module_name, _, name = path.partition(":")
-    found: Any = sys.modules.get(module_name)
+    module: Any = sys.modules.get(module_name)
+    found = None if _of_another_library(module) else module
     for part in name.split("."):  # not getattr: some modules import others when they are asked for them
         found = vars(found).get(part) if isinstance(found, type | types.ModuleType) else None
     if not isinstance(found, type) or not is_dataclass(found):
         return UnknownSettings(path, values)
     if not found.__dataclass_params__.frozen or found.__module__ != module_name:  # type: ignore[attr-defined]
         raise ValueError(f"{printable(path, 80)} is no class of settings")
-    return found(**without_removed(found, values))
+    try:
+        return found(**without_removed(found, values))
+    except AssertionError as error:  # a class of one's own may check its fields like that
+        raise ValueError(f"{printable(path, 80)} refuses its fields: {error}") from error
+
+
+def _of_another_library(module: object) -> bool:
+    """Whether a module is installed beside this package and has nothing of it: no settings come from there.
+
+    Libraries are full of frozen dataclasses, and making one may do anything: one of PyTorch's imports its
+    compiler.
+    """
+    if not isinstance(module, types.ModuleType) or _is_ours(module):
+        return False
+    place = Path(vars(module).get("__file__") or "")
+    installed = not {"site-packages", "dist-packages"}.isdisjoint(place.parts)
+    standard = place.is_relative_to(sysconfig.get_path("stdlib"))
+    return (installed or standard) and not any(map(_is_ours, list(vars(module).values())))
+
+
+def _is_ours(value: object) -> bool:
+    """Whether a module, class or function is of this package."""
+    if not isinstance(value, types.ModuleType | type | types.FunctionType):
+        return False
+    name = value.__name__ if isinstance(value, types.ModuleType) else value.__module__
+    return str(name).partition(".")[0] == "sprintlab"
 
 
 def _check_state(state: Any) -> None:
