@@ -8,7 +8,7 @@ import pytest
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors import PmsmParameters
-from sprintlab.workbench.identification import Bench, identify
+from sprintlab.workbench.identification import Bench, fit, identify
 
 PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
 CONSTANT = 1.5 * PAIRS * FLUX
@@ -240,3 +240,13 @@ def test_more_rows_than_are_fitted_within_ten_seconds_are_refused():
     current = np.linspace(-30.0, 30.0, 40_001)
     with pytest.raises(SprintlabError, match="40001 rows, and at most 40000 are fitted"):
         fitted(bench(current, 0.1 * current, np.linspace(1.0, 90.0, 40_001)))
+
+
+def test_a_fit_that_does_not_settle_ends_before_ten_seconds(monkeypatch):
+    current, speed, random = points(22, levels=8)
+    torque = shaft(current, speed) + random.normal(0.0, 0.01, len(current))
+    measured = bench(current, torque, speed)
+    assert fitted(measured).trustworthy
+    monkeypatch.setattr(fit, "_MOST_WORK", 10 * len(current))  # ten steps in all rounds
+    with pytest.raises(SprintlabError, match=f"the fit of {len(current)} rows does not settle"):
+        fitted(measured)

@@ -67,6 +67,7 @@ OUTLIER_DISTANCE = 5.0
 _ROUNDS = 4
 _MOST_ROWS = 40_000  # that are fitted: more takes longer than 10 s, and tells no more
 _MOST_STEPS = 100  # of one round; fits that converge take some twenty
+_MOST_WORK = 2_400_000  # rows times steps of all rounds: some 8 s of one core with every parameter free
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
@@ -192,6 +193,7 @@ class _Fit:
         guess = self._guess()
         self._flux = guess["flux_linkage"]
         self._start = np.array([guess[name] for name in self._free])
+        self._steps_left = _MOST_WORK // bench.size
         self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
 
     def run(self, warnings: list[str], base: PmsmParameters | None) -> Identification:
@@ -291,12 +293,17 @@ class _Fit:
                 args=(noise, kept),
                 jac="3-point",
                 x_scale="jac",
-                max_nfev=_MOST_STEPS,
+                max_nfev=max(1, min(_MOST_STEPS, self._steps_left)),
             )
         except ValueError as error:  # what it begins with is not finite
             raise SprintlabError(f"the motor cannot be fitted: {error}") from error
         if not np.isfinite(solution.x).all():
             raise SprintlabError("the fit found no finite parameters: check the bench's columns and units")
+        self._steps_left -= solution.nfev
+        if self._steps_left < 1:
+            raise SprintlabError(
+                f"the fit of {self._bench.size} rows does not settle: leave out some of them"
+            )
         return solution
 
     def _noise(self, point: FloatArray) -> FloatArray:
