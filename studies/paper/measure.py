@@ -200,8 +200,8 @@ class _Evaluation:
     ) -> None:
         plan = plan.for_method(candidate.method)
         self._candidate, self._plan, self._step = candidate, plan, step
-        self._sha256 = policy_digest(candidate.policy)
         self._pool = TrialPool(candidate.policy, plan.robot, processes=processes)
+        self._sha256 = self._pool.policy.digest
         self._cache = None if plan.cache is None else plan.cache / plan.digest(self._sha256)
 
     def run(self) -> EvaluationRecord:

@@ -93,7 +93,6 @@ def own_motor(run: Run, robot: RobotDescription) -> OwnMotorRecord | None:
     from sprintlab.evaluation.trial import TrialRequest, run_trial
     from sprintlab.plant import PlantOptions
     from studies.paper.figures import impossible_shares
-    from studies.paper.measure import policy_digest
 
     policy, fastest = load_policy(run.policy), read_evaluation(run.evaluation).raw.fastest
     model = policy.contract.training.actuator_model
@@ -109,7 +108,7 @@ def own_motor(run: Run, robot: RobotDescription) -> OwnMotorRecord | None:
     own, refined = trial(model), trial("refined")
     return OwnMotorRecord(
         motor_model=model,
-        policy_sha256=policy_digest(run.policy),
+        policy_sha256=policy.digest,
         date=datetime.now().astimezone().isoformat(timespec="seconds"),
         top_speed=fastest.top_speed,
         held_speed_own=plain(own.metrics.held_speed),

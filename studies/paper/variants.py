@@ -17,6 +17,7 @@ from sprintlab.cli.output import progress_bar
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import read_bytes
 from studies.paper.plan import RESULTS
 from studies.paper.record import SearchRecord, read_record, speed_record
 from studies.paper.runs import Run, find_runs
@@ -121,6 +122,7 @@ def evaluate_variant(
     policy: Path, name: str, settings: ProtocolSettings, workers: int | None = None
 ) -> VariantRecord:
     """Search the highest raw speed of a policy in a variant; errors as an evaluation has them."""
+    from sprintlab.control import POLICY_LIMIT
     from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
     from sprintlab.evaluation.protocol import run_speed, search_speeds
     from sprintlab.robots import load_robot, robot_fingerprint
@@ -129,7 +131,10 @@ def evaluate_variant(
     variant = VARIANTS[name]
     robot, protocol = load_robot(variant.robot), variant.protocol(settings)
     with TemporaryDirectory() as folder, WorkerProcesses(workers) as processes:
-        path = policy if variant.robot == "bp2" else moved_policy(policy, robot, Path(folder))
+        kept = Path(folder) / "policy.onnx"  # another file may take the policy's place meanwhile
+        kept.write_bytes(read_bytes(policy, POLICY_LIMIT, what="policy file"))
+        path = kept if variant.robot == "bp2" else moved_policy(kept, robot, Path(folder))
+        digest = policy_digest(kept)
         pool = TrialPool(path, robot, processes=processes)
         speeds = search_speeds(
             protocol,
@@ -137,7 +142,7 @@ def evaluate_variant(
         )
     return VariantRecord(
         variant=name,
-        policy_sha256=policy_digest(policy),
+        policy_sha256=digest,
         robot_fingerprint=robot_fingerprint(robot),
         protocol=msgspec.to_builtins(protocol),
         date=datetime.now().astimezone().isoformat(timespec="seconds"),

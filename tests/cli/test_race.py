@@ -1,12 +1,17 @@
 """The main job from the command line, with a policy that stands still."""
 
+import hashlib
 import json
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sprintlab.control import load_policy
 from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation import race
 
 PROMISED = {
     "time_100m_s",
@@ -44,6 +49,27 @@ def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     assert len(numbers["facts"]["policy SHA-256"]) == 64
     with np.load(folder / "trajectory.npz") as archive:
         assert archive["motor_torque"].shape == (len(archive["time"]), 12)
+
+
+@pytest.mark.usefixtures("brief_trials", "blank_pictures")
+def test_a_race_tells_of_the_policy_that_ran_whatever_lies_there_after_it(
+    call, policy, tmp_path, monkeypatch
+):
+    mine, run = tmp_path / "mine.onnx", race.evaluate_race
+    mine.write_bytes(content := Path(policy).read_bytes())
+
+    def and_then_replaced(*given, **options):
+        found = run(*given, **options)
+        mine.unlink()
+        os.mkfifo(mine)
+        return found
+
+    monkeypatch.setattr(race, "evaluate_race", and_then_replaced)
+    brief = ("--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video", "--distance", 0.5)
+    assert call("race", mine, "--out", tmp_path / "run", *brief).status == 0
+    facts = json.loads((tmp_path / "run" / "result.json").read_text())["facts"]
+    assert facts["policy SHA-256"] == hashlib.sha256(content).hexdigest()
+    assert facts["training seed"] == str(load_policy(policy).contract.training.seed)
 
 
 @pytest.mark.usefixtures("computed", "blank_pictures")

@@ -1,7 +1,9 @@
 """The search for the highest speed, the pool of workers and the step-size check."""
 
+import hashlib
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -161,6 +163,23 @@ def test_policies_share_processes(standing_policy, make_policy, robot, two_worke
     with falls:
         assert run_speed(falls, 0.5, self_paced=False, settings=SHORT).falls == 1
     assert run_speed(stands, 0.5, self_paced=False, settings=SHORT).falls == 0
+
+
+def test_a_policy_that_takes_the_place_of_another_is_not_run_for_it(
+    standing_policy, make_policy, robot, two_workers, tmp_path
+):
+    """A training writes its policy again, say: the numbers would be of both."""
+    path = tmp_path / "policy.onnx"
+    shutil.copy(standing_policy, path)
+    for processes in (None, two_workers):
+        with TrialPool(path, robot, workers=1, processes=processes) as pool:
+            digest = pool.policy.digest
+            assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
+            shutil.copy(make_policy(np.tile([0.0, 3.0, -5.0], 4)), path)
+            with pytest.raises(PolicyFileError, match="has changed since the run began"):
+                run_speed(pool, 0.5, self_paced=False, settings=SHORT)
+            assert pool.policy.digest == digest
+        shutil.copy(standing_policy, path)
 
 
 def test_an_error_in_a_worker_arrives_as_it_was(make_policy, robot, two_workers):

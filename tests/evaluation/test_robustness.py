@@ -214,15 +214,15 @@ def test_killed_and_resumed_equals_uninterrupted(standing_policy, robot, tmp_pat
             raise Kill
 
     with TrialPool(standing_policy, robot, workers=1) as pool:
-        whole = run_study(pool, standing_policy, SHORT, tmp_path / "whole")
+        whole = run_study(pool, SHORT, tmp_path / "whole")
         with pytest.raises(Kill):
-            run_study(pool, standing_policy, SHORT, tmp_path / "cut", kill_after_the_first)
+            run_study(pool, SHORT, tmp_path / "cut", kill_after_the_first)
         kept = {path.name for path in (tmp_path / "cut").iterdir()}
         assert kept == {"study.json", "all-000000.json"}
         told = []
-        resumed = run_study(pool, standing_policy, SHORT, tmp_path / "cut", lambda *now: told.append(now))
+        resumed = run_study(pool, SHORT, tmp_path / "cut", lambda *now: told.append(now))
         assert told == [(1, 3), (2, 3), (3, 3)]
-        more = run_study(pool, standing_policy, replace(SHORT, trials=4), tmp_path / "cut")
+        more = run_study(pool, replace(SHORT, trials=4), tmp_path / "cut")
     assert resumed == whole == more[:3] and len(more) == 4
     for path in (tmp_path / "whole").iterdir():
         assert path.read_bytes() == (tmp_path / "cut" / path.name).read_bytes()
@@ -232,7 +232,7 @@ def test_killed_and_resumed_equals_uninterrupted(standing_policy, robot, tmp_pat
 def test_a_policy_that_falls_is_counted(make_policy, robot, tmp_path):
     policy = make_policy(np.tile([0.0, 3.0, -5.0], 4))
     with TrialPool(policy, robot, workers=1) as pool:
-        pieces = run_study(pool, policy, replace(SHORT, cause_trials=1), tmp_path)
+        pieces = run_study(pool, replace(SHORT, cause_trials=1), tmp_path)
     summary = summarize(pieces)
     assert summary["trials"] == 3 and summary["upright"] == 0 and summary["finished"] == 0
     assert summary["share_upright"] == 0.0 and summary["interval_95"][1] < 0.6
@@ -250,19 +250,19 @@ def test_a_policy_that_falls_is_counted(make_policy, robot, tmp_path):
 )
 def test_a_folder_of_another_study_is_refused(standing_policy, robot, tmp_path, changes, named):
     with TrialPool(standing_policy, robot, workers=1) as pool:
-        run_study(pool, standing_policy, replace(SHORT, trials=1), tmp_path)
+        run_study(pool, replace(SHORT, trials=1), tmp_path)
         with pytest.raises(SprintlabError, match=f"another {named}"):
-            run_study(pool, standing_policy, replace(SHORT, **changes), tmp_path)
+            run_study(pool, replace(SHORT, **changes), tmp_path)
 
 
 @pytest.mark.usefixtures("short_trials")
 @pytest.mark.parametrize("text", ["{", "[]", '{"group": "all", "seed": 9}'])
 def test_a_broken_or_strange_file_is_refused_by_name(standing_policy, robot, tmp_path, text):
     with TrialPool(standing_policy, robot, workers=1) as pool:
-        run_study(pool, standing_policy, replace(SHORT, trials=1), tmp_path)
+        run_study(pool, replace(SHORT, trials=1), tmp_path)
         (tmp_path / "all-000001.json").write_text(text)
         with pytest.raises(SprintlabError, match=r"all-000001\.json .*remove it"):
-            run_study(pool, standing_policy, SHORT, tmp_path)
+            run_study(pool, SHORT, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +312,7 @@ def test_a_folder_with_other_files_is_refused(standing_policy, robot, tmp_path):
         TrialPool(standing_policy, robot, workers=1) as pool,
         pytest.raises(SprintlabError, match="other files"),
     ):
-        run_study(pool, standing_policy, SHORT, tmp_path)
+        run_study(pool, SHORT, tmp_path)
 
 
 # --- what it amounts to ------------------------------------------------------------------------------------

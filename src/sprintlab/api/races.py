@@ -196,7 +196,7 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     from sprintlab.api.replay import write_race_replay
     from sprintlab.evaluation.race_files import race_facts, write_race
 
-    facts = race_facts(found.policy, command_line())
+    facts = race_facts(found.policy, found.result, command_line())
     message = write_race(
         target, found.result, found.robot, facts, video, progress=lambda what: progress(what, None)
     )

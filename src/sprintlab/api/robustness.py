@@ -139,7 +139,6 @@ def robustness(
         settings = replace(settings, top_speed=speed)
         sprints = run_study(
             pool,
-            path,
             settings,
             place,
             lambda done, total: progress(f"sprint {done} of {total}", done / total),

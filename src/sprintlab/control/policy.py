@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -73,10 +74,12 @@ class Policy:
     Attributes:
         contract: what the policy was made for.
         layout: the observation that it sees.
+        digest: SHA-256 of the file that was read, which may be another one by now.
     """
 
-    def __init__(self, contract: PolicyContract, session: Any) -> None:
+    def __init__(self, contract: PolicyContract, session: Any, digest: str) -> None:
         self.contract = contract
+        self.digest = digest
         self.layout = contract.layout
         self._session = session
         self._outputs = [_OUTPUT, _ESTIMATE] if self.estimates else [_OUTPUT]
@@ -322,7 +325,7 @@ def load_policy(path: str | os.PathLike[str], robot: RobotDescription | None = N
 
 
 def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Policy:
-    session = _open_session(Path(path))
+    session, digest = _open_session(Path(path))
     text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
     if text is None:
         raise PolicyFileError(f"{path} is no sprintlab policy: its metadata has no {CONTRACT_KEY}")
@@ -333,7 +336,7 @@ def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Polic
     if robot is not None:
         check_contract(contract, robot)
     check_estimate(contract)
-    policy = Policy(contract, session)
+    policy = Policy(contract, session, digest)
     inputs, outputs = {_INPUT: policy.layout.input_size}, {_OUTPUT: policy.layout.joints}
     if policy.estimates:
         inputs[_PREVIOUS] = outputs[_ESTIMATE] = ESTIMATE_SIZE
@@ -360,8 +363,8 @@ def shipped_policies() -> dict[str, Path]:
     return {path.stem: path for path in sorted(SHIPPED_POLICIES.glob("*.onnx"))}
 
 
-def _open_session(path: Path) -> Any:
-    """A single-threaded CPU session: a 50 Hz loop must not fight the plant for cores."""
+def _open_session(path: Path) -> tuple[Any, str]:
+    """A file's digest, and a single-threaded CPU session: a 50 Hz loop must not fight the plant for cores."""
     content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
     try:
         check_graph(content)
@@ -376,11 +379,12 @@ def _open_session(path: Path) -> Any:
     options.add_session_config_entry("session.load_model_format", "ONNX")
     try:
         # There is nothing to fall back to, and the runtime prints that it does.
-        return runtime.InferenceSession(
+        session = runtime.InferenceSession(
             content, options, providers=["CPUExecutionProvider"], enable_fallback=False
         )
     except Exception as error:  # onnxruntime's exceptions share no other base
         raise PolicyFileError(f"{path} is damaged or no ONNX file ({type(error).__name__})") from error
+    return session, hashlib.sha256(content).hexdigest()
 
 
 def _check_tensors(path: object, kind: str, tensors: Any, expected: dict[str, int]) -> None:

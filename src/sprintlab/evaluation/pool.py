@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import SimulationError
+from sprintlab.core.errors import PolicyFileError, SimulationError
 from sprintlab.core.interpreters import SAFE_PATH
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_sprint, run_trial
@@ -28,10 +28,10 @@ R = TypeVar("R")
 
 
 class PolicyFile(NamedTuple):
-    """Path of a policy file and its time of change: a file that was replaced is read again."""
+    """Path of a policy file and the SHA-256 of what was read there: another file may take its place."""
 
     path: Path
-    changed: int
+    digest: str
 
 
 _WORKER_VARIABLES = (
@@ -144,7 +144,7 @@ class TrialPool:
         processes: WorkerProcesses | None = None,
     ) -> None:
         self.policy = load_policy(policy)
-        self._file = PolicyFile(Path(policy), Path(policy).stat().st_mtime_ns)
+        self._file = PolicyFile(Path(policy), self.policy.digest)
         check_contract(self.policy.contract, robot)
         self.robot = robot
         self._owned = processes is None
@@ -220,8 +220,15 @@ def run_request(policy: Policy, robot: RobotDescription, request: TrialRequest) 
 
 @lru_cache(maxsize=8)
 def _loaded(policy: PolicyFile) -> Policy:
-    """Read once in each process: reading takes as long as a second of simulation."""
-    return load_policy(policy.path)
+    """Read once in each process: reading takes as long as a second of simulation.
+
+    Raises:
+        PolicyFileError: the file has changed since the run began, whose numbers would be of two policies.
+    """
+    loaded = load_policy(policy.path)
+    if loaded.digest != policy.digest:
+        raise PolicyFileError(f"{policy.path} has changed since the run began: run it again")
+    return loaded
 
 
 def _worked(

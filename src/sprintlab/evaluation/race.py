@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 
+from sprintlab.control import Policy
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed, step_size_requests
@@ -90,7 +91,21 @@ def evaluate_race(
         notes=notes,
         engine=settings.plant.engine,
         second_engine=second,
+        policy_facts=_policy_facts(pool.policy),
     )
+
+
+def _policy_facts(policy: Policy) -> dict[str, str]:
+    """What names the policy that ran, and how it was trained: its file may be another one by now."""
+    training = policy.contract.training
+    return {
+        "policy SHA-256": policy.digest,
+        "method": training.method,
+        "motor model in training": training.actuator_model,
+        "training command": training.command_line,
+        "training seed": str(training.seed),
+        "training device": training.device,
+    }
 
 
 def find_top_speed(pool: TrialPool, settings: ProtocolSettings | None = None) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import platform
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.control import load_policy
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -65,19 +63,13 @@ def write_race(
     return message
 
 
-def race_facts(policy: Path, command_line: str) -> dict[str, str]:
+def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
     """What somebody needs to repeat a race: command as typed, policy, training run, versions."""
-    training = load_policy(policy).contract.training
     return {
         "command": command_line,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
         "policy file": policy.name,
-        "policy SHA-256": hashlib.sha256(policy.read_bytes()).hexdigest(),
-        "method": training.method,
-        "motor model in training": training.actuator_model,
-        "training command": training.command_line,
-        "training seed": str(training.seed),
-        "training device": training.device,
+        **result.policy_facts,
         "versions": ", ".join(f"{name} {package_version(name)}" for name in SOFTWARE),
         "machine": f"Python {platform.python_version()}, {platform.platform()}",
     }

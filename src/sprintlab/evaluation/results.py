@@ -7,6 +7,7 @@ order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from itertools import takewhile
 from typing import Any
@@ -495,6 +496,7 @@ class RaceResult:
         wall_time: how long the race took to compute [s].
         engine: the physics that it was run in, one of ``sprintlab.plant.ENGINES``.
         second_engine: the 100 m and the raw trials in another engine, ``None`` when that was not asked for.
+        policy_facts: hash and training of the policy that ran, in words.
     """
 
     robot: str
@@ -512,6 +514,7 @@ class RaceResult:
     notes: tuple[str, ...] = field(default=())
     engine: str = "mujoco"
     second_engine: EngineResult | None = None
+    policy_facts: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.control.policy import SHIPPED_POLICIES
+from sprintlab.control.policy import POLICY_LIMIT, SHIPPED_POLICIES
+from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.quantities import QUANTITIES, number
 from sprintlab.evaluation.results import EngineResult, RaceResult, SpeedResult, SprintResult
@@ -103,7 +104,7 @@ def stored_comparison(policy: Path) -> dict[str, Any] | None:
     """
     if not STORED.exists() or not policy.is_file():
         return None
-    digest = hashlib.sha256(policy.read_bytes()).hexdigest()
+    digest = hashlib.sha256(read_bytes(policy, POLICY_LIMIT, what="policy file")).hexdigest()
     return json.loads(STORED.read_text(encoding="utf-8")).get(digest)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable
 from contextlib import closing
@@ -75,13 +74,12 @@ class StudySettings:
 
 
 def run_study(
-    pool: TrialPool, policy: Path, settings: StudySettings, folder: Path, progress: Progress = lambda *_: None
+    pool: TrialPool, settings: StudySettings, folder: Path, progress: Progress = lambda *_: None
 ) -> list[Piece]:
     """Run what is not in the folder yet.
 
     Args:
-        pool: policy, robot and processes.
-        policy: the policy's file, whose hash names the study.
+        pool: policy, robot and processes; the hash of the policy's file names the study.
         settings: what is run; more ``trials`` than before go on with the same study.
         folder: one file a sprint is written here; made where it is missing.
         progress: called after every sprint.
@@ -93,7 +91,7 @@ def run_study(
         SprintlabError: the folder holds another study, or the disk refuses.
         SimulationError: as ``run_sprint``.
     """
-    check_identity(folder, _identity(policy, pool.robot.name, settings))
+    check_identity(folder, _identity(pool, settings))
     wanted = settings.sprints()
     known = {(group, seed): _read(folder, group, seed) for group, seed in wanted}
     missing = [sprint for sprint, piece in known.items() if piece is None]
@@ -153,10 +151,10 @@ def known_top_speed(folder: Path) -> float | None:
         return None
 
 
-def _identity(policy: Path, robot: str, settings: StudySettings) -> dict[str, Any]:
+def _identity(pool: TrialPool, settings: StudySettings) -> dict[str, Any]:
     return {
-        "policy": hashlib.sha256(policy.read_bytes()).hexdigest(),
-        "robot": robot,
+        "policy": pool.policy.digest,
+        "robot": pool.robot.name,
         "top_speed": settings.top_speed,
         "distance": settings.distance,
         "ranges": json_ready(asdict(settings.ranges)),

@@ -65,7 +65,7 @@ class _Listener(Policy):
     """A policy that remembers its inputs and decisions."""
 
     def __init__(self, policy: Policy) -> None:
-        super().__init__(policy.contract, None)
+        super().__init__(policy.contract, None, policy.digest)
         self._policy = policy
         self.observations: list[FloatArray] = []
         self.previous: list[FloatArray] = []
