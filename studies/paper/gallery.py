@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.core.reading import read_text
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
@@ -24,7 +22,7 @@ from sprintlab.robots import RobotDescription
 from studies.paper import figures
 from studies.paper.command_modes import COMMAND_MODES, CommandSequence
 from studies.paper.measure import Candidate
-from studies.paper.runs import Run, by_method, committed_records
+from studies.paper.runs import Run, by_method, committed_records, read_lines
 from studies.paper.training_cloud import TrainingCloud, load_training_cloud
 
 DPI = 80
@@ -34,6 +32,7 @@ CURVE_LIMIT = 16 << 20
 CHEAT = "no-envelope"
 """Method shown beside the main one where there is a cloud of its training: its motors know no limits."""
 _CURVE_COLUMNS = ("seconds", "speed_p999")
+_LARGEST = 1e12  # of any number: a figure has no room for more
 
 Progress = Callable[[str, float | None], None]
 
@@ -322,13 +321,17 @@ def read_curve(path: Path) -> dict[str, np.ndarray]:
     """Training time and speed of a learning curve.
 
     Raises:
-        SprintlabError: the file cannot be read, or a column is missing or holds no numbers.
+        SprintlabError: the file cannot be read, or a column is missing or holds no numbers or too large ones.
     """
+    rows = csv.reader(read_lines(path, CURVE_LIMIT, "learning curve"))
     try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path, CURVE_LIMIT, what="learning curve"))))
-        curve = {name: np.array([float(row[name]) for row in rows]) for name in _CURVE_COLUMNS}
-    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        header = next(rows, [])
+        places = [header.index(name) for name in _CURVE_COLUMNS]
+        values = np.array([[float(row[place]) for place in places] for row in filter(None, rows)])
+    except (LookupError, ValueError, csv.Error) as error:
         raise SprintlabError(f"{path} is no learning curve: {error}") from error
-    if not rows:
+    if not len(values):
         raise SprintlabError(f"{path} is no learning curve: it has no rows")
-    return curve
+    if (np.abs(values) > _LARGEST).any():
+        raise SprintlabError(f"{path} is no learning curve: a number is beyond {_LARGEST:g}")
+    return dict(zip(_CURVE_COLUMNS, values.T, strict=True))

@@ -17,10 +17,18 @@ import tyro
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
-from sprintlab.core.reading import parse_json, read_bytes, read_text
+from sprintlab.core.reading import parse_json, read_bytes
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
-from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
+from studies.paper.runs import (
+    CLOUD_NAME,
+    EVALUATION_NAME,
+    POLICY_NAME,
+    Run,
+    check_own_folder,
+    find_runs,
+    read_lines,
+)
 
 LOG_NAME = "log.jsonl"
 KEPT = ("run.toml", "run.json", EVALUATION_NAME)
@@ -105,15 +113,17 @@ def _copy_small_files(run: Run, folder: Path) -> None:
     if (run.folder / CURVE_NAME).is_file():
         atomic_write_text(
             folder / CURVE_NAME,
-            _thinned(read_text(_own(run.folder / CURVE_NAME), CURVE_LIMIT, what="learning curve")),
+            _thinned(read_lines(_own(run.folder / CURVE_NAME), CURVE_LIMIT, "learning curve")),
         )
     elif (run.folder / LOG_NAME).is_file():
-        atomic_write_text(folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME)))
+        atomic_write_text(
+            folder / CURVE_NAME, _thinned(_curve(run.folder / LOG_NAME).splitlines(keepends=True))
+        )
 
 
-def _thinned(curve: str) -> str:
+def _thinned(curve: list[str]) -> str:
     """About ``CURVE_ROWS`` rows and the last; a curve that was thinned before stays as it is."""
-    header, *rows = curve.splitlines(keepends=True) or [""]
+    header, *rows = curve or [""]
     step = max(1, len(rows) // CURVE_ROWS)
     return "".join([header, *rows[: len(rows) - 1 : step], *rows[-1:]])
 
@@ -123,9 +133,7 @@ def _curve(log: Path) -> str:
     from sprintlab.training.runs.sweep import curve_text
 
     try:
-        return curve_text(
-            [parse_json(line) for line in read_text(_own(log), LOG_LIMIT, what="log").splitlines()]
-        )
+        return curve_text([parse_json(line) for line in read_lines(_own(log), LOG_LIMIT, "log")])
     except (TypeError, ValueError, AttributeError) as error:
         raise SprintlabError(f"{log} is no training log: {error}") from error
 

@@ -1,6 +1,7 @@
 """Finished runs are put where they are committed."""
 
 import json
+import time
 from contextlib import suppress
 
 import pytest
@@ -155,6 +156,31 @@ def test_a_curve_that_is_none_ends_in_no_traceback(runs, tmp_path, text):
         publish(Publish(runs=runs, results=tmp_path / "results"))
     except SprintlabError as refused:
         assert "learning curve" in str(refused)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("curve.csv", "seconds,speed_p999\n" + "1,1\n" * 100_000, "more than 100000 lines"),
+        ("curve.csv", "seconds,speed_p999\n0,1e13\n", r"beyond 1e\+12"),
+        ("log.jsonl", '{"a":1}\n' * 100_001, "more than 100000 lines"),
+    ],
+)
+def test_files_of_a_training_that_no_training_writes_are_refused(runs, tmp_path, name, text, match):
+    path = runs / "sprint" / "seed-0" / name
+    path.with_name("curve.csv").unlink(missing_ok=True)
+    path.write_text(text)
+    with pytest.raises(SprintlabError, match=match):
+        read_curve(path) if name == "curve.csv" else publish(Publish(runs=runs, results=tmp_path / "results"))
+
+
+def test_a_wide_curve_of_many_short_rows_takes_no_longer_than_its_bytes(runs):
+    path = runs / "sprint" / "seed-0" / "curve.csv"
+    wide = ",".join(f"c{number}" for number in range(20_000))
+    path.write_text(f"seconds,speed_p999,{wide}\n" + "1,2\n" * 50_000)
+    started = time.process_time()
+    assert read_curve(path)["speed_p999"].tolist() == [2.0] * 50_000
+    assert time.process_time() - started < 5.0  # a name for each missing cell of each row takes minutes
 
 
 def moved_away(folder, elsewhere):
