@@ -1,9 +1,13 @@
 """A bus that speaks Unitree's messages: how states are numbered, who is overheard, 500 messages a second."""
 
+import contextlib
 import os
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -391,3 +395,78 @@ def test_of_robots_that_saw_nobody_in_the_same_moment_one_stays(address, monkeyp
     for end in found:
         end.close()
     assert len(found) == 1
+
+
+STRANGER = """
+import sys
+from cyclonedds.core import Policy, Qos
+from cyclonedds.pub import DataWriter, Publisher
+from cyclonedds.topic import Topic
+from sprintlab.deployment.bus import unitree_bus
+from sprintlab.deployment.bus.address import parse_address
+
+class NoText(str):
+    def encode(self, *_):
+        return b"\\xff\\xfe"
+
+participant = unitree_bus._participant(parse_address(sys.argv[1]))
+qualities = {"name": Qos(Policy.EntityName(NoText("x"))), "nothing": Qos()}
+partition = Publisher(participant, qos=Qos(Policy.Partition([NoText("x")])))
+topic = Topic(participant, sys.argv[3], unitree_bus._PACKETS[sys.argv[4]])
+writer = DataWriter(partition if sys.argv[2] == "partition" else participant, topic,
+                    qos=qualities.get(sys.argv[2], Qos()))
+print("up", flush=True)
+sys.stdin.readline()
+"""
+
+
+@contextlib.contextmanager
+def strangers_writer(address, *arguments):
+    """Somebody in a process of his own whose announcement holds what is no text."""
+    stranger = subprocess.Popen(
+        [sys.executable, "-c", STRANGER, address, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert stranger.stdout.readline() == "up\n"
+        yield
+    finally:
+        stranger.communicate("\n")
+
+
+@pytest.mark.parametrize("where", ["name", "partition"])
+def test_an_announcement_that_is_no_text_keeps_nobody_out(address, where):
+    """The library gave up, and with it both ends, at whatever topic it came."""
+    with strangers_writer(address, where, "rt/other", "state"):
+        endpoint = open_endpoint(address)
+        open_bus(address).close()
+        endpoint.close()
+
+
+def test_who_announces_himself_with_what_is_no_text_is_seen_all_the_same(address):
+    with (
+        contextlib.closing(open_endpoint(address)),
+        strangers_writer(address, "name", "rt/lowcmd", "command"),
+        pytest.raises(BusError, match="another controller"),
+    ):
+        open_bus(address)
+
+
+def test_publishers_are_found_beside_one_whose_topic_has_no_name():
+    pytest.importorskip("cyclonedds")
+    from sprintlab.deployment.bus import unitree_bus
+
+    class Reader:
+        """Gives up what it has taken, as the library does."""
+
+        waiting: ClassVar = ["first", None, "last"]
+
+        def take(self, N):
+            taken, self.waiting = self.waiting[:N], self.waiting[N:]
+            if None in taken:
+                raise Exception("Callfunc endpoint constructor errored.")
+            return taken
+
+    assert list(unitree_bus._everybody(Reader())) == ["first", "last"]

@@ -10,7 +10,7 @@ import contextlib
 import re
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ _TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 _PATIENCE = 3.0  # [s] to find a robot
 _SETTLING = 0.5  # [s] to hear of others
 _LOOK = 0.01  # [s] between two looks at who reads the commands
+_MOST_PUBLISHERS = 100_000  # of a domain that are looked at
 _WAITING = 64  # messages that wait to be read; the oldest make room
 _READING = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(_WAITING))
 _OTHERS = Qos(
@@ -129,7 +130,7 @@ class _DdsEnd(BusEnd):
 
     def _publishers(self, channel: str) -> set[uuid.UUID]:
         """Who publishes a channel in this domain."""
-        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=1000)
+        found = _everybody(BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication))
         return {sample.key for sample in found if getattr(sample, "topic_name", "") == _TOPICS[channel]}
 
     _readers: dict[str, Any]
@@ -275,6 +276,25 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
 
     def _note_author(self, author: int) -> None:
         self._author = author
+
+
+def _everybody(reader: Any) -> Iterator[Any]:
+    """All that the network tells of its publishers.
+
+    They are taken one by one: what a stranger says of himself may be no text, on which the library gives up
+    what it has taken. Qualities of service are not read: in them it may stand beside a topic of ours.
+    """
+    reader._cqos_conv = lambda pointer: None
+    for _ in range(_MOST_PUBLISHERS):
+        try:
+            taken = reader.take(N=1)
+        except DDSException:
+            raise
+        except Exception:  # of no narrower class: a topic or a type whose name is no text, so none of ours
+            continue
+        if not taken:
+            return
+        yield from taken
 
 
 def _place(address: BusAddress) -> tuple[str, int]:
