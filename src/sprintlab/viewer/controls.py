@@ -177,7 +177,10 @@ class Controls:
             self._do(lambda: self._session.turn(**{knob: convert(handle.value)}))
 
     def _push(self, side: str) -> None:
-        forward, left = (self._impulse.value * part for part in _PUSHES[side])
+        direction, impulse = _PUSHES.get(side, (0.0, 0.0)), self._impulse.value
+        if not self._impulse.min <= impulse <= self._impulse.max:  # which only a visitor's own message says
+            return
+        forward, left = (impulse * part for part in direction)
         self._do(lambda: self._session.push(forward, left))
 
     def _stop(self) -> None:
@@ -186,6 +189,7 @@ class Controls:
 
 
 def _move(slider: Any, value: float) -> None:
-    """Put a slider at the step nearest to a value, not beyond its ends."""
-    stepped = slider.step * round(value / slider.step)
+    """Put a slider at the step nearest to a value, not beyond its ends; NaN counts as its least value."""
+    within = min(max(slider.min, value), slider.max)
+    stepped = slider.step * round(within / slider.step)
     slider.value = round(min(max(stepped, slider.min), slider.max), 3) + 0.0

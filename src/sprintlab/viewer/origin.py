@@ -10,6 +10,8 @@ from typing import Any
 
 import websockets.asyncio.server
 
+from sprintlab.viewer.visitors import LARGEST_MESSAGE, Visitors, silent_log
+
 _LOCAL_NAMES = ("localhost",)
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^\[\]:@/]+))(?::[0-9]{1,5})?")
 """A host of a URL: an address in brackets or a name, and perhaps a port."""
@@ -47,10 +49,18 @@ def _is_own_name(host: str, served_at: str) -> bool:
 
 @contextmanager
 def own_origin_only(served_at: str) -> Generator[None, None, None]:
-    """Servers of WebSockets that start in the block refuse what another page opens, with status 403."""
+    """Servers of WebSockets that start in the block refuse what another page opens, with status 403.
+
+    Of what the page itself opens they hear what its controls say.
+    """
     serve = websockets.asyncio.server.serve
 
-    def guarded(*arguments: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
+    def guarded(
+        handler: Callable[..., Any],
+        *arguments: Any,
+        process_request: Callable[..., Any] | None = None,
+        **options: Any,
+    ) -> Any:
         def judge(connection: Any, request: Any) -> Any:
             headers = request.headers
             if headers.get_all("Upgrade"):
@@ -59,7 +69,8 @@ def own_origin_only(served_at: str) -> Generator[None, None, None]:
                     return connection.respond(403, "This page takes its own connections only.\n")
             return None if process_request is None else process_request(connection, request)
 
-        return serve(*arguments, process_request=judge, **options)
+        options |= {"max_size": LARGEST_MESSAGE, "logger": silent_log()}
+        return serve(Visitors(handler), *arguments, process_request=judge, **options)
 
     websockets.asyncio.server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]
     try:
