@@ -1,5 +1,6 @@
 """Every bus keeps the same promises; shared memory also survives crashes."""
 
+import contextlib
 import errno
 import functools
 import os
@@ -430,6 +431,22 @@ def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name, co
         assert foreign.read_bytes() == content
     finally:
         foreign.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("ending", ["", ".controller"], ids=["memory", "lock"])
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_what_takes_the_place_of_the_memory_or_the_lock_is_kept_at_the_end(bus_name, tmp_path, ending, kind):
+    """Above all the memory of a second robot, which started when the first one's was gone."""
+    path = shared_folder() / f"{PREFIX}{bus_name}{ending}"
+    with contextlib.closing(open_endpoint(f"shm://{bus_name}")):
+        interface = open_bus(f"shm://{bus_name}")
+        path.unlink()
+        path.symlink_to(tmp_path) if kind == "link" else path.write_bytes(b"mine")
+        interface.close()
+    try:
+        assert path.is_symlink() if kind == "link" else path.read_bytes() == b"mine"
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def test_a_lock_of_another_account_lets_no_controller_in(bus_name, monkeypatch):

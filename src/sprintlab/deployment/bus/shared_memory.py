@@ -66,8 +66,7 @@ def remove_orphans(folder: Path | None = None) -> list[str]:
     removed = []
     for path in (folder or shared_folder()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError), _open_own(path) as file:
-            if file is not None and _lock(file) and _is_still(path, file):
-                path.unlink()
+            if file is not None and _lock(file) and _remove(path, file):
                 removed.append(path.name.removeprefix(PREFIX))
     return sorted(removed)
 
@@ -123,8 +122,7 @@ class ControllerLock:
 
     def release(self) -> None:
         """Let the next controller in."""
-        with contextlib.suppress(OSError):
-            self._path.unlink()
+        _remove(self._path, self._file)
         self._file.close()
 
 
@@ -239,8 +237,7 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
         if self._closed:
             return
         self._words[_ROBOT_LEFT] = 1
-        with contextlib.suppress(OSError):
-            self._path.unlink()
+        _remove(self._path, self._file)
         self._release()
 
 
@@ -373,5 +370,14 @@ def _private(path: str, flags: int) -> int:
 def _is_still(path: Path, file: IO[bytes]) -> bool:
     """Whether an open file still bears its name: somebody may have tidied up between opening and locking."""
     with contextlib.suppress(FileNotFoundError):
-        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+        return os.path.samestat(path.lstat(), os.fstat(file.fileno()))
+    return False
+
+
+def _remove(path: Path, file: IO[bytes]) -> bool:
+    """Take the name from an open file; what somebody has put in its place meanwhile stays."""
+    with contextlib.suppress(OSError):
+        if _is_still(path, file):
+            path.unlink()
+            return True
     return False
