@@ -509,6 +509,24 @@ def test_a_file_that_takes_the_logs_name_while_it_is_written_is_kept(path, links
     assert sorted(each.name for each in path.parent.iterdir()) == ["run-2.mcap", "run-3.mcap", "run.mcap"]
 
 
+@pytest.mark.parametrize("put", [None, "mine"])
+def test_a_log_whose_file_was_taken_away_says_so_and_passes_off_no_other(path, monkeypatch, put):
+    """Whatever had the unfinished log's name became the log, and nobody was told."""
+    unfinished = path.with_name(".run.mcap.partial")
+
+    def take_away(*_):
+        unfinished.unlink()
+        if put is not None:
+            unfinished.write_text(put)
+
+    monkeypatch.setattr(writer, "_write_frames", take_away)
+    problem = write_log(io.BytesIO(), path)
+    assert problem is not None and "taken away" in problem.strerror
+    assert {each.name: each.read_text() for each in path.parent.iterdir()} == (
+        {unfinished.name: put} if put else {}
+    )
+
+
 def test_what_a_killed_writer_left_makes_room(path):
     for left in (b"", b"\x89MCAP0\r\n half"):
         path.with_name(".run.mcap.partial").write_bytes(left)

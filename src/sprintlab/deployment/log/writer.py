@@ -75,6 +75,8 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
             _write_frames(stream, writer)
         except OSError as error:
             failure = OSError(error.errno, f"it ends before the run does: {error.strerror or error}")
+        if not _is_still(temporary, file.fileno()):
+            return OSError(errno.ENOENT, f"{temporary} was taken away while it was written: there is no log")
         placed = _named(temporary, path)
     if placed != path:
         failure = OSError(errno.EEXIST, f"it is {placed.name}, since another file took its name meanwhile")
