@@ -156,7 +156,8 @@ LOOKS = (
         "#0ea5e9",
         (("ninth", "other_shares"), ("ninth", "braking_practised"), ("ninth", "pace_of_sprint_fast")),
     ),
-    Look("one term left out", "#f472b6", (("tenth", "left_out"),)),
+    Look("one thing left out", "#f472b6", (("tenth", "left_out"), ("eleventh", "left_out"))),
+    Look("recipe of sprint with a battery", "#dc2626", (("eleventh", "with_battery"),), "*"),
     SEEDS,
 )
 """All that was trained after the policies with trials of their own, and means of those."""
@@ -228,7 +229,7 @@ def _line(points: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
 
 
 def _draw_look(panel: Axes, look: Look, points: list[dict[str, Any]], measured: str) -> None:
-    seeds = look is SEEDS
+    seeds = look.marker == "*"
     style = {"ls": "", "ms": 9.0 if seeds else 3.0, "color": look.color, "zorder": 4.0 if seeds else 1.0}
     panel.plot([], [], look.marker, label=look.label, **style)
     for point in points:

@@ -306,11 +306,52 @@ def test_the_page_tells_what_each_term_left_out_does(flowing):
     assert f"{gain:.1f} m/s on average after 1196 iterations" in page
 
 
+def test_the_page_tells_what_each_setting_changed_does(flowing):
+    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
+    levers, page = found["left_out"]["levers"], flowing("docs/results.md")
+    named = {"no-yaw": "fine tracking of the yaw rate", "no-ramps": "ramps (ACS alone)"}
+    named |= {"half-ramps": "ramps doubled (half of the targets)", "no-clock": "random clock"}
+    named |= {"no-delay": "delay (seed 0)", "no-stops": "stop commands"}
+    assert set(named) == set(levers)
+    for lever, words in named.items():
+        seeds = levers[lever]["seeds"]
+        assert lever_row(words, seeds, sorted(seeds)) in page
+    gains = [turn["gain"] for turns in levers["no-yaw"]["turns"].values() for turn in turns]
+    assert (
+        f"with at most {100 * max(gains):.0f} % of the yaw rate" in page
+        and sum(gain < 0 for gain in gains) == 1
+    )
+    trials = [trial for seed in levers["no-ramps"]["seeds"].values() for trial in seed["trials"].values()]
+    assert sum(trial["falls"] for trial in trials) == 0
+    assert f"falls in none of {sum(trial['trials'] for trial in trials)} trials" in page
+    jitters = [seed["clock"]["entries"] for seed in levers["no-clock"]["seeds"].values()]
+    lost = [entries[0]["clock_held"] - entries[-1]["clock_held"] for entries in jitters]
+    assert f"cost {lost[0]:.1f} and {lost[1]:.1f} m/s at the fastest command" in page
+    assert not any(trial["complete"] for trial in levers["no-stops"]["seeds"]["0"]["trials"].values())
+
+
+def test_the_pages_tell_what_a_battery_and_another_robot_do(flowing):
+    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
+    before = json.loads((ROOT / "results/tenth-looks/trainings.json").read_text(encoding="utf-8"))
+    battery, without = found["with_battery"]["seeds"]["3"], before["seeds"]["3"]
+    assert (
+        f"holds {battery['held_raw_m_s']:.2f} m/s with one instead of {without['held_raw_m_s']:.2f}"
+        in flowing("docs/results.md")
+    )
+    lane = "farthest foot from the lane's middle"
+    assert battery["failed"] == [lane]
+    beyond = battery["worst"][lane] - AuditThresholds().lane_half_width
+    assert f"its lane in the 100 m, by {100 * beyond:.0f} cm" in flowing("docs/results.md")
+    dog = found["other_robot"]["go1"]
+    told = f"give {dog['held_raw_m_s']:.2f} m/s asked for {dog['command_m_s']}"
+    assert told in flowing("docs/robot.md") and dog["failed"] == ["foot force"]
+
+
 def lever_row(words, seeds, chosen):
     """A row of the page's table from the recorded trials, up to the last column."""
     trials = [seeds[seed]["trials"] for seed in chosen]
     cells = (
-        [f"{each['12.0']['held_m_s']:.2f}" for each in trials],
+        [f"{speed:.2f}" if (speed := each["12.0"].get("held_m_s")) else "falls" for each in trials],
         [f"{each['10.0']['cost_of_transport']:.2f}" for each in trials],
         [f"{each['12.0']['foot_force_body_weights']:.1f}" for each in trials],
         [f"{each['12.0']['gear_torque_peak']:.1f}" for each in trials],
