@@ -229,8 +229,8 @@ def _line(points: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
 
 
 def _draw_look(panel: Axes, look: Look, points: list[dict[str, Any]], measured: str) -> None:
-    seeds = look.marker == "*"
-    style = {"ls": "", "ms": 9.0 if seeds else 3.0, "color": look.color, "zorder": 4.0 if seeds else 1.0}
+    large = look.marker == "*"
+    style = {"ls": "", "ms": 9.0 if large else 3.0, "color": look.color, "zorder": 4.0 if large else 1.0}
     panel.plot([], [], look.marker, label=look.label, **style)
     for point in points:
         fill = look.color if point["failed"] == [] else "none"
