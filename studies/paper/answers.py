@@ -193,8 +193,8 @@ def _others(known: Evidence) -> str:
         return "Not evaluated yet."
     best = max(running, key=lambda row: row.most_held.center)
     picked = (
-        f"`{best.method}` is the fastest of {len(found)}. It was chosen for that, which the interval does not "
-        "account for."
+        f"`{best.method}` is the fastest of {len(found)}. It was chosen for that, which the interval does "
+        "not account for."
     )
     text = f"{picked} {comparison(known.rows, best.method)}"
     missing = [f"`{name}`" for name in known.comparators if name not in known.rows]

@@ -173,8 +173,8 @@ def variants_table(known: Evidence) -> str:
         for method, speeds in known.variants.items()
     ]
     note = (
-        "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot. In Drake: at the "
-        "command at which it holds most in MuJoCo, ten trials."
+        "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot. In Drake: at "
+        "the command at which it holds most in MuJoCo, ten trials."
     )
     columns = ("method", *(variant.title for variant in VARIANTS.values()))
     return f"{markdown_table(columns, rows)}\n\n{note}"
