@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.reading import read_lines
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
@@ -22,7 +23,7 @@ from sprintlab.robots import RobotDescription
 from studies.paper import figures
 from studies.paper.command_modes import COMMAND_MODES, CommandSequence
 from studies.paper.measure import Candidate
-from studies.paper.runs import Run, by_method, committed_records, read_lines
+from studies.paper.runs import Run, by_method, committed_records
 from studies.paper.training_cloud import TrainingCloud, load_training_cloud
 
 DPI = 80

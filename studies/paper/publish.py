@@ -17,18 +17,10 @@ import tyro
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
-from sprintlab.core.reading import parse_json, read_bytes
+from sprintlab.core.reading import parse_json, read_bytes, read_lines
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
-from studies.paper.runs import (
-    CLOUD_NAME,
-    EVALUATION_NAME,
-    POLICY_NAME,
-    Run,
-    check_own_folder,
-    find_runs,
-    read_lines,
-)
+from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
 
 LOG_NAME = "log.jsonl"
 KEPT = ("run.toml", "run.json", EVALUATION_NAME)

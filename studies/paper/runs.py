@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.reading import check_folder, read_text
+from sprintlab.core.reading import check_folder
 from studies.paper.paper import PAPER_TABLE
 from studies.paper.record import EvaluationRecord, read_evaluation
 
@@ -17,8 +17,6 @@ POLICY_NAME = "policy.onnx"
 EVALUATION_NAME = "evaluation.json"
 CHECKPOINT_NAME = "checkpoint.pt"
 CLOUD_NAME = "cloud.npz"
-MOST_LINES = 100_000
-"""Most lines of a learning curve or a log."""
 _SEED, _METHOD = re.compile(r"seed-(\d{1,9})"), re.compile(r"[\w.+-]{1,60}")  # they stand on a page
 
 
@@ -93,23 +91,6 @@ def check_own_folder(folder: Path) -> None:
     for place in (folder.parent, folder):
         if place.is_symlink():
             raise SprintlabError(f"{place} is a link: a run and its method have folders of their own")
-
-
-def read_lines(path: Path, limit: int, what: str) -> list[str]:
-    """Lines of a file that a training wrote, one an iteration.
-
-    Args:
-        path: of the file.
-        limit: most bytes that it may have.
-        what: kind of file, for the sentence.
-
-    Raises:
-        SprintlabError: as ``read_text``, or it has more than ``MOST_LINES``.
-    """
-    lines = read_text(path, limit, what=what).splitlines(keepends=True)
-    if len(lines) > MOST_LINES:
-        raise SprintlabError(f"{what} {path} has more than {MOST_LINES} lines, the most that is read")
-    return lines
 
 
 def committed_records(runs: Iterable[Run]) -> list[EvaluationRecord]:

@@ -16,7 +16,7 @@ from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError, printable_stderr
 from sprintlab.core.extras import require_package
-from sprintlab.core.reading import parse_json, read_text
+from sprintlab.core.reading import parse_json, read_lines
 from sprintlab.core.streams import lasting_streams
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sprintlab.training.settings import TrainingSettings
 
-_LOG_LIMIT, _MOST_ITERATIONS = 64 << 20, 100_000
+_LOG_LIMIT = 64 << 20
 NEEDED = ("torch", "warp", "mujoco_warp")
 
 
@@ -53,7 +53,7 @@ class Training(Drawn):
         """
         path = self.folder / "log.jsonl"
         try:
-            rows = [parse_json(line) for line in _lines(path)]
+            rows = [parse_json(line) for line in read_lines(path, _LOG_LIMIT, "log")]
         except ValueError as error:
             raise SprintlabError(f"{path} cannot be read: {error}") from error
         if not all(isinstance(row, dict) and _numbers_only(row) for row in rows):
@@ -91,13 +91,6 @@ class Training(Drawn):
             SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
         """
         return export(self.checkpoint, self.policy if output is None else output)
-
-
-def _lines(path: Path) -> list[str]:
-    lines = read_text(path, _LOG_LIMIT, what="log").splitlines()
-    if len(lines) > _MOST_ITERATIONS:
-        raise SprintlabError(f"{path} has more than {_MOST_ITERATIONS} lines, the most that is read")
-    return lines
 
 
 def _numbers_only(row: Mapping[str, Any]) -> bool:

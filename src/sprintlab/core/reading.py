@@ -25,6 +25,8 @@ else:
 
 TEXT_LIMIT = 256 << 10
 """Largest table (TOML) that is read [bytes]."""
+MOST_LINES = 100_000
+"""Most lines of a training's log or learning curve that are read, one an iteration."""
 JSON_LIMIT = 8 << 20
 """Largest JSON file that is read [bytes]."""
 _DEEPEST = 40  # tables within tables
@@ -128,6 +130,25 @@ def read_text(
         return read_bytes(path, limit, what=what, error=error).decode("utf-8-sig")
     except UnicodeDecodeError as reason:
         raise error(f"{what} {printable(path)} is no text in UTF-8: {reason.reason}") from reason
+
+
+def read_lines(path: str | os.PathLike[str], limit: int, what: str) -> list[str]:
+    """Lines of a file that a training wrote, with their ends.
+
+    Args:
+        path: of the file.
+        limit: most bytes that it may have.
+        what: kind of file, for the sentence.
+
+    Raises:
+        SprintlabError: as ``read_text``, or it has more than ``MOST_LINES``.
+    """
+    lines = read_text(path, limit, what=what).splitlines(keepends=True)
+    if len(lines) > MOST_LINES:
+        raise SprintlabError(
+            f"{what} {printable(path)} has more than {MOST_LINES} lines, the most that is read"
+        )
+    return lines
 
 
 def read_toml(
