@@ -172,10 +172,7 @@ def variants_table(known: Evidence) -> str:
         [method, *(number(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
         for method, speeds in known.variants.items()
     ]
-    note = (
-        "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot. In Drake: at "
-        "the command at which it holds most in MuJoCo, ten trials."
-    )
+    note = "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot."
     columns = ("method", *(variant.title for variant in VARIANTS.values()))
     return f"{markdown_table(columns, rows)}\n\n{note}"
 

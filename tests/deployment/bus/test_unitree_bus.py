@@ -422,7 +422,7 @@ sys.stdin.readline()
 
 @contextlib.contextmanager
 def strangers_writer(address, *arguments):
-    """Somebody in a process of his own whose announcement holds what is no text."""
+    """A process that announces a DDS publisher with a name that is not UTF-8."""
     stranger = subprocess.Popen(
         [sys.executable, "-c", STRANGER, address, *arguments],
         stdin=subprocess.PIPE,
