@@ -13,6 +13,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
+from sprintlab.control.calibration import CalibrationContract
 from sprintlab.control.filters import LowPass
 from sprintlab.control.observation import OBSERVATION_TERMS, Observation, ObservationLayout
 from sprintlab.control.pace import PaceContract
@@ -172,6 +173,9 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         pace: how far the forward command that reaches the network may run ahead of the robot, and how fast it
             may fall; None: as it is given.
         turning: which yaw rate the network is asked for; None: the one that is commanded.
+        calibration: which forward command the network is given for the one that is commanded, and which
+            forward speed its estimate stands for; None: each as it is. Versions before it was introduced
+            refuse a contract that has one.
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
@@ -199,6 +203,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     standing: StandingContract | None = None
     pace: PaceContract | None = None
     turning: TurningContract | None = None
+    calibration: CalibrationContract | None = None
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)

@@ -14,6 +14,7 @@ import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
+from sprintlab.control.calibration import given_speed, true_speed
 from sprintlab.control.contract import (
     CONTRACT_KEY,
     ESTIMATE_TERMS,
@@ -182,8 +183,8 @@ class PolicyRuntime:
     """Runs a policy: filter, observation, history, network and its estimate, joint targets (not torques).
 
     As the contract says, a robot that is commanded to rest and is nearly at rest is held in its default pose,
-    the forward command runs ahead of the robot, and falls, no more than the policy follows well, and a loop
-    on the gyroscope decides which yaw rate the network is asked for.
+    the forward command is the one at which the robot runs as commanded, runs ahead of it, and falls, no more
+    than the policy follows well, and a loop on the gyroscope decides which yaw rate the network is asked for.
 
     Args:
         policy: the loaded policy.
@@ -232,12 +233,18 @@ class PolicyRuntime:
 
     @property
     def last_estimate(self) -> FloatArray | None:
-        """The last estimate, filtered, as the policy used it ``(8,)``.
+        """The last estimate, filtered ``(8,)``, its forward speed calibrated as the contract says.
 
         Velocity in the body frame [m/s] 3, base height [m] 1, probability of foot contact 4. ``None`` before
-        the first step, and for a policy without an estimator.
+        the first step, and for a policy without an estimator. The network is handed back its own.
         """
-        return None if self._estimate is None else self._estimate[0]
+        if self._estimate is None:
+            return None
+        estimate = self._estimate[0]
+        if self._policy.contract.calibration is not None:
+            estimate = estimate.copy()
+            estimate[0] = self._true_speed()
+        return estimate
 
     def step(self, measurement: Measurement, command: FloatArray) -> FloatArray:
         """Joint position targets [rad] ``(joints,)`` for the next policy period.
@@ -268,20 +275,30 @@ class PolicyRuntime:
         return joint_targets(action, self._default_pose, self._action_scale, limit)
 
     def _shaped(self, given: FloatArray, measurement: Measurement) -> FloatArray:
-        """The command that the network is given: paced and turned as the contract says."""
+        """The command that the network is given: calibrated, paced and turned as the contract says."""
         contract, forward, yaw_rate = self._policy.contract, float(given[0]), float(given[2])
+        if contract.calibration is not None:
+            forward = given_speed(contract.calibration, forward)
         pace, led = contract.pace, forward
         if pace is not None:
             forward = limit_braking(pace, self._forward, forward, contract.policy_rate_hz)
-            led = limit_lead(pace, float(self._velocity()[0]), forward)
+            led = limit_lead(pace, self._true_speed(), forward)
         self._forward = forward
         if self._turning is not None:  # not by the led command, which ripples and would pass for braking
             yaw_rate = self._turning.step(forward, yaw_rate, float(measurement.angular_velocity[2]))
         return np.array([led, given[1], yaw_rate])
 
     def _velocity(self) -> FloatArray:
-        """The estimated velocity of the last step, body frame [m/s] ``(3,)``; zeros without one."""
+        """The estimated velocity of the last step, body frame [m/s] ``(3,)``; zeros without one.
+
+        As the network tells it: what tells a robot that stands is below every calibration.
+        """
         return np.zeros(3) if self._estimate is None else self._estimate[0, :3]
+
+    def _true_speed(self) -> float:
+        """The forward speed [m/s] that the last estimate stands for."""
+        calibration, estimated = self._policy.contract.calibration, float(self._velocity()[0])
+        return estimated if calibration is None else true_speed(calibration, estimated)
 
     def _share(self, measurement: Measurement, command: FloatArray) -> float:
         """How much of the action is used; a robot that is let go begins as after a reset."""

@@ -2,14 +2,15 @@
 
 An ONNX file is a program: it may loop for ever, ask for 40 GB, read other files. A policy is a network of
 known operators whose sizes follow from its own numbers, so they are worked out here, for one robot, without
-running anything: what cannot be followed is refused.
+running anything: what cannot be followed is refused. Whoever reads the bytes can also change what stands
+beside the network: ``with_metadata``.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ MOST_NUMBERS = 1 << 24
 """Most numbers of one tensor, and of all that one step makes."""
 MOST_PRODUCTS = 1 << 30
 """Most multiplications of one step: beyond, no step would fit into its 20 ms."""
+_METADATA = 14  # field of a model in which its metadata stand
 _MOST_NODES = 5000
 _MOST_FIELDS = 50_000  # of which the runtime's time grows with the square; a policy has a thousand
 _MOST_KNOWN = 4096  # numbers of a tensor whose values are followed: shapes, indices
@@ -121,7 +123,35 @@ def check_graph(content: bytes) -> None:
         raise GraphError("is damaged") from error
 
 
+def with_metadata(content: bytes, name: str, text: str) -> bytes:
+    """An ONNX file in which one entry of the metadata is another one; every other byte is the same.
+
+    Args:
+        content: of a file that ``check_graph`` accepts.
+        name: of the entry, which is added where there is none.
+        text: its new content.
+
+    Raises:
+        GraphError: the file is damaged.
+    """
+    wire, before = _Wire(), slice(len(content), len(content))
+    try:
+        for entry in wire.entries(memoryview(content)):
+            if entry.number == _METADATA and _text(_single(wire.fields(entry.value), 1, b"")) == name:
+                before = entry.place
+    except (IndexError, UnicodeDecodeError) as error:
+        raise GraphError("is damaged") from error
+    pair = _written(1, name.encode()) + _written(2, text.encode())
+    return content[: before.start] + _written(_METADATA, pair) + content[before.stop :]
+
+
 # --- the file's bytes: protocol buffers -------------------------------------------------------------------
+
+
+class _Entry(NamedTuple):
+    number: int
+    value: Any
+    place: slice
 
 
 class _Wire:
@@ -137,11 +167,18 @@ class _Wire:
         kind, runtimes pass over them.
         """
         found: dict[int, list[Any]] = {}
+        for entry in self.entries(data):
+            found.setdefault(entry.number, []).append(entry.value)
+        return found
+
+    def entries(self, data: memoryview) -> Iterator[_Entry]:
+        """One entry after the other, numbered as in ``fields``."""
         at = 0
         while at < len(data):
             self._fields += 1
             if self._fields > _MOST_FIELDS:
                 raise GraphError(f"has more than {_MOST_FIELDS} entries")
+            start = at
             key, at = _varint(data, at)
             if key >> 32:  # runtimes drop the rest, and read another field
                 raise GraphError("is damaged")
@@ -155,8 +192,7 @@ class _Wire:
                 value, at = data[at : at + length], at + length
             else:
                 raise GraphError("is damaged")
-            found.setdefault(-(key >> 3) if kind in (1, 5) else key >> 3, []).append(value)
-        return found
+            yield _Entry(-(key >> 3) if kind in (1, 5) else key >> 3, value, slice(start, at))
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:
@@ -168,6 +204,19 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
         if byte < 128:
             return value & (1 << 64) - 1, at
     raise GraphError("is damaged")
+
+
+def _written(number: int, data: bytes) -> bytes:
+    """An entry that holds these bytes."""
+    return _written_varint(number << 3 | 2) + _written_varint(len(data)) + data
+
+
+def _written_varint(value: int) -> bytes:
+    written = bytearray()
+    while value > 127:
+        written.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*written, value])
 
 
 def _signed(value: Any) -> int:
@@ -216,7 +265,7 @@ def _check_model(wire: _Wire, model: Mapping[int, list[Any]]) -> None:
         raise GraphError("defines functions of its own")
     if 20 in model:
         raise GraphError("holds a training")
-    names = [_bytes(_single(wire.fields(item), 1, b"")) for item in model.get(14, [])]
+    names = [_bytes(_single(wire.fields(item), 1, b"")) for item in model.get(_METADATA, [])]
     if len(set(names)) < len(names):  # of two contracts, some readers take the first and some the last
         raise GraphError("is damaged: two of its metadata entries have one name")
 

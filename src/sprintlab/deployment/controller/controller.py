@@ -17,6 +17,7 @@ import numpy as np
 from sprintlab.commands import heading_angle, heading_command
 from sprintlab.control import POLICY_RATE_HZ, Measurement, Policy, PolicyRuntime
 from sprintlab.control import projected_gravity as gravity_in_body
+from sprintlab.control.calibration import given_speed
 from sprintlab.control.pace import braking_time
 from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller.course import Course, LastFix
@@ -461,7 +462,10 @@ def _check_braking(policy: Policy, limits: VelocityLimits) -> None:
     braking = policy.contract.pace
     if braking is None:
         return
-    taken, longest = braking_time(braking, limits.forward), limits.forward / limits.braking + BRAKE_RESERVE
+    calibration, fastest = policy.contract.calibration, limits.forward
+    if calibration is not None:  # the command that the network is given falls, and it may be the faster one
+        fastest = max(fastest, given_speed(calibration, fastest))
+    taken, longest = braking_time(braking, fastest), limits.forward / limits.braking + BRAKE_RESERVE
     if taken > longest:
         raise ContractMismatchError(
             f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
