@@ -259,13 +259,22 @@ def _profile_toml() -> Kind:
 
 def _policy() -> Kind:
     from sprintlab.control import load_policy, shipped_policies
+    from sprintlab.control.calibration import CalibrationContract
+    from sprintlab.evaluation.calibration import write_calibrated
 
     def read(path: Path) -> object:
         policy = load_policy(path)
         return policy.infer(np.zeros((1, policy.layout.input_size), dtype=np.float32))
 
-    good = _text_of(next(iter(shipped_policies().values())))
-    return Kind(name="policy", suffix=".onnx", make=good, read=read, apart=True)
+    def make(folder: Path) -> list[bytes]:
+        path, calibrated = next(iter(shipped_policies().values())), folder / "calibrated.onnx"
+        tables = CalibrationContract(
+            commanded=(2.0, 5.0), given=(2.0, 6.0), estimated=(2.0, 4.0), true=(2.0, 5.0)
+        )
+        write_calibrated(load_policy(path), path, tables, calibrated)
+        return [path.read_bytes(), calibrated.read_bytes()]
+
+    return Kind(name="policy", suffix=".onnx", make=make, read=read, apart=True)
 
 
 def _network() -> Kind:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,5 +111,5 @@ def calibrate(
 
 def _check_new_file(output: Path) -> None:
     check_writable_file(output)
-    if output.exists():
+    if os.path.lexists(output):
         raise SprintlabError(f"{output} exists already: choose another file for the calibrated policy")

@@ -18,6 +18,7 @@ from sprintlab.control import (
     shipped_policies,
     shipped_policy,
 )
+from sprintlab.control.calibration import CalibrationContract
 from sprintlab.control.pace import PaceContract
 from sprintlab.core.errors import ContractMismatchError
 from sprintlab.deployment.controller import Controller
@@ -73,6 +74,18 @@ def test_a_policy_that_would_run_on_when_told_to_brake_is_refused(braking, sprin
         Controller(policy, robot, Operator())
     policy.contract = replace(contract, pace=PaceContract())
     Controller(policy, robot, Operator())
+
+
+def test_braking_counts_from_the_speed_that_the_network_is_given(sprint_policy):
+    policy, limits = copy.copy(sprint_policy), {"estimated": (1.0, 2.0), "true": (1.0, 2.0)}
+    for fastest in (13.25, 40.0):
+        tables = CalibrationContract(commanded=(5.0, 12.0), given=(5.0, fastest), **limits)
+        policy.contract = replace(sprint_policy.contract, pace=PaceContract(), calibration=tables)
+        if fastest < 20.0:
+            Controller(policy, load_robot("bp2"), Operator())
+            continue
+        with pytest.raises(ContractMismatchError, match=r"braking .* from 12 m/s to rest"):
+            Controller(policy, load_robot("bp2"), Operator())
 
 
 @pytest.fixture
