@@ -115,6 +115,22 @@ def test_impossible_tables_are_refused_by_name(row: str, speeds: tuple[float, ..
         CalibrationContract(**{**ROWS, row: speeds})
 
 
+ANY_ROW = strategies.lists(strategies.floats() | strategies.sampled_from((1.0, 2.0, 1e-320)), max_size=4)
+
+
+@given(strategies.tuples(ANY_ROW, ANY_ROW, ANY_ROW, ANY_ROW), FINITE)
+def test_any_numbers_are_refused_in_one_sentence_or_give_bounded_speeds(
+    rows: tuple[list[float], ...], speed: float
+) -> None:
+    try:
+        contract = CalibrationContract(**dict(zip(ROWS, map(tuple, rows), strict=True)))
+    except InvalidValueError as error:
+        assert str(error).startswith("calibration.") and "\n" not in str(error)
+        return
+    assert min(speed, 0.0) <= given_speed(contract, speed) <= 100.0
+    assert abs(true_speed(contract, speed) - speed) <= max(100.0, 1e-15 * abs(speed))
+
+
 def test_the_contract_carries_them(assert_carried: Callable[..., None]) -> None:
     assert_carried("calibration", TABLES, {**ROWS, "given": [5.0, 4.0, 3.0]})
 
