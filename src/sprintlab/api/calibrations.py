@@ -90,7 +90,7 @@ def calibrate(
     Args:
         policy: a policy file, or the name of a policy that comes with the package.
         output: the policy file to write (.onnx); there must be none yet.
-        top_speed: highest command that is measured, and that the network will ever be given [m/s].
+        top_speed: highest command that is measured; the network is never given more [m/s].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         workers: processes; one a core when left out.
         progress: called with what is being done and the share done.

@@ -174,8 +174,8 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             may fall; None: as it is given.
         turning: which yaw rate the network is asked for; None: the one that is commanded.
         calibration: which forward command the network is given for the one that is commanded, and which
-            forward speed its estimate stands for; None: each as it is. Versions before it was introduced
-            refuse a contract that has one.
+            forward speed its estimate stands for; None: each as it is. Versions that do not know it refuse
+            a contract that tells of it, as they do any unknown field.
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
