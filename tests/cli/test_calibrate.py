@@ -6,6 +6,7 @@ import pytest
 
 from sprintlab.control import load_policy, shipped_policy
 from sprintlab.control.calibration import given_speed, true_speed
+from sprintlab.control.pace import PaceContract
 from sprintlab.evaluation import calibration
 from sprintlab.evaluation.calibration import Rung
 
@@ -16,11 +17,12 @@ def climbed(monkeypatch):
     asked = []
 
     def climb(policy, robot, command, settings, contract):
-        asked.append((command, contract))
-        given = command if contract is None else given_speed(contract, command)
+        tables = contract.calibration
+        asked.append((command, tables))
+        given = command if tables is None else given_speed(tables, command)
         true, estimated = 0.9 * given, 0.9 * given - 0.1 * given
-        if contract is not None:
-            estimated = true_speed(contract, estimated)
+        if tables is not None:
+            estimated = true_speed(tables, estimated)
         return Rung(command=command, held=true, estimated=estimated, true=true)
 
     monkeypatch.setattr(calibration, "climb", climb)
@@ -51,6 +53,14 @@ def test_tables_that_are_there_are_measured_anew(call, climbed, tmp_path):
     assert numbers["policy"] == "first" and numbers["output"] == str(second)
     assert numbers["largest_speed_error_m_s"]["before"] == pytest.approx(0.3)
     assert numbers["largest_speed_error_m_s"]["after"] == pytest.approx(0.1)  # as at 1 m/s
+
+
+def test_the_lead_is_that_of_the_calibrated_estimate(call, climbed, tmp_path):
+    output = tmp_path / "calibrated.onnx"
+    call("calibrate", "go2-sprint", output, "--top-speed", 4, "--lead", 1.5, "--workers", 1)
+    assert load_policy(output).contract.pace == PaceContract(lead=1.5)
+    refused = call("calibrate", "sprint", tmp_path / "new.onnx", "--top-speed", 4, "--lead", 0.1)
+    assert refused.status == 2 and "pace.lead" in refused.err and not (tmp_path / "new.onnx").exists()
 
 
 def test_bad_input_is_refused_before_anything_runs(call, policy, climbed, tmp_path):

@@ -13,6 +13,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import plain_table
+from sprintlab.control.pace import PaceContract
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import check_writable_file
@@ -78,6 +79,7 @@ def calibrate(
     output: Path | str,
     *,
     top_speed: float,
+    lead: float | None = None,
     robot: RobotChoice = None,
     workers: int | None = None,
     progress: Progress = lambda what, share: None,
@@ -91,6 +93,8 @@ def calibrate(
         policy: a policy file, or the name of a policy that comes with the package.
         output: the policy file to write (.onnx); there must be none yet.
         top_speed: highest command that is measured; the network is never given more [m/s].
+        lead: how far the forward command may run ahead of the calibrated estimate [m/s]; as the policy says
+            when left out.
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         workers: processes; one a core when left out.
         progress: called with what is being done and the share done.
@@ -102,9 +106,10 @@ def calibrate(
     from sprintlab.evaluation.calibration import LadderSettings, calibrated, write_calibrated
 
     settings, path, output = LadderSettings(top_speed=top_speed), policy_path(policy), Path(output)
+    PaceContract(lead=lead)  # refuses one that is out of range
     _check_new_file(output)
     with trial_pool(path, robot, workers) as pool:
-        found = calibrated(pool, settings, progress)
+        found = calibrated(pool, settings, lead, progress)
         write_calibrated(pool.policy, path, found.contract, output)
     return Calibration(policy=path.stem, found=found, output=output)
 

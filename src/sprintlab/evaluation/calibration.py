@@ -20,8 +20,16 @@ from typing import Any
 import msgspec
 
 from sprintlab.commands import SpeedProfile
-from sprintlab.control import CONTRACT_KEY, POLICY_LIMIT, Policy, encode_contract, load_policy
+from sprintlab.control import (
+    CONTRACT_KEY,
+    POLICY_LIMIT,
+    Policy,
+    PolicyContract,
+    encode_contract,
+    load_policy,
+)
 from sprintlab.control.calibration import CalibrationContract, given_speed
+from sprintlab.control.pace import PaceContract
 from sprintlab.control.policy_graph import with_metadata
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import PolicyFileError, SprintlabError
@@ -123,19 +131,25 @@ class CalibrationResult:
     """The tables of one policy, and what it does without and with them.
 
     Attributes:
-        contract: the tables.
+        contract: the policy's own, with the tables and the lead.
         before: the ladder without any table.
-        after: the same commands with the tables.
+        after: the same commands with the new contract.
     """
 
-    contract: CalibrationContract
+    contract: PolicyContract
     before: tuple[Rung, ...]
     after: tuple[Rung, ...]
 
     @property
+    def tables(self) -> CalibrationContract:
+        """The tables of the contract."""
+        assert self.contract.calibration is not None
+        return self.contract.calibration
+
+    @property
     def fastest(self) -> float:
         """The fastest command that the tables say can be held [m/s]."""
-        return self.contract.commanded[-1]
+        return self.tables.commanded[-1]
 
     def worst(self, rungs: Sequence[Rung]) -> tuple[float, float]:
         """Greatest errors of held speed, up to ``fastest``, and of the estimate [m/s]."""
@@ -144,14 +158,14 @@ class CalibrationResult:
 
     def given(self, command: float) -> float:
         """What the network is given for a command [m/s]."""
-        return given_speed(self.contract, command)
+        return given_speed(self.tables, command)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready numbers."""
         (speed_before, estimate_before), (speed, estimate) = map(self.worst, (self.before, self.after))
         return json_ready(
             {
-                "calibration": msgspec.to_builtins(self.contract),
+                "calibration": msgspec.to_builtins(self.tables),
                 "fastest_command_held_m_s": self.fastest,
                 "largest_speed_error_m_s": {"before": speed_before, "after": speed},
                 "largest_estimate_error_m_s": {"before": estimate_before, "after": estimate},
@@ -162,27 +176,39 @@ class CalibrationResult:
 
 
 def calibrated(
-    pool: TrialPool, settings: LadderSettings, progress: Callable[[str, float], None] = lambda *_: None
+    pool: TrialPool,
+    settings: LadderSettings,
+    lead: float | None = None,
+    progress: Callable[[str, float], None] = lambda *_: None,
 ) -> CalibrationResult:
     """Measure a policy without any tables, make its tables, and measure it with them.
 
     Args:
         pool: policy, robot and processes.
         settings: the commands.
+        lead: how far the forward command may run ahead of the calibrated estimate [m/s], as
+            ``PaceContract.lead``; as the policy's contract says when left out.
         progress: called after every command with what is done and the share done.
 
     Raises:
+        InvalidValueError: the lead is out of range.
         SprintlabError: the policy has no estimator, falls at a command, or hardly gets faster with it.
         SimulationError: as ``run_trial``.
     """
     if not pool.policy.estimates:
         raise SprintlabError("this policy has no estimator: there is no estimate of its speed to calibrate")
-    before = _ladder(pool, settings, None, lambda what, share: progress(f"measuring {what}", share / 2))
-    contract = tables_of(before)
+    plain = msgspec.structs.replace(pool.policy.contract, calibration=None)
+    pace = plain.pace if lead is None else _led(plain.pace, lead)
+    before = _ladder(pool, settings, plain, lambda what, share: progress(f"measuring {what}", share / 2))
+    contract = msgspec.structs.replace(plain, calibration=tables_of(before), pace=pace)
     after = _ladder(
         pool, settings, contract, lambda what, share: progress(f"checking {what}", (1 + share) / 2)
     )
     return CalibrationResult(contract=contract, before=before, after=after)
+
+
+def _led(pace: PaceContract | None, lead: float) -> PaceContract:
+    return PaceContract(lead=lead) if pace is None else msgspec.structs.replace(pace, lead=lead)
 
 
 def tables_of(rungs: Sequence[Rung]) -> CalibrationContract:
@@ -242,7 +268,7 @@ class _Hold:
 def _ladder(
     pool: TrialPool,
     settings: LadderSettings,
-    contract: CalibrationContract | None,
+    contract: PolicyContract,
     progress: Callable[[str, float], None],
 ) -> tuple[Rung, ...]:
     commands, rungs = settings.commands, list[Rung]()
@@ -250,7 +276,7 @@ def _ladder(
     for rung in climbed:
         if rung.fall:
             climbed.close()
-            with_tables = "" if contract is None else "with its tables "
+            with_tables = "" if contract.calibration is None else "with its tables "
             raise SprintlabError(
                 f"{with_tables}the policy falls ({rung.fall}) at {rung.command:g} m/s commanded: "
                 "calibrate up to a lower --top-speed"
@@ -265,22 +291,22 @@ def climb(
     robot: RobotDescription,
     command: float,
     settings: LadderSettings,
-    contract: CalibrationContract | None,
+    contract: PolicyContract,
 ) -> Rung:
-    """Run one command with these tables, whatever tables the policy's own contract has.
+    """Run one command with this contract instead of the policy's own.
 
     Args:
         policy: with an estimator; it is left as it is.
         robot: nominal.
         command: [m/s]
         settings: of the hold.
-        contract: the tables; ``None`` for none.
+        contract: the policy's, with other tables.
 
     Raises:
         SimulationError: as ``run_trial``.
     """
     changed = copy.copy(policy)
-    changed.contract = msgspec.structs.replace(policy.contract, calibration=contract)
+    changed.contract = contract
     course = _Hold(profile=SpeedProfile(top_speed=command, hold=settings.hold))
     trial = run_course(
         changed, robot, TrialRequest(top_speed=command, hold=settings.hold, keep_trajectory=True), course
@@ -302,13 +328,13 @@ def _means(command: float, run: Trajectory, counted: float) -> Rung:
     )
 
 
-def write_calibrated(policy: Policy, path: Path, contract: CalibrationContract, output: Path) -> None:
-    """Write a policy file with other tables in its contract; its network is the same to the last byte.
+def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, output: Path) -> None:
+    """Write a policy file with another contract; its network is the same to the last byte.
 
     Args:
         policy: that was measured.
         path: the file that it was read from.
-        contract: its tables.
+        contract: its new one.
         output: the file to write; it appears only if it reads back as it was meant.
 
     Raises:
@@ -318,11 +344,10 @@ def write_calibrated(policy: Policy, path: Path, contract: CalibrationContract, 
     content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
     if hashlib.sha256(content).hexdigest() != policy.digest:
         raise PolicyFileError(f"{path} has changed since it was measured: calibrate it again")
-    described = msgspec.structs.replace(policy.contract, calibration=contract)
-    data = with_metadata(content, CONTRACT_KEY, encode_contract(described))
+    data = with_metadata(content, CONTRACT_KEY, encode_contract(contract))
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / "policy.onnx"
         written.write_bytes(data)
-        if load_policy(written).contract != described:
+        if load_policy(written).contract != contract:
             raise PolicyFileError(f"the calibrated {path} does not read back as it was meant")
     atomic_write_bytes(output, data)
