@@ -2,11 +2,14 @@
 
 import os
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from sprintlab.core.errors import RobotModelError
 from sprintlab.robots.importing import compiling, read_source
+from sprintlab.robots.importing.fit import fit_robot
 from sprintlab.robots.importing.table import table_text
 
 BODY = '<body name="b"><joint/><geom size="0.1"/></body>'
@@ -95,6 +98,29 @@ def test_numbers_that_no_robot_has_are_refused_without_a_warning(tmp_path, capfd
     with pytest.raises(RobotModelError, match="cannot be used"):
         read_source(path)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("forked_compiler")
+def test_a_rotation_that_is_lost_in_overflow_is_refused(tmp_path):
+    """MuJoCo divides it by its length, which is infinite, and takes the inertia for zero with it."""
+    path, part = tmp_path / "robot.xml", 'pos="0 0 -.1" mass=".3"'
+    path.write_text(QUADRUPED.format(legs=LEGS.replace(part, f'quat="1 1e300 0 0" {part}')), encoding="utf-8")
+    with pytest.raises(RobotModelError, match="a rotation that is none"):
+        read_source(path)
+
+
+@pytest.mark.usefixtures("forked_compiler")
+def test_a_shank_whose_inertia_is_lost_in_rounding_is_refused(tmp_path):
+    """Lighter feet were looked for without end, a thousand calls deep."""
+    path = tmp_path / "robot.xml"
+    path.write_text(QUADRUPED.format(legs=LEGS), encoding="utf-8")
+    source = read_source(path)
+    lost = [
+        replace(leg, parts=tuple(replace(part, inertia=np.zeros((3, 3))) for part in leg.parts))
+        for leg in source.legs
+    ]
+    with pytest.raises(RobotModelError, match="no body can have the inertia of its shanks"):
+        fit_robot(replace(source, legs=tuple(lost)))
 
 
 @pytest.mark.usefixtures("forked_compiler")

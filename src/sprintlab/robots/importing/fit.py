@@ -20,6 +20,7 @@ _STRAIGHT = 0.999  # cosine between an axis and the one it must follow
 _LARGEST_DROP = 0.015  # of the hip axis against the abduction axis [m]; the table has none
 _LARGEST_SPREAD = 0.05  # relative difference of a length or mass between legs
 _FOOT_SHARE = 0.05  # of the shank's mass that is called foot where the source has none of its own
+_LIGHTER_FEET = 20  # that are tried, each a tenth of the one before
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +108,7 @@ def fit_robot(source: SourceRobot) -> FittedRobot:
     names = ("abad_offset", "thigh_length", "shank_length", "foot_radius")
     mean: dict[str, float] = dict(zip(names, lengths.mean(axis=0).tolist(), strict=True))
     links = [_mean_link([plan.link(index) for plan in plans.values()]) for index in range(3)]
-    foot_mass, shank = _without_foot(links[2], [leg.foot_mass for leg in legs.values()], mean)
+    foot_mass, shank = _without_foot(source, links[2], [leg.foot_mass for leg in legs.values()], mean)
     hip_x = 0.5 * float(front - rear)
     half_size = source.trunk_half_size
     return FittedRobot(
@@ -231,11 +232,21 @@ def _mean_link(links: list[FittedLink]) -> FittedLink:
 
 
 def _without_foot(
-    shank: FittedLink, own: list[float | None], lengths: dict[str, float]
+    source: SourceRobot, shank: FittedLink, own: list[float | None], lengths: dict[str, float]
 ) -> tuple[float, FittedLink]:
     """Foot mass, and the shank without it: together they weigh and turn as the source's shank."""
     known = [mass for mass in own if mass]
     foot_mass = float(np.mean(known)) if len(known) == len(own) else _FOOT_SHARE * shank.mass
+    for _ in range(_LIGHTER_FEET):
+        rest = _without(shank, foot_mass, lengths)
+        if np.linalg.eigvalsh(rest.inertia).min() > 0.0:
+            return foot_mass, rest
+        foot_mass *= 0.1  # the source's shank holds no such foot: a lighter one
+    raise _refuse(source, "no body can have the inertia of its shanks")
+
+
+def _without(shank: FittedLink, foot_mass: float, lengths: dict[str, float]) -> FittedLink:
+    """A shank from whose end a foot was taken."""
     place = np.array((0.0, 0.0, -lengths["shank_length"]))
     mass = shank.mass - foot_mass
     center = (shank.mass * shank.center - foot_mass * place) / mass
@@ -245,9 +256,7 @@ def _without_foot(
         - foot_mass * point_inertia(place - shank.center)
     )
     inertia = inertia - 0.4 * foot_mass * lengths["foot_radius"] ** 2 * np.eye(3)
-    if np.linalg.eigvalsh(inertia).min() <= 0.0:  # the source's shank holds no such foot: a lighter one
-        return _without_foot(shank, [0.1 * foot_mass] * len(own), lengths)
-    return foot_mass, FittedLink(mass=mass, center=center, inertia=inertia)
+    return FittedLink(mass=mass, center=center, inertia=inertia)
 
 
 def _radii(legs: dict[str, SourceLeg], lengths: dict[str, float]) -> tuple[float, float]:
