@@ -236,6 +236,28 @@ def test_bad_choices_are_refused(fields, name):
         choices(**fields)
 
 
+@pytest.mark.parametrize(
+    ("field", "line"),
+    [
+        ("name", "name = 5"),
+        ("foot_radius", 'foot_radius = "1"'),
+        ("motor", "joint.hip.motor = 1979-05-27"),
+        ("motor", "joint.hip.motor = []"),
+        ("default_angle", 'joint.hip.default_angle = "bent"'),
+        ("default_angle", "joint.hip.default_angle = inf"),
+    ],
+)
+def test_a_choice_of_another_kind_is_refused_by_name(tmp_path, field, line):
+    names = ("abad", "hip", "knee")
+    lines = ['name = "dog"', "bus_voltage = 24", *(f'joint.{name}.motor = "bp2:hip"' for name in names)]
+    lines += [f"joint.{name}.gear_ratio = 6" for name in names]
+    kept = [other for other in lines if other.split()[0] != line.split()[0]]
+    path = tmp_path / "choices.toml"
+    path.write_text("\n".join([*kept, line]), encoding="utf-8")
+    with pytest.raises(InvalidValueError, match=f"{field} = .* is not allowed"):
+        make_choices(read_choices(path), str(path))
+
+
 def test_an_unknown_choice_is_named(tmp_path):
     path = tmp_path / "choices.toml"
     path.write_text("[joint.hip]\nratio = 3\n", encoding="utf-8")

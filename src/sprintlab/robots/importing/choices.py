@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.arguments import check_fields
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.core.reading import read_toml
@@ -36,7 +37,7 @@ class JointChoice:
         dry_friction: [N m]; by default the source's.
 
     Raises:
-        InvalidValueError: a number out of its physical range.
+        InvalidValueError: a field of another kind, or a number out of its physical range.
     """
 
     motor: str
@@ -50,6 +51,7 @@ class JointChoice:
     dry_friction: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_range("gear_ratio", self.gear_ratio, 1.0, 500.0)
         check_range("gear_efficiency", self.gear_efficiency, 0.01, 1.0)
         for name in ("stiffness", "damping", "action_scale"):
@@ -73,7 +75,8 @@ class RobotChoices:
         base_height_target: trunk height to run at [m]; by default 0.92 of the standing height.
 
     Raises:
-        InvalidValueError: a bad name, a missing joint, or a number out of its physical range.
+        InvalidValueError: a bad name, a missing joint, a field of another kind, or a number out of its
+            physical range.
     """
 
     name: str
@@ -84,6 +87,7 @@ class RobotChoices:
     base_height_target: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not self.name or not self.name.replace("-", "").replace("_", "").isalnum():
             raise InvalidValueError("name", self.name, "letters, digits, - and _")
         check_bus_voltage(self.bus_voltage)
