@@ -50,6 +50,15 @@ class Forked:
         """Exit status, minus the signal that ended it, or None while it runs."""
         return self._process.exitcode
 
+    @property
+    def pid(self) -> int:
+        pid = self._process.pid
+        assert pid is not None
+        return pid
+
+    def poll(self) -> int | None:
+        return self.returncode
+
     def wait(self, timeout: float | None = None) -> None:
         self._process.join(timeout)
         if self.returncode is None:

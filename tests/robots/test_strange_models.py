@@ -68,6 +68,16 @@ def test_refused_in_time(tmp_path, monkeypatch, request, name):
     assert sorted(os.listdir(tmp_path)) == ["pipe", "robot.xml"]
 
 
+@pytest.mark.usefixtures("forked_compiler")
+def test_who_waits_for_a_model_asks_for_work_not_for_time(tmp_path, monkeypatch):
+    """On a busy machine a core's seconds take longer than the clock's."""
+    monkeypatch.setattr(compiling, "_ASLEEP", 0.1)
+    monkeypatch.setattr(compiling, "_NAP", 0.001)
+    legs = LEGS.replace('count="300"', 'count="1"') + "<site/>" * 5000  # most of a second
+    (tmp_path / "robot.xml").write_text(QUADRUPED.format(legs=legs), encoding="utf-8")
+    assert len(read_source(tmp_path / "robot.xml").legs) == 4
+
+
 def test_pipe_for_a_model(tmp_path):
     os.mkfifo(tmp_path / "pipe.xml")
     with pytest.raises(RobotModelError, match="no regular file"):
