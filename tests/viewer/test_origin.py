@@ -53,6 +53,12 @@ def opened(port, **options):
         return True
 
 
+def test_a_name_that_is_too_long_for_a_disk_is_no_page(port):
+    with socket.create_connection(("localhost", port)) as visitor:
+        visitor.sendall(b"GET /" + 5000 * b"x" + b" HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert visitor.recv(100).startswith(b"HTTP/1.1 404 ")
+
+
 def test_a_connection_of_the_page_is_taken(port):
     assert opened(port, origin=f"http://localhost:{port}")
 

@@ -67,7 +67,10 @@ def own_origin_only(served_at: str) -> Generator[None, None, None]:
                 origins, hosts = headers.get_all("Origin"), headers.get_all("Host")
                 if not (len(origins) == len(hosts) == 1 and is_own_origin(origins[0], hosts[0], served_at)):
                     return connection.respond(403, "This page takes its own connections only.\n")
-            return None if process_request is None else process_request(connection, request)
+            try:
+                return None if process_request is None else process_request(connection, request)
+            except OSError:  # a name that is too long for a disk
+                return connection.respond(404, "There is no such page.\n")
 
         options |= {"max_size": LARGEST_MESSAGE, "logger": silent_log()}
         return serve(Visitors(handler), *arguments, process_request=judge, **options)
