@@ -57,6 +57,15 @@ def test_the_pictures_are_there_and_are_pictures(folder: Path) -> None:
         assert picture[..., :3].std() > 0.02, "an empty picture"
 
 
+def test_numbers_and_pictures_are_of_one_checkpoint(folder: Path, tmp_path: Path) -> None:
+    """A run that goes on replaces it in between; here it is gone."""
+    copy = tmp_path / "checkpoint.pt"
+    copy.write_bytes((folder / "checkpoint.pt").read_bytes())
+    found = sl.learning(copy, progress=lambda what, share: copy.unlink() if what == "drawing" else None)
+    assert found.numbers["iterations"] == 3
+    assert {path.name for path in found.figures} == {"learning.png", "curriculum.png", "speeds.png"}
+
+
 def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path, capsys) -> None:
     assert main(["learning", str(folder), "--output", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

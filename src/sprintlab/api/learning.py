@@ -90,5 +90,5 @@ def learning(
     with refused_as_damaged(checkpoint):
         numbers = learning_numbers(state)
         progress("drawing", None)
-        pictures = learning_figures(checkpoint, place)
+        pictures = learning_figures(checkpoint, place, state)
     return Learning(checkpoint=checkpoint, numbers=numbers, figures=tuple(pictures))

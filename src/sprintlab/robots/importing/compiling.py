@@ -86,7 +86,8 @@ def _answer(path: Path, binary: Path) -> dict[str, list[str] | str]:
         except subprocess.TimeoutExpired:
             return {"refused": "its files keep it waiting, or it takes too long to compile"}
         except (OSError, ValueError):  # it was stopped at a limit, or MuJoCo ended it
-            return {"refused": f"it takes more than {LONGEST:g} s or {_MEMORY >> 30} GB to compile"}
+            most = f"{LONGEST:g} s, {_MEMORY >> 30} GB or the room in {binary.parent.parent}"
+            return {"refused": f"to compile, it takes more than {most}"}
         finally:
             process.kill()
 

@@ -168,7 +168,7 @@ def _verify(data: bytes, network: Actor, robot: RobotDescription) -> tuple[int, 
     """Read the file back through the runtime that will run it, and compare on a run and on random inputs."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "policy.onnx"
-        path.write_bytes(data)
+        atomic_write_bytes(path, data)
         policy = load_policy(path, robot)
     seen = observe_run(policy, robot)
     return len(seen.action), max(_compare(network, seen), compare_on_random_inputs(network, policy))

@@ -25,15 +25,20 @@ _LARGEST = 1e18  # of what is drawn
 _BLUE, _ORANGE, _GREY = LIGHT.speed, LIGHT.second, LIGHT.muted
 
 
-def learning_figures(checkpoint: Path, folder: Path) -> list[Path]:
+def learning_figures(checkpoint: Path, folder: Path, state: dict[str, Any] | None = None) -> list[Path]:
     """Write ``learning.png``, and as far as the checkpoint allows ``curriculum.png`` and ``speeds.png``.
 
     The grid needs a schedule that uses one; the speeds need a checkpoint with the robots' states.
 
+    Args:
+        checkpoint: of the run.
+        folder: for the pictures.
+        state: what was read of the checkpoint, which a run that goes on may have replaced since.
+
     Raises:
         SprintlabError: no checkpoint, nothing logged in it, or the disk refuses.
     """
-    state = read_checkpoint(checkpoint)
+    state = read_checkpoint(checkpoint) if state is None else state
     if not state["progress"].log:
         raise SprintlabError(f"{checkpoint} has no iteration in its log: nothing to draw")
     lacking = sorted(_DRAWN - set.intersection(*(set(row) for row in state["progress"].log)))
