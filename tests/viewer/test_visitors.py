@@ -82,11 +82,11 @@ def page(robot, policy):
     thread.join(60.0)
 
 
-def visit(page):
+def visit(page, *protocols):
     place = page.address.removeprefix("http://")
-    protocol = f"viser-v{viser.__version__}"
+    spoken = protocols or (f"viser-v{viser.__version__}",)
     return connect(
-        f"ws://{place}", subprotocols=[protocol], origin=f"http://{place}", max_size=None, max_queue=None
+        f"ws://{place}", subprotocols=spoken, origin=f"http://{place}", max_size=None, max_queue=None
     )
 
 
@@ -114,6 +114,15 @@ def test_a_visitor_who_speaks_to_the_server_itself_ends_nothing_and_is_not_told_
         said = encode(update(speed, value=1.5))  # until the commands have had their turns
         eventually(lambda: visitor.send(said) or page.session.knobs.speed == 1.5)
     assert "Traceback" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize("protocol", ["viser-v0", "other", "viser-v" + 200 * "9"], ids=lambda name: name[:9])
+def test_who_speaks_another_version_is_told_so_and_nobody_else(page, capfd, protocol):
+    """Its words stood on the standard output, which a reader of the address may leave to fill up."""
+    with visit(page, protocol) as visitor, pytest.raises(ConnectionClosed) as closed:
+        visitor.recv(timeout=60.0)
+    assert closed.value.rcvd.code == 1002  # at which the page says that it is old
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_large_message_takes_no_memory(page):

@@ -12,12 +12,15 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Literal
 
 import msgspec
+import viser
 
 LARGEST_MESSAGE = 1 << 16
 """Bytes that a visitor may say at once; a control says a hundred."""
 
 MOST_VISITORS = 32
 """At once: what they do not take of the page waits in memory."""
+
+_PROTOCOL = f"viser-v{viser.__version__}"
 
 
 class _Control(msgspec.Struct, tag="GuiUpdateMessage"):
@@ -71,10 +74,13 @@ class Visitors:
         self._handler, self._here = handler, 0
 
     async def __call__(self, connection: Any) -> None:
-        """Let the server talk with one visitor, unless there are too many."""
+        """Let the server talk with one visitor, unless there are too many or it speaks otherwise."""
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)  # as the silent log
         if self._here >= MOST_VISITORS:
             await connection.close(1013, "too many visitors")
+            return
+        if connection.subprotocol != _PROTOCOL:  # of which the server would tell, in the visitor's words
+            await connection.close(1002, f"another version than this page's, {viser.__version__}: reload it")
             return
         connection.recv = _only_offered(connection.recv)
         self._here += 1
