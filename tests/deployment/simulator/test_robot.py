@@ -1,11 +1,13 @@
 """The simulated robot's duties: modes, watchdog, refused commands, sensors."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
-from sprintlab.deployment.simulator import SensorNoise, SimulatedRobot, SimulatorOptions
+from sprintlab.deployment.simulator import SensorNoise, SimulatedRobot, SimulatedWorld, SimulatorOptions, loop
 from sprintlab.deployment.simulator.options import TYPICAL_NOISE
 from sprintlab.motors import Battery, torque_limits
 from sprintlab.plant import PlantOptions
@@ -59,6 +61,47 @@ def test_a_safe_command_wakes_it_and_silence_of_fifty_milliseconds_ends_that(sta
     assert not standing.accept(command(3))  # latched
     assert standing.accept(command(4, JointMode.OFF))
     assert standing.accept(command(5))
+
+
+class Commands:
+    """A robot's end at which commands wait."""
+
+    def __init__(self, *waiting):
+        self.waiting = list(waiting)
+
+    def receive_command(self):
+        return self.waiting.pop(0) if self.waiting else None
+
+    def publish(self, state):
+        return True
+
+    def publish_fix(self, fix):
+        pass
+
+
+def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(monkeypatch):
+    """Its process had been stopped, and its controller after it: the last servo commands were still to be read."""
+    moment = [100.0]
+    clock = SimpleNamespace(
+        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
+    )
+    monkeypatch.setattr(loop, "time", clock)
+    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
+    endpoint = Commands(command(1, JointMode.DAMPING), command(2))
+    run = loop._RealTime(world, endpoint, loop.PaceOptions())
+
+    def live(seconds):
+        moment[0] += seconds
+        run.exchange(lambda: False)
+        world.step()
+        return world.robot.state(0).status
+
+    assert live(0.001) == RobotStatus.READY
+    endpoint.waiting = [command(number) for number in range(3, 20)]
+    assert live(5.0) == RobotStatus.WATCHDOG_EXPIRED
+    assert world.robot.watchdog_trips == 1 and world.robot.accepted == 2
+    endpoint.waiting = [command(20, JointMode.DAMPING), command(21)]
+    assert live(0.001) == RobotStatus.READY
 
 
 def test_a_watchdog_has_nothing_to_take_over_while_the_drives_are_off(standing):

@@ -220,6 +220,7 @@ class _RealTime(_Run):
         if lag > _GREATEST_LAG:
             self.given_up += lag
             self._next += lag
+            self._world.robot.stand_still(lag * self._pace.speed_factor)
         self._collect()
         self._publish(time.monotonic_ns())
         return True

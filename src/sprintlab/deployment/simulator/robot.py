@@ -100,6 +100,14 @@ class SimulatedRobot:
         self._steps += 1
         self._notice_falls()
 
+    def stand_still(self, seconds: float) -> None:
+        """Note that it did nothing for so long [s], which its own time does not count: a silence to the watchdog.
+
+        What was sent meanwhile still waits to be read, and is old by then.
+        """
+        self._command_time -= seconds
+        self._watch()
+
     def state(self, timestamp: int) -> RobotState:
         """What the sensors say now; ``timestamp`` in nanoseconds.
 
