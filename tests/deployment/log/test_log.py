@@ -24,7 +24,7 @@ from sprintlab.deployment.interface import (
     PositionFix,
     RobotState,
 )
-from sprintlab.deployment.log import LogFacts, McapRunLog, read_log, writer
+from sprintlab.deployment.log import LogFacts, McapRunLog, read_log, run_log, writer
 from sprintlab.deployment.log.reader import Ticks
 from sprintlab.deployment.log.topics import LogError
 from sprintlab.deployment.log.writer import write_log
@@ -221,6 +221,25 @@ def test_what_the_writer_cannot_take_is_dropped_and_counted(path):
     record = read_log(path)
     assert len(record.ticks) == 3000 - log.dropped
     assert record.facts["ticks dropped"] == str(log.dropped)
+
+
+@pytest.mark.parametrize("count", [10, 3000])
+@pytest.mark.parametrize("wait", [False, True])
+def test_a_run_does_not_wait_for_ever_for_a_writer_that_was_stopped(path, monkeypatch, count, wait):
+    """Its numbers come after the log is closed; the log is complete when the writer goes on."""
+    monkeypatch.setattr(run_log, "_PATIENCE", 0.2)
+    log = McapRunLog(path, FACTS, wait=wait)
+    os.kill(log._writer.pid, signal.SIGSTOP)
+    begin = time.monotonic()
+    for number in range(1, count + 1):
+        log.write(tick(number))
+    with pytest.raises(LogError, match=f"process {log._writer.pid}, has not ended"):
+        log.close()
+    log.close()
+    assert time.monotonic() - begin < 5.0
+    os.kill(log._writer.pid, signal.SIGCONT)
+    assert log._writer.wait(60.0) == 0
+    assert len(read_log(path).ticks) == count - log.dropped
 
 
 def test_the_longest_step_goes_into_a_pipe_whole_or_not_at_all(path, monkeypatch):

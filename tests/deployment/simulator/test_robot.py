@@ -80,7 +80,7 @@ class Commands:
 
 
 def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(monkeypatch):
-    """Its process had been stopped, and its controller after it: the last servo commands were still to be read."""
+    """Nor where its controller was stopped after it: its last servo commands were still to be read."""
     moment = [100.0]
     clock = SimpleNamespace(
         monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None

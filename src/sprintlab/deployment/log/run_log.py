@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import select
 import subprocess
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,6 +36,7 @@ from sprintlab.deployment.log.topics import (
 )
 
 _PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
+_PATIENCE = 10.0  # s with a writing process that takes nothing, or does not end: it may have been stopped
 _MOST_FAULTS = 30  # of a step; with more a pipe might take a part of what is written of the step
 _STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
 
@@ -76,7 +78,8 @@ class McapRunLog:
     Args:
         path: where; must not exist yet.
         facts: what to say of the run.
-        wait: wait for the writing process rather than drop a tick: for runs that are not in real time.
+        wait: wait for the writing process rather than drop a tick, ten seconds at most: for runs that are not
+            in real time.
 
     Attributes:
         dropped: ticks that the writing process was too slow to take.
@@ -117,20 +120,30 @@ class McapRunLog:
         """
         if self._pipe is None:
             return
-        os.set_blocking(self._pipe.fileno(), True)
-        with contextlib.suppress(BrokenPipeError):
+        room = self._wait_for_room()
+        with contextlib.suppress(OSError):
             os.write(self._pipe.fileno(), pack(Frame(END, 0, 0, str(self.dropped).encode())))
-            self._pipe.close()
-        self._pipe = None
-        complaint = self._complaint()
-        if self._writer.wait() != 0:
+        self._pipe.close()
+        self._pipe = self._writer.stdin = None
+        complaint = self._complaint(_PATIENCE if room else 0.0)
+        if self._writer.returncode != 0:
             raise LogError(f"the log {self._path} is not as it should be: {complaint}")
 
-    def _complaint(self) -> str:
-        """What the writing process says last; waits until it has ended."""
-        assert self._writer.stderr is not None
-        lines = self._writer.stderr.read().decode(errors="replace").strip().splitlines()
+    def _complaint(self, patience: float = _PATIENCE) -> str:
+        """What the writing process says last; waits for its end [s], which a stopped one does not come to."""
+        try:
+            said = self._writer.communicate(timeout=patience)[1]
+        except subprocess.TimeoutExpired:
+            return f"its writer, process {self._writer.pid}, has not ended; if it goes on, so does the file"
+        lines = said.decode(errors="replace").strip().splitlines()
         return (lines or ["its writer was killed"])[-1]
+
+    def _wait_for_room(self) -> bool:
+        """Wait until the pipe takes a message, or nobody reads it any more; False when it takes none."""
+        assert self._pipe is not None
+        room = select.poll()
+        room.register(self._pipe, select.POLLOUT)
+        return bool(room.poll(1e3 * _PATIENCE))
 
     def _send_facts(self, facts: LogFacts) -> None:
         """The first thing down the pipe, while it may still wait; then wait until the writer is up."""
@@ -141,15 +154,15 @@ class McapRunLog:
         if not self._writer.stdout.readline():
             with contextlib.suppress(BrokenPipeError):
                 self._pipe.close()
-            complaint = self._complaint()
-            self._writer.wait()
-            raise LogError(complaint)
-        os.set_blocking(self._pipe.fileno(), self._wait)
+            self._writer.stdin = None
+            raise LogError(self._complaint())
+        os.set_blocking(self._pipe.fileno(), False)
 
     def _put(self, content: bytes) -> None:
         """Give a tick to the pipe, which takes all of it or nothing."""
         if self._pipe is None:
             return
+        self._wait = self._wait and self._wait_for_room()
         try:
             os.write(self._pipe.fileno(), content)
         except OSError:  # full, or the writer is gone: the run matters more
