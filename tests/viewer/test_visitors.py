@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("viser")
 
 import viser
+from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -150,3 +151,39 @@ def _gets_in(page):
             return bool(visitor.recv(timeout=60.0))
         except ConnectionClosed:
             return False
+
+
+def test_what_the_servers_own_messages_hold_is_what_is_asked_for():
+    """Of a viser whose page said it otherwise, nothing would be heard."""
+    camera = {name: value for name, value in CAMERA.items() if name != "type"}
+    for said in (
+        _messages.GuiUpdateMessage(uuid="x", updates={"value": 0.5}),
+        _messages.CommandTriggerMessage(uuid="x"),
+        _messages.ViewerCameraMessage(**camera),
+    ):
+        content = encode({"type": type(said).__name__, **vars(said)})
+        assert is_offered(content)
+        assert type(_messages.Message.deserialize(content)) is type(said)
+
+
+NOT_OFFERED = {
+    "buttons to hold": ["GuiButtonHoldMessage"],
+    "forms": ["GuiFormDirtyMessage", "GuiFormSubmitMessage"],
+    "uploads": ["FileTransferStartUpload", "FileTransferPart"],
+    "what is clicked in the scene": ["SceneNodeClickMessage", "SceneNodeDragMessage", "ScenePointerMessage"],
+    "scene handles": [f"TransformControls{part}Message" for part in ("DragStart", "Update", "DragEnd")],
+    "the share link": ["ShareUrlRequest", "ShareUrlDisconnect"],
+}
+"""What viser obeys beside controls, keys and camera; the page has none of it."""
+
+
+def test_all_else_that_the_server_would_obey_is_known(page):
+    """A viser that obeys more, or that asks the page for more, has to be judged anew."""
+    with visit(page) as visitor:
+        visitor.send(encode(CAMERA))
+        eventually(page.server.get_clients)
+        (client,) = page.server.get_clients().values()
+        ends = (page.server._websock_server, client._websock_connection)
+        obeyed = {message.__name__ for end in ends for message in end._incoming_handlers}
+    known = {name for names in NOT_OFFERED.values() for name in names}
+    assert obeyed == known | {"GuiUpdateMessage", "CommandTriggerMessage", "ViewerCameraMessage"}
