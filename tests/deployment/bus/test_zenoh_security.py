@@ -4,8 +4,10 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -361,6 +363,36 @@ def test_the_last_command_of_a_controller_that_left_is_obeyed(address, make_join
         controller.close()
         eventually(lambda: endpoint.peer_left)
         eventually(endpoint.receive_command)
+
+
+ENDS = {
+    "robot": "from sprintlab.deployment.bus import open_endpoint as come",
+    "controller": "from sprintlab.deployment.bus import open_bus as come",
+}
+STAY = "; import sys; end = come(sys.argv[1]); print('here', flush=True); sys.stdin.read()"
+
+
+@pytest.mark.parametrize("stopped", ["robot", "controller"])
+def test_leaving_an_end_that_stands_still_is_no_error(
+    address, make_joint_command, make_state, monkeypatch, stopped
+):
+    """A robot's computer that froze ended its controller in zenoh's error, and its numbers were lost."""
+    monkeypatch.setattr(zenoh_bus, "_CLOSING", 0.1)
+    endpoint = open_endpoint(address) if stopped == "controller" else None
+    command = [sys.executable, "-c", ENDS[stopped] + STAY, address]
+    other = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        other.stdout.readline()
+        bus = endpoint or open_bus(address)
+        other.send_signal(signal.SIGSTOP)
+        for number in range(1, 20_001):  # until nothing goes into the connection any more
+            bus.publish(make_state(number)) if endpoint else bus.send(make_joint_command(number))
+        begin = time.monotonic()
+        bus.close()
+        assert time.monotonic() - begin < 5.0
+    finally:
+        other.kill()
+        other.communicate()
 
 
 def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(

@@ -23,6 +23,7 @@ from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, Controlle
 from sprintlab.deployment.bus.zenoh_session import Security, load_security, open_session, proof
 
 _PATIENCE = 3.0  # [s] to find a robot
+_CLOSING = 2.0  # [s] to take leave of the other end
 _LEASE = 2.0  # [s] in which the token of a controller that was let in must show
 PARTING = 0.1
 """Time in which the last commands of a controller are taken whose token is gone already [s]."""
@@ -69,7 +70,7 @@ class _ZenohEnd(BusEnd):
             self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{token}")
             self._join(address)
         except BaseException:
-            self._session.close()
+            _end(self._session)
             raise
 
     def close(self) -> None:
@@ -78,7 +79,7 @@ class _ZenohEnd(BusEnd):
             self._closed = True
             with contextlib.suppress(zenoh.ZError):
                 self._token.undeclare()
-            self._session.close()
+            _end(self._session)
 
     def _join(self, address: BusAddress) -> None:
         """Find out whether this end may be there, and take its place."""
@@ -114,6 +115,21 @@ class _ZenohEnd(BusEnd):
     def _put(self, channel: str, content: bytes) -> None:
         with contextlib.suppress(zenoh.ZError):  # a link that is down: the other end's watchdog sees it
             self._publishers[channel].put(content)
+
+
+def _end(session: Any) -> None:
+    """Close a session; where the other end stands still, zenoh tries for ten seconds, and fails.
+
+    Nobody waits for that but the end of the process, which would not survive it half done.
+    """
+
+    def close() -> None:
+        with contextlib.suppress(zenoh.ZError):
+            session.close()
+
+    closing = threading.Thread(target=close)
+    closing.start()
+    closing.join(_CLOSING)
 
 
 class ZenohInterface(_ZenohEnd, ControllerEnd):
