@@ -18,7 +18,7 @@ def climbed(monkeypatch):
 
     def climb(policy, robot, command, settings, contract):
         tables = contract.calibration
-        asked.append((command, tables))
+        asked.append((command, contract))
         given = command if tables is None else given_speed(tables, command)
         true, estimated = 0.9 * given, 0.9 * given - 0.1 * given
         if tables is not None:
@@ -41,7 +41,7 @@ def test_both_ladders_are_printed_and_the_file_is_written(call, climbed, tmp_pat
     written, shipped = load_policy(output), load_policy(shipped_policy())
     assert written.contract.calibration.given[-1] == 4.5
     assert written.contract.pace == shipped.contract.pace
-    assert [contract is None for _, contract in climbed] == [True] * 5 + [False] * 5
+    assert [contract.calibration is None for _, contract in climbed] == [True] * 5 + [False] * 5
 
 
 def test_tables_that_are_there_are_measured_anew(call, climbed, tmp_path):
@@ -59,6 +59,10 @@ def test_the_lead_is_that_of_the_calibrated_estimate(call, climbed, tmp_path):
     output = tmp_path / "calibrated.onnx"
     call("calibrate", "go2-sprint", output, "--top-speed", 4, "--lead", 1.5, "--workers", 1)
     assert load_policy(output).contract.pace == PaceContract(lead=1.5)
+    climbed.clear()
+    call("calibrate", "sprint", tmp_path / "led.onnx", "--top-speed", 4, "--lead", 1.5, "--workers", 1)
+    leads = [contract.pace.lead for _, contract in climbed]
+    assert leads == [None] * 4 + [1.5] * 4, "an estimate without tables would hold the command back"
     refused = call("calibrate", "sprint", tmp_path / "new.onnx", "--top-speed", 4, "--lead", 0.1)
     assert refused.status == 2 and "pace.lead" in refused.err and not (tmp_path / "new.onnx").exists()
 

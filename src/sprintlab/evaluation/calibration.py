@@ -197,17 +197,19 @@ def calibrated(
     """
     if not pool.policy.estimates:
         raise SprintlabError("this policy has no estimator: there is no estimate of its speed to calibrate")
-    plain = msgspec.structs.replace(pool.policy.contract, calibration=None)
-    pace = plain.pace if lead is None else _led(plain.pace, lead)
+    own = pool.policy.contract
+    pace = own.pace if lead is None else _led(own.pace, lead)
+    # The lead is that of the calibrated estimate: without the tables it would hold the command back.
+    plain = msgspec.structs.replace(own, calibration=None, pace=own.pace and _led(own.pace, None))
     before = _ladder(pool, settings, plain, lambda what, share: progress(f"measuring {what}", share / 2))
-    contract = msgspec.structs.replace(plain, calibration=tables_of(before), pace=pace)
+    contract = msgspec.structs.replace(own, calibration=tables_of(before), pace=pace)
     after = _ladder(
         pool, settings, contract, lambda what, share: progress(f"checking {what}", (1 + share) / 2)
     )
     return CalibrationResult(contract=contract, before=before, after=after)
 
 
-def _led(pace: PaceContract | None, lead: float) -> PaceContract:
+def _led(pace: PaceContract | None, lead: float | None) -> PaceContract:
     return PaceContract(lead=lead) if pace is None else msgspec.structs.replace(pace, lead=lead)
 
 
