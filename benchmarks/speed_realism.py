@@ -156,8 +156,17 @@ LOOKS = (
         "#0ea5e9",
         (("ninth", "other_shares"), ("ninth", "braking_practised"), ("ninth", "pace_of_sprint_fast")),
     ),
-    Look("one thing left out", "#f472b6", (("tenth", "left_out"), ("eleventh", "left_out"))),
-    Look("recipe of sprint with a battery", "#dc2626", (("eleventh", "with_battery"),), "*"),
+    Look(
+        "one thing left out",
+        "#f472b6",
+        (("tenth", "left_out"), ("eleventh", "left_out"), ("twelfth", "left_out")),
+    ),
+    Look(
+        "recipe of sprint with a battery",
+        "#dc2626",
+        (("eleventh", "with_battery"), ("twelfth", "with_battery"), ("twelfth", "other_means")),
+        "*",
+    ),
     SEEDS,
 )
 """All that was trained after the policies with trials of their own, and means of those."""

@@ -307,11 +307,14 @@ def test_the_page_tells_what_each_term_left_out_does(flowing):
 
 
 def test_the_page_tells_what_each_setting_changed_does(flowing):
-    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
-    levers, page = found["left_out"]["levers"], flowing("docs/results.md")
+    levers, page = {}, flowing("docs/results.md")
+    for looks in ("eleventh", "twelfth"):
+        found = json.loads((ROOT / f"results/{looks}-looks/trainings.json").read_text(encoding="utf-8"))
+        for lever, row in found["left_out"]["levers"].items():
+            levers.setdefault(lever, {**row, "seeds": {}})["seeds"].update(row["seeds"])
     named = {"no-yaw": "fine tracking of the yaw rate", "no-ramps": "ramps (ACS alone)"}
     named |= {"half-ramps": "ramps doubled (half of the targets)", "no-clock": "random clock"}
-    named |= {"no-delay": "delay (seed 0)", "no-stops": "stop commands"}
+    named |= {"no-delay": "delay", "no-slopes": "slopes", "no-stops": "stop commands"}
     assert set(named) == set(levers)
     for lever, words in named.items():
         seeds = levers[lever]["seeds"]
@@ -328,6 +331,7 @@ def test_the_page_tells_what_each_setting_changed_does(flowing):
     lost = [entries[0]["clock_held"] - entries[-1]["clock_held"] for entries in jitters]
     assert f"cost {lost[0]:.1f} and {lost[1]:.1f} m/s at the fastest command" in page
     assert not any(trial["complete"] for trial in levers["no-stops"]["seeds"]["0"]["trials"].values())
+    assert all(seed["trials"]["13.0"]["falls"] for seed in levers["no-slopes"]["seeds"].values())
 
 
 def test_the_pages_tell_what_a_battery_and_another_robot_do(flowing):
@@ -340,6 +344,12 @@ def test_the_pages_tell_what_a_battery_and_another_robot_do(flowing):
     )
     lane = "farthest foot from the lane's middle"
     assert battery["failed"] == [lane]
+    later = json.loads((ROOT / "results/twelfth-looks/trainings.json").read_text(encoding="utf-8"))
+    other = later["with_battery"]["seeds"]["12"]
+    assert f"the shipped one's, holds {other['held_raw_m_s']:.2f} m/s instead of" in flowing("docs/results.md")
+    means = [mean["held_raw_m_s"] for mean in later["other_means"]["means"]]
+    assert len(other["failed"]) == 4 and len(means) == 9
+    assert f"hold {min(means):.1f} to {max(means):.1f} m/s and fail two to five" in flowing("docs/results.md")
     beyond = battery["worst"][lane] - AuditThresholds().lane_half_width
     assert f"its lane in the 100 m, by {100 * beyond:.0f} cm" in flowing("docs/results.md")
     dog = found["other_robot"]["go1"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
 pytest.importorskip("mujoco_warp")
@@ -55,7 +57,12 @@ def test_sprint_was_trained_by_its_recipe(load_script: Callable[[str], ModuleTyp
     trained = recipe.ENDS["fourth"] - recipe.ENDS["second"]
     assert record.environment_steps == trained * 8192 * settings.ppo.steps
     assert "averaged with those of fast" in record.command_line
-    assert (contract.pace, contract.turning) == (recipe.PACE, recipe.TURNING)
+    assert contract.turning == recipe.TURNING
+    calibrated = re.search(r"calibrate .* --top-speed ([\d.]+) --lead ([\d.]+)", recipe.__doc__ or "")
+    assert calibrated is not None and contract.calibration is not None and contract.pace is not None
+    assert contract.calibration.given[-1] == float(calibrated[1]), "no faster command was measured"
+    assert contract.pace.lead == float(calibrated[2])
+    assert msgspec.structs.replace(contract.pace, lead=recipe.PACE.lead) == recipe.PACE
 
 
 SOONER = 1300
