@@ -371,3 +371,24 @@ def lever_row(words, seeds, chosen):
 
 def mean_fastest(seeds):
     return sum(row["fastest_in_training_m_s"] for row in seeds.values()) / len(seeds)
+
+
+def test_the_pages_tell_how_fast_the_calibrated_policy_is_and_what_it_estimates(flowing):
+    found = json.loads((ROOT / "results/sprint/calibration.json").read_text(encoding="utf-8"))
+    assert found["sha256"] == hashlib.sha256(shipped_policy("sprint").read_bytes()).hexdigest()
+    held, estimate = (found["ladder"][f"largest_{name}_error_m_s"] for name in ("speed", "estimate"))
+    page, deployment = flowing("docs/results.md"), flowing("docs/deployment.md")
+    assert f"| held speed | {held['before']:.2f} m/s | {held['after']:.2f} m/s |" in deployment
+    assert f"mean of a hold | {estimate['before']:.2f} m/s | {estimate['after']:.2f} m/s |" in deployment
+    ladder = [row for row in found["ladder"]["after"] if row["command_m_s"] <= 12.0]
+    errors = [abs(row["speed_error_m_s"]) for row in ladder] + [
+        abs(speed - row["command_m_s"])
+        for row in found["trials"]
+        if row["command_m_s"] <= 12.0
+        for speed in row["held_m_s"]
+    ]
+    assert f"within {max(errors):.1f} m/s, raw and self-paced" in page
+    biases = [abs(bias) for row in found["trials"] for bias in row["estimate_bias_m_s"].values()]
+    assert f"at most {max(biases):.1f} m/s in every band" in page
+    assert {row["self_paced"] for row in found["trials"]} == {False, True}
+    assert all(row["completed"] == len(row["held_m_s"]) for row in found["trials"])
