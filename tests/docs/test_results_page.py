@@ -346,7 +346,9 @@ def test_the_pages_tell_what_a_battery_and_another_robot_do(flowing):
     assert battery["failed"] == [lane]
     later = json.loads((ROOT / "results/twelfth-looks/trainings.json").read_text(encoding="utf-8"))
     other = later["with_battery"]["seeds"]["12"]
-    assert f"the shipped one's, holds {other['held_raw_m_s']:.2f} m/s instead of" in flowing("docs/results.md")
+    assert f"the shipped one's, holds {other['held_raw_m_s']:.2f} m/s instead of" in flowing(
+        "docs/results.md"
+    )
     means = [mean["held_raw_m_s"] for mean in later["other_means"]["means"]]
     assert len(other["failed"]) == 4 and len(means) == 9
     assert f"hold {min(means):.1f} to {max(means):.1f} m/s and fail two to five" in flowing("docs/results.md")
