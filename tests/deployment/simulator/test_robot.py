@@ -8,6 +8,7 @@ import pytest
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
 from sprintlab.deployment.simulator import SensorNoise, SimulatedRobot, SimulatedWorld, SimulatorOptions, loop
+from sprintlab.deployment.simulator.link import LinkOptions
 from sprintlab.deployment.simulator.options import TYPICAL_NOISE
 from sprintlab.motors import Battery, torque_limits
 from sprintlab.plant import PlantOptions
@@ -102,6 +103,28 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(monke
     assert world.robot.watchdog_trips == 1 and world.robot.accepted == 2
     endpoint.waiting = [command(20, JointMode.DAMPING), command(21)]
     assert live(0.001) == RobotStatus.READY
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.003])
+def test_a_safe_command_of_before_a_standstill_lets_no_other_in(monkeypatch, delay):
+    """A run had just begun when the robot was stopped: it woke, and drove on servo commands of 5 s before."""
+    moment, options = [100.0], SimulatorOptions(start="standing", to_robot=LinkOptions(delay=delay))
+    clock = SimpleNamespace(
+        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
+    )
+    monkeypatch.setattr(loop, "time", clock)
+    world, waiting = SimulatedWorld(ROBOT, options), [command(1, JointMode.DAMPING), command(2)]
+    run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions())
+    if delay:
+        moment[0] += 0.001
+        run.exchange(lambda: False)  # they are on their way
+    moment[0] += 5.0
+    for _ in range(10):
+        run.exchange(lambda: False)
+        world.step()
+        moment[0] += 0.001
+        assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
+    assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
 def test_a_watchdog_has_nothing_to_take_over_while_the_drives_are_off(standing):

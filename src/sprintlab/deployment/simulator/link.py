@@ -66,3 +66,9 @@ class Link(Generic[Item]):
         while self._under_way and self._under_way[0][0] <= time + 5e-7:
             arrived.append(self._under_way.popleft()[1])
         return arrived
+
+    def clear(self) -> int:
+        """Lose everything that is under way; returns how many messages that were."""
+        lost = len(self._under_way)
+        self._under_way.clear()
+        return lost

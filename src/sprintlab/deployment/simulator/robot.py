@@ -101,10 +101,7 @@ class SimulatedRobot:
         self._notice_falls()
 
     def stand_still(self, seconds: float) -> None:
-        """Note that it did nothing for so long [s], which its own time does not count: a silence.
-
-        What was sent meanwhile still waits to be read, and is old by then.
-        """
+        """Note that it did nothing for so long [s], which its own time does not count: a silence."""
         self._command_time -= seconds
         self._watch()
 

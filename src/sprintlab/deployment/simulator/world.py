@@ -42,6 +42,11 @@ class SimulatedWorld:
             self.robot.accept(command)
         self.robot.step(recorder)
 
+    def stand_still(self, seconds: float) -> None:
+        """Note that nothing happened here for so long [s], and that the commands on their way are old."""
+        self.robot.dropped += self._commands.clear()
+        self.robot.stand_still(seconds)
+
     def messages(self, timestamp: int) -> list[RobotState | PositionFix]:
         """Measure, and return what arrives at the controller now; ``timestamp`` in nanoseconds."""
         fix = self.robot.fix(timestamp)
