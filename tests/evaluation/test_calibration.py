@@ -141,6 +141,27 @@ def test_the_file_carries_the_tables_and_the_same_network(tmp_path):
     assert again.read_bytes() == output.read_bytes()
 
 
+def test_what_took_the_files_name_while_the_robot_ran_is_kept(tmp_path):
+    source, output = shipped_policy(), tmp_path / "calibrated.onnx"
+    output.write_text("somebody's")
+    placed = write_calibrated(load_policy(source), source, with_tables(TABLES), output)
+    assert output.read_text() == "somebody's"
+    assert placed == tmp_path / "calibrated-2.onnx" and load_policy(placed).contract.calibration == TABLES
+
+
+def test_a_full_folder_for_temporary_files_is_told_of_as_any_full_disk(tmp_path):
+    resource = pytest.importorskip("resource")
+    policy, source = load_policy(shipped_policy()), shipped_policy()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(SprintlabError, match="cannot write"):
+            write_calibrated(policy, source, with_tables(TABLES), tmp_path / "new.onnx")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_has_changed_meanwhile_is_refused(tmp_path):
     source = tmp_path / "policy.onnx"
     source.write_bytes(shipped_policy().read_bytes())

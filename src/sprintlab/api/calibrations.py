@@ -91,7 +91,8 @@ def calibrate(
 
     Args:
         policy: a policy file, or the name of a policy that comes with the package.
-        output: the policy file to write (.onnx); there must be none yet.
+        output: the policy file to write (.onnx); there must be none yet, and what takes its name meanwhile
+            is kept: the file then gets a name beside it.
         top_speed: highest command that is measured; the network is never given more [m/s].
         lead: how far the forward command may run ahead of the calibrated estimate [m/s]; as the policy says
             when left out.
@@ -110,8 +111,8 @@ def calibrate(
     _check_new_file(output)
     with trial_pool(path, robot, workers) as pool:
         found = calibrated(pool, settings, lead, progress)
-        write_calibrated(pool.policy, path, found.contract, output)
-    return Calibration(policy=path.stem, found=found, output=output)
+        written = write_calibrated(pool.policy, path, found.contract, output)
+    return Calibration(policy=path.stem, found=found, output=written)
 
 
 def _check_new_file(output: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ from sprintlab.control.pace import PaceContract
 from sprintlab.control.policy_graph import with_metadata
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import PolicyFileError, SprintlabError
-from sprintlab.core.files import atomic_write_bytes
+from sprintlab.core.files import atomic_write_bytes, numbered
 from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.pool import TrialPool
@@ -330,7 +331,7 @@ def _means(command: float, run: Trajectory, counted: float) -> Rung:
     )
 
 
-def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, output: Path) -> None:
+def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, output: Path) -> Path:
     """Write a policy file with another contract; its network is the same to the last byte.
 
     Args:
@@ -338,6 +339,9 @@ def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, outpu
         path: the file that it was read from.
         contract: its new one.
         output: the file to write; it appears only if it reads back as it was meant.
+
+    Returns:
+        The file that was written: beside ``output``, where something else has taken its name meanwhile.
 
     Raises:
         PolicyFileError: the file at ``path`` has changed, or the new one does not read back.
@@ -349,7 +353,9 @@ def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, outpu
     data = with_metadata(content, CONTRACT_KEY, encode_contract(contract))
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / "policy.onnx"
-        written.write_bytes(data)
+        atomic_write_bytes(written, data)
         if load_policy(written).contract != contract:
             raise PolicyFileError(f"the calibrated {path} does not read back as it was meant")
-    atomic_write_bytes(output, data)
+    place = next(place for place in numbered(output, output.suffix) if not os.path.lexists(place))
+    atomic_write_bytes(place, data)
+    return place
