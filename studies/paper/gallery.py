@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sprintlab.control import Policy, load_policy
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes
-from sprintlab.core.reading import read_lines
+from sprintlab.core.reading import read_lines, table_number
 from sprintlab.core.theme import png_bytes
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course, run_sprint, run_trial
@@ -322,13 +322,21 @@ def read_curve(path: Path) -> dict[str, np.ndarray]:
     """Training time and speed of a learning curve.
 
     Raises:
-        SprintlabError: the file cannot be read, or a column is missing or holds no numbers or too large ones.
+        SprintlabError: the file cannot be read, or a column is missing, stands twice, or holds no numbers or
+            too large ones.
     """
     rows = csv.reader(read_lines(path, CURVE_LIMIT, "learning curve"))
     try:
         header = next(rows, [])
-        places = [header.index(name) for name in _CURVE_COLUMNS]
-        values = np.array([[float(row[place]) for place in places] for row in filter(None, rows)])
+        if len(set(header)) < len(header):
+            raise ValueError("a column stands twice in it")
+        places = {name: header.index(name) for name in _CURVE_COLUMNS}
+        values = np.array(
+            [
+                [table_number(row[place], name, rows.line_num) for name, place in places.items()]
+                for row in filter(None, rows)
+            ]
+        )
     except (LookupError, ValueError, csv.Error) as error:
         raise SprintlabError(f"{path} is no learning curve: {error}") from error
     if not len(values):

@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 
 from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
-from sprintlab.motors import desaturate, shaft_torque, torque_limits
+from sprintlab.motors import MOTOR_MODELS, desaturate, shaft_torque, torque_limits
 from sprintlab.robots import RobotDescription
 
 FloatArray = NDArray[np.float64]
 
 _FORMAT = 1
 _FACTS = ("robot", "motor_model", "format")
+_JOINTS = 12
+_MOST_NUMBERS = 1_000_000  # in an array: a run keeps 40 000, and each is drawn and asked for its limits
 _MARGIN = 5e-3  # share of the peak torque: clouds are kept in half precision
+_LARGEST = 1e12
+_FACTORS = ("bus_voltage_factor", "resistance_factor", "motor_strength")
 _SHAPES = {
     "time": "T",
     "joint_velocity": "Tnj",
@@ -80,7 +84,8 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     """Read the ``cloud.npz`` of a training run.
 
     Raises:
-        SprintlabError: the file cannot be read, is no cloud, or is one of another format.
+        SprintlabError: the file cannot be read, is no cloud of a robot with twelve joints and a known motor,
+            is one of another format, or holds more or larger numbers than a training leaves.
         InvalidValueError: a value is not finite.
     """
     needed = ", ".join((*_SHAPES, "robot", "motor_model", "format"))
@@ -93,6 +98,8 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     robot, motor_model = printable(robot, 80), printable(motor_model, 80)
     if version != _FORMAT:
         raise SprintlabError(f"{path} is a cloud of format {version}; this version reads {_FORMAT}")
+    if motor_model not in MOTOR_MODELS:
+        raise SprintlabError(f"{path} is {wanted}, of one of the motors {', '.join(MOTOR_MODELS)}")
     _check_cloud(path, arrays)
     on_limit = arrays.pop("on_limit") > 0.5
     return TrainingCloud(robot=robot, motor_model=motor_model, on_limit=on_limit, **arrays)
@@ -101,11 +108,16 @@ def load_training_cloud(path: Path) -> TrainingCloud:
 def _check_cloud(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
     """Shapes that fit each other, and numbers."""
     shape = arrays["joint_velocity"].shape
-    if len(shape) != 3 or 0 in shape:
+    if len(shape) != 3 or 0 in shape or shape[-1] != _JOINTS:
         raise SprintlabError(f"{path} is no cloud of a training: joint_velocity has shape {shape}")
+    if arrays["joint_velocity"].size > _MOST_NUMBERS:
+        raise SprintlabError(f"{path} is larger than a cloud of a training: joint_velocity has shape {shape}")
     sizes = dict(zip("Tnj", shape, strict=True))
     for name, axes in _SHAPES.items():
         if arrays[name].shape != tuple(sizes[axis] for axis in axes):
             raise SprintlabError(f"{path} is no cloud of a training: {name} has shape {arrays[name].shape}")
         if not np.isfinite(arrays[name]).all():
             raise InvalidValueError(str(path), "NaN", f"{name} must be finite")
+        largest = float(np.abs(arrays[name]).max())
+        if largest > _LARGEST or (name in _FACTORS and not arrays[name].min() > 0.0):
+            raise SprintlabError(f"{path} is no cloud of a training: {name} is beyond what a robot has")

@@ -132,7 +132,7 @@ def evaluate_variant(
     robot, protocol = load_robot(variant.robot), variant.protocol(settings)
     with TemporaryDirectory() as folder, WorkerProcesses(workers) as processes:
         kept = Path(folder) / "policy.onnx"  # another file may take the policy's place meanwhile
-        kept.write_bytes(read_bytes(policy, POLICY_LIMIT, what="policy file"))
+        atomic_write_bytes(kept, read_bytes(policy, POLICY_LIMIT, what="policy file"))
         path = kept if variant.robot == "bp2" else moved_policy(kept, robot, Path(folder))
         digest = policy_digest(kept)
         pool = TrialPool(path, robot, processes=processes)

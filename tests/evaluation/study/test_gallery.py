@@ -176,6 +176,10 @@ def test_what_the_real_motor_cannot_give_is_marked(run, robot):
         ("seconds,speed_p999\n1,fast\n", "fast"),
         ("seconds,speed_p999\n1\n", "no learning curve"),
         ("seconds,speed_p999\n", "no rows"),
+        ("seconds,speed_p999,seconds\n1,2,3\n", "stands twice"),
+        ("seconds,speed_p999\n1_0,2\n", "line 2, column seconds: '1_0' is no finite number"),
+        ("seconds,speed_p999\n\u0661,2\n", "is no finite number"),
+        ("seconds,speed_p999\n1,nan\n", "is no finite number"),
     ],
 )
 def test_a_damaged_curve_is_refused(tmp_path, text, words):

@@ -36,12 +36,22 @@ def test_a_cloud_is_read_as_it_was_written(cloud_arrays, tmp_path):
         ({"forward_speed": np.full((3, 4), np.nan)}, "forward_speed must be finite"),
         ({"robot": None}, "no cloud of a training"),
         ({"time": np.array(["a", "b", "c"])}, "no cloud of a training"),
+        ({"motor_model": np.array("$x^{$")}, "of one of the motors"),
+        ({"motor_strength": np.zeros((4, 12))}, "motor_strength is beyond"),
+        ({"joint_torque": np.full((3, 4, 12), 1e13)}, "joint_torque is beyond"),
+        ({"joint_velocity": np.zeros((3, 30_000, 12))}, "larger than a cloud"),
     ],
 )
 def test_a_damaged_cloud_is_refused(cloud_arrays, tmp_path, change, words):
     changed = {name: value for name, value in (cloud_arrays | change).items() if value is not None}
     with pytest.raises(SprintlabError, match=words):
         load_training_cloud(save(tmp_path / "cloud.npz", changed))
+
+
+def test_a_cloud_of_a_robot_with_fewer_joints_is_refused(cloud_arrays, tmp_path):
+    fewer = {name: array[..., :4] for name, array in cloud_arrays.items() if array.shape[-1:] == (12,)}
+    with pytest.raises(SprintlabError, match="joint_velocity has shape"):
+        load_training_cloud(save(tmp_path / "cloud.npz", cloud_arrays | fewer))
 
 
 def test_what_is_no_archive_is_refused(cloud_arrays, tmp_path):
