@@ -16,6 +16,8 @@ from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_
 
 _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
 _NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope
+_MOST_SAMPLES = 2_000_000  # an hour of two joints at 250 Hz; each is asked for six envelopes
+_LARGEST = 1e12
 _NEEDED = ("joint_velocity", "joint_torque")
 
 
@@ -65,7 +67,7 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         joints: columns to take, together.
 
     Raises:
-        SprintlabError: the file cannot be read, or holds no such arrays.
+        SprintlabError: the file cannot be read, or holds no such arrays, too many samples or too large ones.
         InvalidValueError: no joint was chosen, or a value is not finite.
     """
     wanted = f"no recorded trajectory: it must be the trajectory.npz of a race, with {' and '.join(_NEEDED)}"
@@ -80,4 +82,8 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
     speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
     if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
         raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
+    if len(speed) > _MOST_SAMPLES:
+        raise SprintlabError(f"{path} holds more than {_MOST_SAMPLES} samples of these joints")
+    if max(np.abs(speed).max(), np.abs(torque).max()) > _LARGEST:
+        raise SprintlabError(f"{path} is no recorded trajectory: a number is beyond {_LARGEST:g}")
     return OperatingPoints(speed=speed, torque=torque)
