@@ -449,6 +449,18 @@ def test_what_takes_the_place_of_the_memory_or_the_lock_is_kept_at_the_end(bus_n
         path.unlink(missing_ok=True)
 
 
+def test_the_first_of_two_controllers_does_not_say_that_the_second_has_left(bus_name):
+    """The first one's lock had been taken away."""
+    with contextlib.closing(open_endpoint(f"shm://{bus_name}")) as endpoint:
+        first = open_bus(f"shm://{bus_name}")
+        (shared_folder() / f"{PREFIX}{bus_name}.controller").unlink()
+        second = open_bus(f"shm://{bus_name}")
+        first.close()
+        assert not endpoint.peer_left
+        second.close()
+        assert endpoint.peer_left
+
+
 def test_a_lock_of_another_account_lets_no_controller_in(bus_name, monkeypatch):
     """Who made it can take it away while a controller holds it, and a second one got in."""
     path = shared_folder() / f"{PREFIX}{bus_name}.controller"

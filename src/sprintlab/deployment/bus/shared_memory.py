@@ -202,7 +202,8 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         """Let go of the bus; a second call does nothing."""
         if self._closed:
             return
-        self._words[_CONTROLLER_LEFT] = 1
+        if self._words[_SESSION] == self.session:  # else another one has come in: its lock was taken away
+            self._words[_CONTROLLER_LEFT] = 1
         self._release()
         self._lock.release()
 
