@@ -427,3 +427,19 @@ def test_a_robot_that_claims_an_absurd_answer_does_not_break_the_numbering(lying
     assert encode(tick.command)
     lying.on_states = lambda states: states
     assert encode(lying.run(0.1).command)
+
+
+@pytest.mark.parametrize("jump", [-(1 << 62), -41_000_000])
+@pytest.mark.parametrize("heard", [True, False])
+def test_a_clock_that_runs_back_ends_a_run(gallop, jump, heard):
+    """No silence lasted long enough any more: the legs were held where the policy had left them."""
+    rig = gallop.restore()
+    rig.run(0.02)
+    before, count = rig.ticks[-1].time, len(rig.ticks)
+    rig.now += jump
+    rig.on_states = lambda states: states if heard else []
+    rig.run(0.3)
+    first, *later = rig.ticks[count:]
+    assert Fault.LOOP_STALLED.value in first.faults and first.command.mode == JointMode.DAMPING
+    assert {tick.command.mode for tick in later} == {JointMode.DAMPING}
+    assert before <= first.time and later[-1].time > first.time + 0.29

@@ -169,7 +169,8 @@ class Controller:
         """One step of the 1 kHz loop.
 
         Args:
-            now: monotonic clock [ns], above that of the step before.
+            now: monotonic clock [ns], above that of the step before; a clock that runs back as far as a loop
+                may stand still counts as a loop that did.
             states: what arrived since then, in order of arrival.
             fix: a position fix that arrived.
 
@@ -229,9 +230,12 @@ class Controller:
     def _watch_loop(self, now: int) -> None:
         if self._start is None:
             self._start = self._now = self._next_policy = now
-        stalled = (now - self._now) * 1e-9 >= self._safety.stall_time
+        passed = (now - self._now) * 1e-9
+        if passed <= -self._safety.stall_time:  # its own time goes on, or no silence would ever be too long
+            self._start += now - self._now
+            self._next_policy = now
         self._now = now
-        if stalled and self.mode in ACTIVE_MODES:
+        if abs(passed) >= self._safety.stall_time and self.mode in ACTIVE_MODES:
             self._note(Fault.LOOP_STALLED)
 
     def _take_state(self, state: RobotState, time: float) -> None:

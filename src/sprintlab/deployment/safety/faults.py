@@ -97,7 +97,9 @@ RESPONSES: dict[Fault, Response] = {
     Fault.COMMANDS_FOREIGN: Response(_S, 2 * TICK, "the robot obeys a command that was never sent to it"),
     Fault.POLICY_INVALID: Response(_S, TICK, "the policy fails or gives NaN"),
     Fault.POLICY_LATE: Response(_B, 1.0, "ten of the last fifty policy steps came more than 5 ms late"),
-    Fault.LOOP_STALLED: Response(_S, TICK, "the control loop itself stood still for 40 ms"),
+    Fault.LOOP_STALLED: Response(
+        _S, TICK, "the control loop itself stood still for 40 ms, or its clock ran back as far"
+    ),
     Fault.STAND_FAILED: Response(_S, 2 * TICK, "the legs do not reach the standing pose"),
     Fault.BRAKE_FAILED: Response(_S, 2 * TICK, "braking takes longer than it can"),
     Fault.FIX_INVALID: Response(_D, TICK, "a position fix is not finite, absurd or old"),
