@@ -66,6 +66,15 @@ def test_numbers_and_pictures_are_of_one_checkpoint(folder: Path, tmp_path: Path
     assert {path.name for path in found.figures} == {"learning.png", "curriculum.png", "speeds.png"}
 
 
+def test_numbers_that_are_none_are_null(folder: Path, tmp_path: Path, capsys) -> None:
+    state = read_checkpoint(folder / "checkpoint.pt")
+    state["progress"].log[-1] |= {"falls": float("nan"), "speed_median": float("inf")}
+    write_checkpoint(state, tmp_path / "checkpoint.pt")
+    assert main(["learning", str(tmp_path), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["falls"] is None and said["speed_median"] is None and said["iterations"] == 3
+
+
 def test_the_command_says_how_far_the_run_has_come(folder: Path, tmp_path: Path, capsys) -> None:
     assert main(["learning", str(folder), "--output", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

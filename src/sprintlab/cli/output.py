@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from inspect import signature
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rich.console import Console
 
@@ -31,8 +32,16 @@ def stderr_console() -> Console:
 
 
 def print_json(data: Any) -> None:
-    """JSON and nothing else on stdout; NaN must be gone by now."""
-    print(json.dumps(data, indent=2, allow_nan=False))
+    """JSON and nothing else on stdout; what is not finite, which a stranger's file may hold, is null."""
+    print(json.dumps(_finite(data), indent=2, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in cast("dict[str, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in cast("list[Any]", value)]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def arguments(command: Any) -> dict[str, Any]:
