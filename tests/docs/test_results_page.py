@@ -394,3 +394,21 @@ def test_the_pages_tell_how_fast_the_calibrated_policy_is_and_what_it_estimates(
     assert f"at most {max(biases):.1f} m/s in every band" in page
     assert {row["self_paced"] for row in found["trials"]} == {False, True}
     assert all(row["completed"] == len(row["held_m_s"]) for row in found["trials"])
+
+
+def test_the_page_tells_which_randomized_sprints_the_shipped_turning_loop_ran(flowing):
+    found = json.loads((ROOT / "results/sprint/robustness.json").read_text(encoding="utf-8"))
+    shipped, page = found["with_the_shipped_turning_loop"], flowing("docs/results.md")
+    turning = load_policy(shipped_policy("sprint")).contract.turning
+    assert turning is not None and (turning.integral, turning.fastest) == (3.0, 12.75)
+    assert (
+        f"(integral {found['turning_loop']['integral_1_s']:g}, up to {found['turning_loop']['fastest_m_s']:g} m/s"
+        in page
+    )
+    low, high = wilson_interval(shipped["upright"], shipped["trials"])
+    assert f"{shipped['upright']} of the first {shipped['trials']} stay upright ({100 * low:.0f} to" in page
+    assert f"{100 * high:.0f} %), {shipped['upright_of_these_before']} before" in page
+    median, largest = abs(shipped["median_change_m_s"]), shipped["largest_change_m_s"]
+    assert f"changes by {median:.2f} m/s in the median and by {largest:.2f} at most" in page
+    assert f"**{100 * found['upright'] / found['trials']:.1f} %** of {found['trials']} upright" in page
+    assert f"median **{found['held_speed_quantiles_m_s']['0.5']:.2f}** m/s" in page
