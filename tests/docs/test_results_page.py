@@ -401,10 +401,8 @@ def test_the_page_tells_which_randomized_sprints_the_shipped_turning_loop_ran(fl
     shipped, page = found["with_the_shipped_turning_loop"], flowing("docs/results.md")
     turning = load_policy(shipped_policy("sprint")).contract.turning
     assert turning is not None and (turning.integral, turning.fastest) == (3.0, 12.75)
-    assert (
-        f"(integral {found['turning_loop']['integral_1_s']:g}, up to {found['turning_loop']['fastest_m_s']:g} m/s"
-        in page
-    )
+    before = found["turning_loop"]
+    assert f"(integral {before['integral_1_s']:g}, up to {before['fastest_m_s']:g} m/s" in page
     low, high = wilson_interval(shipped["upright"], shipped["trials"])
     assert f"{shipped['upright']} of the first {shipped['trials']} stay upright ({100 * low:.0f} to" in page
     assert f"{100 * high:.0f} %), {shipped['upright_of_these_before']} before" in page
