@@ -258,21 +258,15 @@ def _profile_toml() -> Kind:
 
 
 def _policy() -> Kind:
-    from sprintlab.control import load_policy, shipped_policies
-    from sprintlab.control.calibration import CalibrationContract
-    from sprintlab.evaluation.calibration import write_calibrated
+    from sprintlab.control import load_policy, shipped_policy
 
     def read(path: Path) -> object:
         policy = load_policy(path)
         return policy.infer(np.zeros((1, policy.layout.input_size), dtype=np.float32))
 
     def make(folder: Path) -> list[bytes]:
-        path, calibrated = next(iter(shipped_policies().values())), folder / "calibrated.onnx"
-        tables = CalibrationContract(
-            commanded=(2.0, 5.0), given=(2.0, 6.0), estimated=(2.0, 4.0), true=(2.0, 5.0)
-        )
-        write_calibrated(load_policy(path), path, tables, calibrated)
-        return [path.read_bytes(), calibrated.read_bytes()]
+        """With and without a calibration, a pace and a turning loop in its contract."""
+        return [shipped_policy(name).read_bytes() for name in ("sprint", "go1-sprint")]
 
     return Kind(name="policy", suffix=".onnx", make=make, read=read, apart=True)
 

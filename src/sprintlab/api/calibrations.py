@@ -13,7 +13,6 @@ from rich.console import RenderableType
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.tables import plain_table
-from sprintlab.control.pace import PaceContract
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import check_writable_file
@@ -104,6 +103,7 @@ def calibrate(
         SprintlabError: the policy has no estimator, falls, or is refused, or so is the robot or the output.
     """
     leave_to_the_parent()
+    from sprintlab.control.pace import PaceContract
     from sprintlab.evaluation.calibration import LadderSettings, calibrated, write_calibrated
 
     settings, path, output = LadderSettings(top_speed=top_speed), policy_path(policy), Path(output)
