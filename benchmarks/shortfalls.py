@@ -31,9 +31,10 @@ from second_engine import digest, rounded
 
 from sprintlab.api.policies import policy_path
 from sprintlab.control import load_policy
-from sprintlab.control.contract import PolicyContract, robot_section
+from sprintlab.control.contract import robot_section
 from sprintlab.control.filters import low_pass_coefficient
 from sprintlab.control.policy import ESTIMATE_SIZE, Decision, Policy
+from sprintlab.evaluation.calibration import without_calibration
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.figures import on_envelope, recorded
 from sprintlab.evaluation.results import Trajectory
@@ -144,9 +145,8 @@ class Job:
         """The row of this run."""
         cause, policy = CAUSES[self.cause], load_policy(self.path)
         robot = with_peak_torque(load_robot(policy.contract.robot_name), cause.peak_torque)
-        changes = robot_section(robot) | without_tables(policy.contract)
-        changes |= {} if cause.loops else {"pace": None, "turning": None}
-        policy.contract = msgspec.structs.replace(policy.contract, **changes)
+        changes = robot_section(robot) | ({} if cause.loops else {"pace": None, "turning": None})
+        policy.contract = msgspec.structs.replace(without_calibration(policy.contract), **changes)
         ramp = Ramp(self.command)
         watched = Watched(policy, ramp, cause.estimate_error)
         request = TrialRequest(
@@ -156,12 +156,6 @@ class Job:
         run = recorded(trial)
         row = {"command_m_s": self.command, "fall": trial.fall_reason, **held(run, robot)}
         return rounded({**row, **readings(self.readers, watched, run)})
-
-
-def without_tables(contract: PolicyContract) -> dict[str, Any]:
-    """The network by itself: its tables would hide most of the shortfall, and the lead is meant for them."""
-    pace = contract.pace and msgspec.structs.replace(contract.pace, lead=None)
-    return {"calibration": None, "pace": pace}
 
 
 def with_peak_torque(robot: RobotDescription, factor: float) -> RobotDescription:

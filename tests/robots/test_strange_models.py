@@ -115,7 +115,7 @@ def test_a_rotation_that_is_lost_in_overflow_is_refused(tmp_path):
     """MuJoCo divides it by its length, which is infinite, and takes the inertia for zero with it."""
     path, part = tmp_path / "robot.xml", 'pos="0 0 -.1" mass=".3"'
     path.write_text(QUADRUPED.format(legs=LEGS.replace(part, f'quat="1 1e300 0 0" {part}')), encoding="utf-8")
-    with pytest.raises(RobotModelError, match="a rotation that is none"):
+    with pytest.raises(RobotModelError, match="a quaternion that is not of unit length"):
         read_source(path)
 
 

@@ -128,7 +128,7 @@ def with_metadata(content: bytes, name: str, text: str) -> bytes:
 
     Args:
         content: of a file that ``check_graph`` accepts.
-        name: of the entry, which is added where there is none.
+        name: key of the metadata entry; where the file has no such entry, one is added.
         text: its new content.
 
     Raises:

@@ -200,14 +200,23 @@ def calibrated(
         raise SprintlabError("this policy has no estimator: there is no estimate of its speed to calibrate")
     own = pool.policy.contract
     pace = own.pace if lead is None else _led(own.pace, lead)
-    # The lead is that of the calibrated estimate: without the tables it would hold the command back.
-    plain = msgspec.structs.replace(own, calibration=None, pace=own.pace and _led(own.pace, None))
+    plain = without_calibration(own)
     before = _ladder(pool, settings, plain, lambda what, share: progress(f"measuring {what}", share / 2))
     contract = msgspec.structs.replace(own, calibration=tables_of(before), pace=pace)
     after = _ladder(
         pool, settings, contract, lambda what, share: progress(f"checking {what}", (1 + share) / 2)
     )
     return CalibrationResult(contract=contract, before=before, after=after)
+
+
+def without_calibration(contract: PolicyContract) -> PolicyContract:
+    """The contract of the network by itself.
+
+    Without the lead, too, which is that of the calibrated estimate: the network's own would hold the command
+    back.
+    """
+    pace = contract.pace and _led(contract.pace, None)
+    return msgspec.structs.replace(contract, calibration=None, pace=pace)
 
 
 def _led(pace: PaceContract | None, lead: float | None) -> PaceContract:

@@ -166,7 +166,7 @@ def _check_numbers(model: mujoco.MjModel) -> None:
             raise ValueError(f"its {name} holds a number that is not finite, or beyond {_LARGEST:g}")
     for name in ("body_quat", "body_iquat"):  # of 1e300 in a file MuJoCo makes zero, and the inertia with it
         if (np.abs(np.linalg.norm(getattr(model, name), axis=1) - 1.0) > _ROUNDING).any():
-            raise ValueError(f"its {name} holds a rotation that is none")
+            raise ValueError(f"its {name} holds a quaternion that is not of unit length")
 
 
 def possible_inertias(root: ElementTree.Element) -> tuple[str, ...]:
