@@ -164,8 +164,19 @@ LOOKS = (
     Look(
         "recipe of sprint with a battery",
         "#dc2626",
-        (("eleventh", "with_battery"), ("twelfth", "with_battery"), ("twelfth", "other_means")),
+        (
+            ("eleventh", "with_battery"),
+            ("twelfth", "with_battery"),
+            ("twelfth", "other_means"),
+            ("thirteenth", "with_battery"),
+            ("thirteenth", "other_means"),
+        ),
         "*",
+    ),
+    Look(
+        "battery in its first half; softer feet",
+        "#0d9488",
+        (("thirteenth", "second_halves"), ("thirteenth", "softer_feet")),
     ),
     SEEDS,
 )

@@ -289,8 +289,6 @@ def test_the_page_tells_what_other_seeds_of_the_recipe_give(flowing):
     upright = [row["alone"]["randomized"]["upright"] for row in practised.values()]
     assert f"Of 187 randomized sprints {', '.join(map(str, upright[:-1]))} and {upright[-1]} stay" in page
     assert all(row["half_and_half_with_sprint_fast"]["failed"] for row in practised.values())
-    cost = found["clock_of_sprint_fast"]["greatest_loss_of_speed"]
-    assert f"a clock of 48 Hz costs it **{100 * cost:.1f} %**" in page
 
 
 def test_the_page_tells_what_each_term_left_out_does(flowing):
@@ -334,26 +332,81 @@ def test_the_page_tells_what_each_setting_changed_does(flowing):
     assert all(seed["trials"]["13.0"]["falls"] for seed in levers["no-slopes"]["seeds"].values())
 
 
-def test_the_pages_tell_what_a_battery_and_another_robot_do(flowing):
-    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
-    before = json.loads((ROOT / "results/tenth-looks/trainings.json").read_text(encoding="utf-8"))
-    battery, without = found["with_battery"]["seeds"]["3"], before["seeds"]["3"]
-    assert (
-        f"holds {battery['held_raw_m_s']:.2f} m/s with one instead of {without['held_raw_m_s']:.2f}"
-        in flowing("docs/results.md")
-    )
-    lane = "farthest foot from the lane's middle"
-    assert battery["failed"] == [lane]
+def test_the_page_tells_what_a_battery_in_the_recipe_does(flowing, result_tables):
+    page = flowing("docs/results.md")
+    rows = result_tables.battery_seeds().splitlines()[2:]
+    speeds = [float(re.findall(r"[\d.]+ m/s", row)[0].split()[0]) for row in rows]
+    throughout, first_half = speeds[:5], speeds[5:]
+    assert [len(throughout), len(first_half)] == [5, 5] and all("| fails " in row for row in rows[:5])
+    told = f"hold {throughout[-1]:.1f} to {throughout[0]:.1f} m/s, {throughout[2]:.2f} in the median"
+    assert told in page
+    assert f"gives {first_half[-1]:.1f} to {first_half[0]:.1f} m/s.**" in page
+    assert f"The median holds {first_half[2]:.2f} m/s, and that one, seed 4, passes" in page
+    assert "seed 4" in rows[7] and "| passed |" in rows[7]
     later = json.loads((ROOT / "results/twelfth-looks/trainings.json").read_text(encoding="utf-8"))
-    other = later["with_battery"]["seeds"]["12"]
-    assert f"the shipped one's, holds {other['held_raw_m_s']:.2f} m/s instead of" in flowing(
-        "docs/results.md"
+    means = later["other_means"]["means"]
+    held, failed = ([mean[key] for mean in means] for key in ("held_raw_m_s", "failed"))
+    assert f"hold {min(held):.1f} to {max(held):.1f} m/s and fail two to five" in page and len(means) == 9
+    assert (min(map(len, failed)), max(map(len, failed))) == (2, 5)
+
+
+def test_the_page_tells_how_the_fastest_of_the_recipes_with_a_battery_fails(flowing):
+    found = json.loads((ROOT / "results/thirteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    page, variants = flowing("docs/results.md"), found["second_halves"]["variants"]
+    fastest = max(variants["stiff bus"]["means"], key=lambda row: row["held_raw_m_s"])
+    worst = fastest["worst"]["foot force"]
+    assert f"Seed {fastest['seed']} holds {fastest['held_raw_m_s']:.2f} m/s and runs the 100 m in" in page
+    assert f"{fastest['time_100m_s'][0]:.2f} s with a cost of transport of" in page
+    assert f"{fastest['cost_of_transport']:.2f}, but presses with {worst:.1f} body weights" in page
+    softer = next(
+        row for row in found["softer_feet"]["means"] if row["shares"] == {"where it began": 0.5, "A": 0.5}
     )
-    means = [mean["held_raw_m_s"] for mean in later["other_means"]["means"]]
-    assert len(other["failed"]) == 4 and len(means) == 9
-    assert f"hold {min(means):.1f} to {max(means):.1f} m/s and fail two to five" in flowing("docs/results.md")
-    beyond = battery["worst"][lane] - AuditThresholds().lane_half_width
-    assert f"its lane in the 100 m, by {100 * beyond:.0f} cm" in flowing("docs/results.md")
+    told = f"{softer['held_raw_m_s']:.2f} m/s and still {softer['worst']['foot force']:.1f}."
+    assert told in page and "foot force" in softer["failed"]
+    keen = variants["stiff bus, harder limits, more for speed"]["means"][-1]
+    limits = variants["stiff bus, harder limits"]["means"][-1]
+    assert f"seed 12 then holds {keen['held_raw_m_s']:.2f} m/s and passes eight runs" in page
+    assert (keen["failed"], keen["runs"]) == ([], 8)
+    assert f"without the reward {limits['held_raw_m_s']:.2f} and fails its lane" in page
+    assert "farthest foot from the lane's middle" in limits["failed"]
+
+
+def test_the_page_tells_how_many_randomized_sprints_fall_and_that_no_other_pace_is_surer(flowing):
+    found = json.loads((ROOT / "results/sprint/robustness.json").read_text(encoding="utf-8"))
+    page, fallen = flowing("docs/results.md"), found["trials"] - found["upright"]
+    assert f"**{100 * found['upright'] / found['trials']:.1f} %** of {found['trials']} upright" in page
+    assert f"median **{found['held_speed_quantiles_m_s']['0.5']:.2f}** m/s" in page
+    assert f"Its {fallen} falls of {found['trials']} come" in page
+    looks = json.loads((ROOT / "results/thirteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    paces = looks["paces_of_sprint"]
+    softer = [paces[f"{power} W/kg, lead 2 m/s"] for power in (24, 20)]
+    upright = " and ".join(str(row["randomized"]["upright"]) for row in softer)
+    assert f"24 and 20 W/kg instead of 30, {upright} stay upright" in page
+    assert all(row["race"]["not_stopped"] == 10 for row in softer)
+    ahead = paces["30 W/kg, lead 2.5 m/s"]
+    told = (
+        f"{ahead['randomized']['upright']}, with a median of {ahead['randomized']['held_median_m_s']:.2f} m/s"
+    )
+    assert told in page and ahead["race"]["failed"] == ["pad deflection"]
+
+
+def test_the_page_tells_what_other_clocks_cost(flowing):
+    found = json.loads((ROOT / "results/sprint/clock.json").read_text(encoding="utf-8"))
+    assert found["sha256"] == hashlib.sha256(shipped_policy("sprint").read_bytes()).hexdigest()
+    page, slow = flowing("docs/results.md"), found["at_48_Hz"]["trials"]
+    own, slower, quicker, jittered = found["clock_check"]["clocks"]
+    cost, jitter = (100 * (1 - row["held_speed_m_s"] / own["held_speed_m_s"]) for row in (quicker, jittered))
+    assert f"52 Hz costs it {cost:.1f} % there, periods that vary by 10 % {jitter:.1f} %" in page
+    held = sum(row["held_speed_m_s"] for row in slow) / len(slow)
+    assert f"48 Hz costs it **{100 * (1 - held / own['held_speed_m_s']):.1f} %**" in page
+    moving = [row["speed_in_the_last_second_m_s"] for row in slow]
+    assert f"all move at {min(moving):.1f} to {max(moving):.1f} m/s then" in page
+    assert slower["completed"] == 0 and min(moving) > AuditThresholds().rest_speed
+    assert len(slow) == own["completed"] == quicker["completed"] == 10 and not own["locked"]
+
+
+def test_the_page_tells_what_the_recipe_gives_another_robot(flowing):
+    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
     dog = found["other_robot"]["go1"]
     told = f"give {dog['held_raw_m_s']:.2f} m/s asked for {dog['command_m_s']}"
     assert told in flowing("docs/robot.md") and dog["failed"] == ["foot force"]
@@ -394,19 +447,3 @@ def test_the_pages_tell_how_fast_the_calibrated_policy_is_and_what_it_estimates(
     assert f"at most {max(biases):.1f} m/s in every band" in page
     assert {row["self_paced"] for row in found["trials"]} == {False, True}
     assert all(row["completed"] == len(row["held_m_s"]) for row in found["trials"])
-
-
-def test_the_page_tells_which_randomized_sprints_the_shipped_turning_loop_ran(flowing):
-    found = json.loads((ROOT / "results/sprint/robustness.json").read_text(encoding="utf-8"))
-    shipped, page = found["with_the_shipped_turning_loop"], flowing("docs/results.md")
-    turning = load_policy(shipped_policy("sprint")).contract.turning
-    assert turning is not None and (turning.integral, turning.fastest) == (3.0, 12.75)
-    before = found["turning_loop"]
-    assert f"(integral {before['integral_1_s']:g}, up to {before['fastest_m_s']:g} m/s" in page
-    low, high = wilson_interval(shipped["upright"], shipped["trials"])
-    assert f"{shipped['upright']} of the first {shipped['trials']} stay upright ({100 * low:.0f} to" in page
-    assert f"{100 * high:.0f} %), {shipped['upright_of_these_before']} before" in page
-    median, largest = abs(shipped["median_change_m_s"]), shipped["largest_change_m_s"]
-    assert f"changes by {median:.2f} m/s in the median and by {largest:.2f} at most" in page
-    assert f"**{100 * found['upright'] / found['trials']:.1f} %** of {found['trials']} upright" in page
-    assert f"median **{found['held_speed_quantiles_m_s']['0.5']:.2f}** m/s" in page

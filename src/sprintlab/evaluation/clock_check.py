@@ -22,7 +22,7 @@ class ClockTrials:
     Attributes:
         clock: of the policy.
         trials: how many ran.
-        completed: how many did not fall.
+        completed: how many did not fall and came to rest.
         held_speed: mean over those [m/s]; this and the following are ``nan`` where there is none.
         stride_frequency: median [Hz].
         stride_steps: the same as policy steps a stride.
