@@ -242,6 +242,26 @@ def test_a_run_does_not_wait_for_ever_for_a_writer_that_was_stopped(path, monkey
     assert len(read_log(path).ticks) == count - log.dropped
 
 
+@pytest.mark.parametrize("robot", ["bp2", "a" * (4 << 20)], ids=["short", "longer than a pipe"])
+def test_a_run_does_not_wait_for_ever_for_a_writer_that_does_not_start(path, monkeypatch, robot):
+    """It was stopped before it was ready; what cannot be logged is told before a robot moves."""
+    monkeypatch.setattr(run_log, "_START_TIME", 0.2)
+    started, before = [], run_log._start_writer
+
+    def stopped(place):
+        started.append(before(place))
+        os.kill(started[-1].pid, signal.SIGSTOP)
+        return started[-1]
+
+    monkeypatch.setattr(run_log, "_start_writer", stopped)
+    begin = time.monotonic()
+    with pytest.raises(LogError, match="writer did not start"):
+        McapRunLog(path, LogFacts(robot=robot, contract=FACTS.contract))
+    assert time.monotonic() - begin < 5.0
+    assert started[0].returncode == -signal.SIGKILL  # it would begin a log of nothing when it goes on
+    assert not list(path.parent.iterdir())
+
+
 def test_the_longest_step_goes_into_a_pipe_whole_or_not_at_all(path, monkeypatch):
     """A pipe may take a part of what is longer than ``PIPE_BUF``, and the rest of the log would be lost."""
     worst = -1.2345678901234567e-300

@@ -12,6 +12,7 @@ import fcntl
 import os
 import select
 import subprocess
+import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
@@ -37,6 +38,7 @@ from sprintlab.deployment.log.topics import (
 
 _PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
 _PATIENCE = 10.0  # s with a writing process that takes nothing, or does not end: it may have been stopped
+_START_TIME = 10.0  # s that a writing process may take to be up
 _MOST_FAULTS = 30  # of a step; with more a pipe might take a part of what is written of the step
 _STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
 
@@ -141,22 +143,35 @@ class McapRunLog:
     def _wait_for_room(self) -> bool:
         """Wait until the pipe takes a message, or nobody reads it any more; False when it takes none."""
         assert self._pipe is not None
-        room = select.poll()
-        room.register(self._pipe, select.POLLOUT)
-        return bool(room.poll(1e3 * _PATIENCE))
+        return _comes(self._pipe, select.POLLOUT, time.monotonic() + _PATIENCE)
 
     def _send_facts(self, facts: LogFacts) -> None:
-        """The first thing down the pipe, while it may still wait; then wait until the writer is up."""
+        """The first thing down the pipe; then wait until the writer is up, if it comes up at all."""
         assert self._pipe is not None and self._writer.stdout is not None
-        with contextlib.suppress(BrokenPipeError):
-            self._pipe.write(pack(Frame(START, 0, 0, msgspec.json.encode(facts))))
-            self._pipe.flush()
+        os.set_blocking(self._pipe.fileno(), False)
+        deadline = time.monotonic() + _START_TIME
+        taken = self._give(pack(Frame(START, 0, 0, msgspec.json.encode(facts))), deadline)
+        if not (taken and _comes(self._writer.stdout, select.POLLIN, deadline)):
+            self._writer.kill()
+            self._complaint()
+            raise LogError(
+                f"the log {self._path} cannot be begun: its writer did not start in {_START_TIME:g} s"
+            )
         if not self._writer.stdout.readline():
             with contextlib.suppress(BrokenPipeError):
                 self._pipe.close()
             self._writer.stdin = None
             raise LogError(self._complaint())
-        os.set_blocking(self._pipe.fileno(), False)
+
+    def _give(self, content: bytes, deadline: float) -> bool:
+        """Give all of it to the pipe; False where that is not done at the deadline [s]."""
+        assert self._pipe is not None
+        left = memoryview(content)
+        with contextlib.suppress(BrokenPipeError):  # what a writer that is gone has to say comes later
+            while left and _comes(self._pipe, select.POLLOUT, deadline):
+                left = left[os.write(self._pipe.fileno(), left) :]
+            return not left
+        return True
 
     def _put(self, content: bytes) -> None:
         """Give a tick to the pipe, which takes all of it or nothing."""
@@ -167,6 +182,13 @@ class McapRunLog:
             os.write(self._pipe.fileno(), content)
         except OSError:  # full, or the writer is gone: the run matters more
             self.dropped += 1
+
+
+def _comes(stream: IO[bytes], event: int, deadline: float) -> bool:
+    """Wait for an event of a stream, or for the end of who is behind it; False at the deadline [s]."""
+    waiting = select.poll()
+    waiting.register(stream, event)
+    return bool(waiting.poll(max(1e3 * (deadline - time.monotonic()), 0.0)))
 
 
 def _record(tick: ControlTick) -> TickRecord:
