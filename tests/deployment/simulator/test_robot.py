@@ -127,6 +127,34 @@ def test_a_safe_command_of_before_a_standstill_lets_no_other_in(monkeypatch, del
     assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
+@pytest.mark.parametrize("stopped_at", ["sleep", "receive_command"])
+def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waited(monkeypatch, stopped_at):
+    """It sleeps for most of a step: there it is when somebody stops it."""
+    moment = [100.0]
+
+    def stand_still(*_):
+        moment[0] += 5.0
+
+    class Read(Commands):
+        def receive_command(self):
+            if stopped_at == "receive_command" and len(self.waiting) == 1:
+                stand_still()
+            return super().receive_command()
+
+    clock = SimpleNamespace(
+        monotonic=lambda: moment[0],
+        monotonic_ns=lambda: round(1e9 * moment[0]),
+        sleep=stand_still if stopped_at == "sleep" else lambda seconds: None,
+    )
+    monkeypatch.setattr(loop, "time", clock)
+    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
+    endpoint = Read(command(1, JointMode.DAMPING), command(2))
+    loop._RealTime(world, endpoint, loop.PaceOptions()).exchange(lambda: False)
+    world.step()
+    assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
+    assert (world.robot.accepted, world.robot.dropped) == (0, 2)
+
+
 def test_a_watchdog_has_nothing_to_take_over_while_the_drives_are_off(standing):
     awake(standing)
     standing.accept(command(2, JointMode.OFF))

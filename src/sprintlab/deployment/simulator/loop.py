@@ -213,17 +213,18 @@ class _RealTime(_Run):
         del stopped  # the loop asks once a step, which is soon enough
         step = self._period / self._pace.speed_factor
         self._next += step
-        lag = time.monotonic() - self._next
-        if lag < 0.0:
-            time.sleep(-lag)
-        elif lag > step:
+        left = self._next - time.monotonic()
+        if left > 0.0:
+            time.sleep(left)
+        elif left < -step:
             self.late_steps += 1
+        self._collect()
+        lag = time.monotonic() - self._next  # now: asleep, or as it read, the process may have been stopped
         if lag > _GREATEST_LAG:
             self.given_up += lag
             self._next += lag
             self._pass_over_commands()
             self._world.stand_still(lag * self._pace.speed_factor)
-        self._collect()
         self._publish(time.monotonic_ns())
         return True
 
