@@ -1,5 +1,6 @@
 """A command that is asked to terminate tidies up first."""
 
+import json
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from sprintlab.cli.interruptions import TERMINATED, counted_interruptions, tidy_termination
+from sprintlab.cli.main import main
 from sprintlab.cli.run import _status_line
 from sprintlab.deployment.controller.loop import LoopReport
 from sprintlab.deployment.controller.modes import Mode
@@ -47,6 +49,42 @@ def test_a_terminal_that_goes_away_counts_once():
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
         assert count() == 3
+
+
+class Found:
+    """The numbers of a run, or of a simulated robot."""
+
+    log_problem, in_order, report = None, True, SimpleNamespace(fall_reason="")
+
+    def to_dict(self):
+        return {"duration": 1.0}
+
+
+class Leaving:
+    """A run during whose leaving somebody asks again, and the terminal goes away."""
+
+    def __init__(self, *arguments, **options):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+
+    def run(self, *arguments, **options):
+        return Found()
+
+
+@pytest.mark.usefixtures("hanging_up")
+@pytest.mark.parametrize("command", ["run", "robot-sim"])
+def test_who_asks_again_while_a_run_leaves_is_told_its_numbers_all_the_same(command, monkeypatch, capsys):
+    """Over zenoh that takes two seconds where the other end stands still."""
+    monkeypatch.setattr("sprintlab.cli.run.RobotRun", Leaving)
+    monkeypatch.setattr("sprintlab.cli.robot_sim.RobotSimulation", Leaving)
+    assert main([command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"duration": 1.0}
 
 
 def test_a_run_that_shall_outlive_its_terminal_does():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,21 +83,24 @@ class RobotSim(DriveOptions):
         Raises:
             SprintlabError: an option or the bus is refused, or the controller stopped answering.
         """
-        with RobotSimulation(
-            self.bus,
-            robot=self.robot,
-            options=self._options(),
-            pace=self._pace(),
-            bus_config=self.bus_config,
-            distance=self.distance,
-            truth=self.truth,
-            priority=self.priority,
-            real_time=not self.no_real_time,
-        ) as robot:
-            stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
-            with progress_bar(quiet=self.json) as report, counted_interruptions() as interrupted:
-                found = robot.run(stopped=lambda: interrupted() > 0, progress=report)
-        show(found, self)
+        with ExitStack() as told:
+            with RobotSimulation(
+                self.bus,
+                robot=self.robot,
+                options=self._options(),
+                pace=self._pace(),
+                bus_config=self.bus_config,
+                distance=self.distance,
+                truth=self.truth,
+                priority=self.priority,
+                real_time=not self.no_real_time,
+            ) as robot:
+                stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
+                # Until the numbers are told: leaving may take seconds, in which somebody may ask once more.
+                interrupted = told.enter_context(counted_interruptions())
+                with progress_bar(quiet=self.json) as report:
+                    found = robot.run(stopped=lambda: interrupted() > 0, progress=report)
+            show(found, self)
         return 1 if found.report.fall_reason else 0
 
     def _options(self) -> SimulatorOptions:

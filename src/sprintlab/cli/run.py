@@ -7,7 +7,7 @@ import select
 import shlex
 import sys
 from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,26 +80,29 @@ class Run:
             core=self.core,
             duration=self.duration,
         )
-        with RobotRun(
-            self.policy,
-            self.bus,
-            options=options,
-            bus_config=self.bus_config,
-            robot=self.robot,
-            source=self.source,
-            top_speed=self.top_speed,
-            distance=self.distance,
-            log=not self.no_log if self.log is None else self.log,
-            despite_audit=self.despite_audit,
-            facts={"command_line": shlex.join(["sprintlab", *sys.argv[1:]])},
-            remark=_remark,
-        ) as robot:
-            _remark(f"driving {self.bus}; Ctrl-C brings the robot down")
-            with counted_interruptions() as interrupted, _status_line(quiet=self.json) as status:
-                found = robot.run(interrupted, status)
-        if found.log_problem is not None:
-            _remark(f"sprintlab: {found.log_problem}")
-        show(found, self)
+        with ExitStack() as told:
+            with RobotRun(
+                self.policy,
+                self.bus,
+                options=options,
+                bus_config=self.bus_config,
+                robot=self.robot,
+                source=self.source,
+                top_speed=self.top_speed,
+                distance=self.distance,
+                log=not self.no_log if self.log is None else self.log,
+                despite_audit=self.despite_audit,
+                facts={"command_line": shlex.join(["sprintlab", *sys.argv[1:]])},
+                remark=_remark,
+            ) as robot:
+                _remark(f"driving {self.bus}; Ctrl-C brings the robot down")
+                # Until the numbers are told: leaving may take seconds, in which somebody may ask once more.
+                interrupted = told.enter_context(counted_interruptions())
+                with _status_line(quiet=self.json) as status:
+                    found = robot.run(interrupted, status)
+            if found.log_problem is not None:
+                _remark(f"sprintlab: {found.log_problem}")
+            show(found, self)
         return 0 if found.in_order else 1
 
 
