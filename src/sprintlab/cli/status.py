@@ -6,6 +6,7 @@ import glob
 import itertools
 import os
 import platform
+import signal
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -13,6 +14,8 @@ from contextlib import contextmanager
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.interpreters import SAFE_PATH
+from sprintlab.core.leaving import unfinished
+from sprintlab.core.signals import handled_by
 from sprintlab.core.streams import lasting_streams
 
 REFUSED = 2
@@ -30,7 +33,19 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
     """
     _without_the_matplotlibrc_of_this_folder()
     with lasting_streams(), _no_modules_of_this_folder():
-        return _status(program, work)
+        status = _status(program, work)
+        _wait_until_left(status)
+        return status
+
+
+def _wait_until_left(status: int) -> None:
+    """Wait for what still closes; who asks for an end meanwhile gets it at once, all has been said.
+
+    Left to Python, that would end in a traceback, and its libraries might not survive it.
+    """
+    for thread in unfinished():
+        with handled_by(lambda number, frame: os._exit(status), (signal.SIGINT, signal.SIGTERM)):
+            thread.join()
 
 
 @contextmanager

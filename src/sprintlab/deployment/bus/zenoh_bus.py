@@ -18,6 +18,7 @@ from typing import Any
 
 import zenoh
 
+from sprintlab.core.leaving import leave
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
 from sprintlab.deployment.bus.zenoh_session import Security, load_security, open_session, proof
@@ -127,9 +128,7 @@ def _end(session: Any) -> None:
         with contextlib.suppress(zenoh.ZError):
             session.close()
 
-    closing = threading.Thread(target=close)
-    closing.start()
-    closing.join(_CLOSING)
+    leave(close, _CLOSING)
 
 
 class ZenohInterface(_ZenohEnd, ControllerEnd):
