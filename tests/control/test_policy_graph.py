@@ -80,6 +80,13 @@ def busy():
     )
 
 
+def stacked():
+    """Five million products of one number by one number: 1.3 s of a core a step, and 26 s before a run."""
+    several = [helper.make_node("MatMul", ["column", "row"], ["several"])]
+    sizes = {"column": (2300, 1, 1, 1), "row": (1, 2300, 1, 1)}
+    return model(several, *(constant(name, np.ones(shape), np.float32) for name, shape in sizes.items()))
+
+
 def outside():
     tensor = constant("secret", np.zeros(5), np.float32)
     tensor.data_location = TensorProto.EXTERNAL
@@ -246,7 +253,7 @@ def crowded():
     )
 
 
-STRANGE = [crowded, loop, doubling, outer, filled, busy, outside, claimed, data_dependent, function]
+STRANGE = [crowded, loop, doubling, outer, filled, busy, stacked, outside, claimed, data_dependent, function]
 STRANGE += [many, half_is_true, wrapped, rounded, overflowing, named_twice, summing, dividing]
 
 

@@ -21,6 +21,7 @@ MOST_NUMBERS = 1 << 24
 """Most numbers of one tensor, and of all that one step makes."""
 MOST_PRODUCTS = 1 << 30
 """Most multiplications of one step: beyond, no step would fit into its 20 ms."""
+_MATRIX_WORK = 2048  # multiplications in whose time the runtime begins one product of matrices, however small
 _METADATA = 14  # field of a model in which its metadata stand
 _MOST_NODES = 5000
 _MOST_FIELDS = 50_000  # of which the runtime's time grows with the square; a policy has a thousand
@@ -523,7 +524,7 @@ def _product(rows: Shape, columns: Shape, costs: _Costs) -> Shape:
         raise ValueError("shapes do not fit")  # of products of nothing the runtime makes other shapes
     stack = np.broadcast_shapes(left[:-2], right[:-2])
     full = _checked((*stack, left[-2], right[-1]))
-    costs.products += math.prod(full) * left[-1]
+    costs.products += math.prod(full) * left[-1] + _MATRIX_WORK * math.prod(stack)
     kept = list(full)
     if len(columns) == 1:
         kept.pop()
