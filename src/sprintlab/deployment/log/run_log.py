@@ -38,7 +38,7 @@ from sprintlab.deployment.log.topics import (
 
 _PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
 _PATIENCE = 10.0  # s with a writing process that takes nothing, or does not end: it may have been stopped
-_START_TIME = 10.0  # s that a writing process may take to be up
+_START_TIME = 20.0  # s that a writing process may take to be up: half a second of a core, which may be busy
 _MOST_FAULTS = 30  # of a step; with more a pipe might take a part of what is written of the step
 _STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
 
