@@ -10,10 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import tyro
+from msgspec import Meta
 
 from sprintlab.cli.output import progress_bar
 from sprintlab.core.errors import SprintlabError
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from sprintlab.robots import RobotDescription
 
 FILE = "own-motor.json"
+MOST_JOINTS = 20
+"""Most kinds of joints of a record: each is a column of the page's table."""
 
 
 class OwnMotorRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -51,7 +54,7 @@ class OwnMotorRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     top_speed: float
     held_speed_own: Number
     held_speed_refined: Number
-    impossible: dict[ItemName, float]
+    impossible: Annotated[dict[ItemName, float], Meta(min_length=1, max_length=MOST_JOINTS)]
 
 
 @dataclass(frozen=True, kw_only=True)

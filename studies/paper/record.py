@@ -122,7 +122,8 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     @property
     def fastest(self) -> SpeedRecord | None:
         """The v* up to the best one at which most speed was held; asked for more, a policy may give less."""
-        passed = [speed for speed in self.speeds if self.best and speed.top_speed <= self.best.top_speed]
+        best = self.best  # once: it goes through all of them, of which a stranger's file may hold thousands
+        passed = [speed for speed in self.speeds if best and speed.top_speed <= best.top_speed]
         return max(passed, key=lambda speed: number(speed.held_speed), default=None)
 
     def at(self, top_speed: float) -> SpeedRecord | None:
