@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+import sprintlab
 from sprintlab.cli.status import exit_status
 from sprintlab.core.reading import read_toml
 
@@ -115,3 +117,33 @@ def test_no_matplotlib_is_used_that_evaluates_the_settings_in_the_working_folder
     project = read_toml(Path(__file__).parents[2] / "pyproject.toml")["project"]
     (matplotlib,) = (each for each in map(Requirement, project["dependencies"]) if each.name == "matplotlib")
     assert "3.10.8" not in matplotlib.specifier
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="makes a pipe and a link")
+@pytest.mark.parametrize("kind", ["pipe", "link"])
+def test_what_somebody_put_into_the_folder_of_temporary_files_stops_no_policy(
+    tmp_path: Path, kind: str
+) -> None:
+    """ONNX Runtime read and wrote ``.ses`` there, and told its maker of every policy that was loaded."""
+    letter, place = tmp_path / "letter", tmp_path / ".ses"
+    letter.write_text("precious")
+    if kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(letter)
+    environment = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    home = tmp_path / "home"
+    environment |= {"TMPDIR": str(tmp_path), "HOME": str(home), "XDG_CACHE_HOME": str(home)}
+    code = "from sprintlab.control import load_policy, shipped_policy; load_policy(shipped_policy())"
+    subprocess.run([sys.executable, "-c", code], env=environment, timeout=60, check=True)
+    assert letter.read_text() == "precious" and place.exists() and not home.exists()
+
+
+def test_the_package_imports_onnx_runtime_in_one_place() -> None:
+    """Where it is kept quiet: what is imported elsewhere first would speak."""
+    found = [
+        path.name
+        for path in Path(sprintlab.__file__).parent.rglob("*.py")
+        if re.search(r"^\s*(import|from) onnxruntime", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert found == ["onnx_runtime.py"]

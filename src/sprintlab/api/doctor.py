@@ -329,7 +329,7 @@ def _compilation() -> Outcome:
 
 def _onnxruntime() -> Outcome:
     try:
-        import onnxruntime
+        from sprintlab.control.onnx_runtime import onnxruntime
     except ImportError as error:
         return Outcome("broken", str(error), "pip install --upgrade onnxruntime")
     return Outcome("ok", ", ".join(onnxruntime.get_available_providers()))

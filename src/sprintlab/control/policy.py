@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime  # pyright: ignore[reportMissingTypeStubs]
 
 from sprintlab.control.action import joint_targets
 from sprintlab.control.arrays import clip
@@ -33,6 +32,7 @@ from sprintlab.control.observation import (
     push_history,
     split_proprioception,
 )
+from sprintlab.control.onnx_runtime import onnxruntime
 from sprintlab.control.pace import limit_braking, limit_lead
 from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.control.standing import StandingHold
@@ -387,8 +387,7 @@ def _open_session(path: Path) -> tuple[Any, str]:
         check_graph(content)
     except GraphError as error:
         raise PolicyFileError(f"{path} is damaged or no policy: its network {error}") from error
-    runtime: Any = onnxruntime
-    options = runtime.SessionOptions()
+    options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
@@ -396,7 +395,7 @@ def _open_session(path: Path) -> tuple[Any, str]:
     options.add_session_config_entry("session.load_model_format", "ONNX")
     try:
         # There is nothing to fall back to, and the runtime prints that it does.
-        session = runtime.InferenceSession(
+        session = onnxruntime.InferenceSession(
             content, options, providers=["CPUExecutionProvider"], enable_fallback=False
         )
     except Exception as error:  # onnxruntime's exceptions share no other base
