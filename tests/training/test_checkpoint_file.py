@@ -239,6 +239,8 @@ def test_a_module_of_the_package_is_not_imported_for_a_stranger(path: Path, monk
     [
         lambda v, h: v["settings"]["fields"]["ppo"]["fields"].update(hidden={"$tuple": [10**9]}),
         lambda v, h: v["settings"]["fields"].update(unheard_of=1),
+        lambda v, h: v["settings"]["fields"]["ppo"]["fields"].update(epochs=5.5),
+        lambda v, h: v["settings"]["fields"]["ppo"]["fields"].update(entropy="much"),
         lambda v, h: v.update(settings=3),
         lambda v, h: v["progress"].update(log=[{"reward": "x"}]),
         lambda v, h: v["progress"].update(log=3),

@@ -21,6 +21,7 @@ from sprintlab.training.runs.run import TrainOptions, open_run, train
 from sprintlab.training.settings import (
     PpoSettings,
     RandomizationSettings,
+    RewardWeight,
     SimulationSettings,
     TrainingSettings,
 )
@@ -118,8 +119,29 @@ def test_a_strangers_folder_does_not_say_where_curves_are_sent(folder, tmp_path,
 @pytest.mark.parametrize("change", [{"robot": 5}, {"robot": None}, {"method": [1]}, {"method": None}])
 def test_settings_with_a_name_that_is_none_are_refused(change):
     """As a checkpoint of a stranger may hold them."""
-    with pytest.raises(InvalidValueError, match="a name"):
+    with pytest.raises(InvalidValueError, match="text"):
         TrainingSettings(**change)
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [
+        ("ppo", {"epochs": 5.5}),
+        ("ppo", {"mini_batches": 4.5}),
+        ("ppo", {"entropy": "much"}),
+        ("ppo", {"value_weight": None}),
+        ("rewards", {"gear_torque_limit": [1.5]}),
+        ("rewards", {"progress": float("nan")}),
+        ("rewards", {"yaw_rate": RewardWeight(first=0.0, second="x")}),
+        ("stages", {"steady_iteration": "850"}),
+        ("simulation", {"knee_spring": 1.0}),
+    ],
+    ids=str,
+)
+def test_a_setting_of_another_kind_is_refused_before_the_first_iteration(part, change):
+    """A checkpoint of a stranger that held one ended ``train --resume`` in a traceback."""
+    with pytest.raises(InvalidValueError, match=rf"{next(iter(change))}\S* = .* is not allowed"):
+        TrainingSettings(**{part: replace(getattr(TrainingSettings(), part), **change)})
 
 
 @pytest.mark.parametrize("seed", [None, "1", 0.5, np.zeros(3)])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from typing import Any, get_type_hints
 
 from sprintlab.commands import (
     AdaptiveSchedule,
@@ -18,6 +19,7 @@ from sprintlab.commands import (
     UniformSchedule,
 )
 from sprintlab.control import ObservationLayout
+from sprintlab.core.arguments import check_kind
 from sprintlab.core.checks import check_choice, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, MotorModel, WindingHeat
@@ -590,6 +592,32 @@ class EstimatorSettings:
         return self.learning_rate * (self.calm_learning_rate / self.learning_rate) ** calm
 
 
+@functools.cache
+def _kinds(kind: type) -> dict[str, Any]:
+    """Type hints of the fields that a class has from this package; none for one that has nothing of it."""
+    ours = (each for each in kind.__mro__ if each.__module__.startswith("sprintlab.") and is_dataclass(each))
+    found = next(ours, None)
+    return {} if found is None else get_type_hints(found)
+
+
+def _check_kinds(settings: Any, place: str = "") -> None:
+    """Refuse what would end the first iteration; parts of one's own classes know themselves what they hold.
+
+    Args:
+        settings: a part of the settings, or all of them.
+        place: dotted name of the part, with a dot at its end.
+
+    Raises:
+        InvalidValueError: names the setting.
+    """
+    for name, hint in _kinds(type(settings)).items():
+        value = getattr(settings, name)
+        if is_dataclass(value):
+            _check_kinds(value, f"{place}{name}.")
+        else:
+            check_kind(f"{place}{name}", value, hint)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingSettings:
     """One training run, whole: its hash names it.
@@ -607,8 +635,8 @@ class TrainingSettings:
         seed: of every random generator.
 
     Raises:
-        InvalidValueError: a motor model that is unknown, a method or robot that is no name, or a seed that
-            is no whole number.
+        InvalidValueError: a motor model that is unknown, or a setting, also one of a part, of another kind
+            than its own: a checkpoint of a stranger may hold half an epoch, or a text as a weight.
     """
 
     method: str = "sprint"
@@ -629,11 +657,7 @@ class TrainingSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("method", "robot"):
-            if not isinstance(getattr(self, name), str):
-                raise InvalidValueError(name, getattr(self, name), "a name")
-        if not isinstance(self.seed, int):
-            raise InvalidValueError("seed", self.seed, "a whole number")
+        _check_kinds(self)
         check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
         rollout = self.simulation.environments * self.ppo.steps
         check_range("simulation.environments * ppo.steps", rollout, 1, LARGEST_ROLLOUT)
