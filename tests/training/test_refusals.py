@@ -135,10 +135,12 @@ def test_settings_with_a_name_that_is_none_are_refused(change):
         ("rewards", {"yaw_rate": RewardWeight(first=0.0, second="x")}),
         ("stages", {"steady_iteration": "850"}),
         ("simulation", {"knee_spring": 1.0}),
+        ("ppo", {"clip": 1e300}),
+        ("randomization", {"slope": 1e39}),
     ],
     ids=str,
 )
-def test_a_setting_of_another_kind_is_refused_before_the_first_iteration(part, change):
+def test_a_setting_of_another_kind_or_size_is_refused_before_the_first_iteration(part, change):
     """A checkpoint of a stranger that held one ended ``train --resume`` in a traceback."""
     with pytest.raises(InvalidValueError, match=rf"{next(iter(change))}\S* = .* is not allowed"):
         TrainingSettings(**{part: replace(getattr(TrainingSettings(), part), **change)})

@@ -36,6 +36,8 @@ MOST_ENVIRONMENTS = 1 << 17
 """Robots side by side: sixteen times the default; a stranger's file may ask for all memory there is."""
 LARGEST_ROLLOUT = 1 << 23
 """Policy steps of all robots in one iteration, which are kept until its end."""
+_LARGEST = 1e30
+"""Of any number: far beyond all that means something, and below the 3e38 of 32 bits."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
 REMOVED = {"PpoSettings": {"mirror_epochs": False}}
@@ -616,6 +618,14 @@ def _check_kinds(settings: Any, place: str = "") -> None:
             _check_kinds(value, f"{place}{name}.")
         else:
             check_kind(f"{place}{name}", value, hint)
+            _check_sizes(f"{place}{name}", value)
+
+
+def _check_sizes(name: str, value: Any) -> None:
+    """Refuse numbers near the end of 32 bits, which PyTorch takes into no comparison."""
+    for number in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(number, int | float) and not isinstance(number, bool):
+            check_range(name, number, -_LARGEST, _LARGEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -636,7 +646,8 @@ class TrainingSettings:
 
     Raises:
         InvalidValueError: a motor model that is unknown, or a setting, also one of a part, of another kind
-            than its own: a checkpoint of a stranger may hold half an epoch, or a text as a weight.
+            than its own or beyond 1e30: a checkpoint of a stranger may hold half an epoch, or a text as a
+            weight.
     """
 
     method: str = "sprint"
