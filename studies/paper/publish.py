@@ -10,6 +10,7 @@ of its training, for the figures, where there is one.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +21,15 @@ from sprintlab.core.files import atomic_write_bytes, atomic_write_text
 from sprintlab.core.reading import parse_json, read_bytes, read_lines
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
-from studies.paper.runs import CLOUD_NAME, EVALUATION_NAME, POLICY_NAME, Run, check_own_folder, find_runs
+from studies.paper.runs import (
+    CLOUD_NAME,
+    EVALUATION_NAME,
+    POLICY_NAME,
+    SEED_FOLDER,
+    Run,
+    check_own_folder,
+    find_runs,
+)
 
 LOG_NAME = "log.jsonl"
 KEPT = ("run.toml", "run.json", EVALUATION_NAME)
@@ -69,7 +78,7 @@ def publish(options: Publish) -> list[Path]:
         record = read_evaluation(run.evaluation)
         _copy_small_files(run, options.results / run.method / run.folder.name)
         ranked.setdefault(run.method, []).append((record, run))
-    sources = {path.resolve() for one in runs for path in (one.cloud, one.policy)}
+    sources = {os.path.realpath(path) for one in runs for path in (one.cloud, one.policy)}
     medians = [_median(group) for group in ranked.values()]
     return [_publish_median(run, options.results / run.method, sources) for run in medians]
 
@@ -80,11 +89,12 @@ def _median(group: list[tuple[EvaluationRecord, Run]]) -> Run:
     return sorted(running, key=lambda item: _speed(item[0]))[(len(running) - 1) // 2][1]
 
 
-def _publish_median(run: Run, folder: Path, sources: set[Path]) -> Path:
-    """Keep policy and cloud of a method's median run, and no other: they are the large files."""
+def _publish_median(run: Run, folder: Path, sources: set[str]) -> Path:
+    """Keep policy and cloud of a method's median run, and no other run's: they are the large files."""
     for name in (CLOUD_NAME, POLICY_NAME):
         for old in folder.glob(f"*/{name}"):
-            if not (old.parent.is_symlink() or old.resolve() in sources):
+            ours = SEED_FOLDER.fullmatch(old.parent.name) and not old.parent.is_symlink()
+            if ours and os.path.realpath(old) not in sources:
                 old.unlink()
     place = folder / run.folder.name
     if run.cloud.is_file():

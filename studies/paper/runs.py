@@ -17,7 +17,9 @@ POLICY_NAME = "policy.onnx"
 EVALUATION_NAME = "evaluation.json"
 CHECKPOINT_NAME = "checkpoint.pt"
 CLOUD_NAME = "cloud.npz"
-_SEED, _METHOD = re.compile(r"seed-(\d{1,9})"), re.compile(r"[\w.+-]{1,60}")  # they stand on a page
+SEED_FOLDER = re.compile(r"seed-(\d{1,9})")
+"""Name of a run's folder."""
+_METHOD = re.compile(r"[\w.+-]{1,60}")  # it stands on a page
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +68,7 @@ def find_runs(folder: Path) -> list[Run]:
     runs = [
         Run(method=place.parent.name, seed=int(match.group(1)), folder=place)
         for place in folder.glob("*/*")
-        if place.is_dir() and (match := _SEED.fullmatch(place.name))
+        if place.is_dir() and (match := SEED_FOLDER.fullmatch(place.name))
     ]
     if not runs:
         raise SprintlabError(f"{folder} holds no runs; they are expected as {folder}/<method>/seed-<number>/")

@@ -114,6 +114,25 @@ def test_clouds_survive_where_runs_are_published_onto_themselves(runs, tmp_path)
     assert kept == [bytes([seed]) for seed in range(3)]
 
 
+def test_a_policy_beside_the_runs_of_a_method_is_kept(runs, tmp_path):
+    options = Publish(runs=runs, results=tmp_path / "results")
+    for name in ("seed-1-old", "kept"):
+        (options.results / "sprint" / name).mkdir(parents=True)
+        (options.results / "sprint" / name / "policy.onnx").write_bytes(b"of somebody else")
+    before = content_of(options.results)
+    publish(options)
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_cloud_that_is_a_link_to_itself_is_none(runs, tmp_path):
+    options = Publish(runs=runs, results=tmp_path / "results")
+    for folder in (runs / "sprint" / "seed-2", options.results / "sprint" / "seed-1"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "cloud.npz").symlink_to("cloud.npz")
+    publish(options)
+    assert not list(options.results.glob("*/*/cloud.npz"))
+
+
 def test_a_run_that_was_not_evaluated_is_refused(runs, tmp_path):
     (runs / "sprint" / "seed-0" / "evaluation.json").unlink()
     options = Publish(runs=runs, results=tmp_path / "results")
