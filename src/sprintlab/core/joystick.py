@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, printable
 
 DEFAULT_DEVICE = Path("/dev/input/js0")
 
@@ -50,8 +50,9 @@ class Joystick:
         self._axes: dict[int, float] = {}
         try:
             self._descriptor: int | None = os.open(device, os.O_RDONLY | _NON_BLOCKING)
-        except OSError as error:
-            raise JoystickError(f"cannot open the gamepad {device}: {error.strerror or error}") from error
+        except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+            reason = getattr(error, "strerror", None) or str(error)
+            raise JoystickError(f"cannot open the gamepad {printable(device)}: {reason}") from error
         kind = os.fstat(self._descriptor).st_mode
         if not (stat.S_ISCHR(kind) or stat.S_ISFIFO(kind)):
             self.close()
@@ -151,7 +152,8 @@ def joystick_name(device: Path, listing: Path = Path("/sys/class/input")) -> str
         listing: the kernel's list of input devices.
     """
     try:
-        name = (listing / device.resolve().name / "device" / "name").read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
+        place = Path(os.path.realpath(device))  # Path.resolve fails on a link that leads to itself
+        name = (listing / place.name / "device" / "name").read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):  # ValueError: no text, or a zero byte in the name
         name = ""
     return name or device.name
