@@ -1,10 +1,13 @@
 import json
+import os
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sprintlab.core.errors import InvalidValueError, SimulationError
+from sprintlab.core.errors import InvalidValueError, SimulationError, SprintlabError
 from sprintlab.core.theme import png_bytes
 from sprintlab.robots import load_robot
 from sprintlab.speed_limit import (
@@ -22,6 +25,7 @@ from sprintlab.speed_limit.figure import limit_figure
 from sprintlab.speed_limit.stride import GROUPS
 
 ONE_START = SearchSettings(starts=1)
+RESULT = {"robot": "bp2", "policy": "p", "held_speed_m_s": 9.0, "falls": 0}
 
 
 def test_the_stride_found_keeps_every_limit(bp2, fastest):
@@ -145,8 +149,8 @@ def test_bad_settings_are_refused(fields):
 def test_trained_speeds_come_from_result_files(tmp_path):
     def result(folder, **fields):
         (tmp_path / folder).mkdir()
-        standard = {"robot": "bp2", "policy": folder, "held_speed_m_s": 9.0, "falls": 0}
-        (tmp_path / folder / "result.json").write_text(json.dumps({**standard, **fields}), encoding="utf-8")
+        text = json.dumps({**RESULT, "policy": folder, **fields})
+        (tmp_path / folder / "result.json").write_text(text, encoding="utf-8")
 
     result("slow")
     result("fast", held_speed_m_s=10.0)
@@ -162,3 +166,27 @@ def test_trained_speeds_come_from_result_files(tmp_path):
     found = trained_speeds(tmp_path, "bp2")
     assert [(item.policy, item.speed) for item in found] == [("study", 10.5), ("fast", 10.0), ("slow", 9.0)]
     assert trained_speeds(tmp_path / "nowhere", "bp2") == ()
+
+
+def test_folders_without_end_and_links_to_themselves_hold_no_results(tmp_path, monkeypatch):
+    (tmp_path / "result.json").symlink_to("result.json")
+    (tmp_path / "link").symlink_to(tmp_path, target_is_directory=True)
+    os.mkfifo(tmp_path / "evaluation.json")
+    monkeypatch.chdir(tmp_path)
+    for _ in range(1200):
+        os.mkdir("a")
+        os.chdir("a")
+    assert trained_speeds(tmp_path, "bp2") == ()
+    (Path(tmp_path, *"aaaaaaaa") / "result.json").write_text(json.dumps(RESULT), encoding="utf-8")
+    assert [item.speed for item in trained_speeds(tmp_path, "bp2")] == [9.0]
+    subprocess.run(["rm", "-r", tmp_path / "a"], check=True)  # pytest's own tidying calls itself, too
+
+
+def test_a_folder_of_more_results_than_anybody_has_is_refused(tmp_path):
+    text = json.dumps({**RESULT, "filling": "0" * (6 << 20)})
+    for name in ("first", "second", "third"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text(text, encoding="utf-8")
+    with pytest.raises(SprintlabError, match="holds more than 16 MB of results"):
+        trained_speeds(tmp_path, "bp2")
+    assert trained_speeds(tmp_path / "first", "bp2")[0].speed == 9.0

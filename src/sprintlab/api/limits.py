@@ -118,12 +118,12 @@ def limit(
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
         seed: of the random strides.
-        results: folder whose result.json files say what trained policies reach; results, where there is one,
-            when left out.
+        results: folder whose result.json files, at most 16 MB, say what trained policies reach; results,
+            where there is one, when left out.
         progress: called with what is being done and the share done.
 
     Raises:
-        SprintlabError: an unknown robot, a bad option, no such folder, or SciPy is not installed.
+        SprintlabError: an unknown robot, a bad option, no such folder, too many results, or no SciPy.
     """
     if results is not None:
         check_folder(results)
