@@ -18,7 +18,7 @@ import tyro
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_bytes, atomic_write_text
-from sprintlab.core.reading import parse_json, read_bytes, read_lines
+from sprintlab.core.reading import read_bytes, read_lines, read_rows
 from studies.paper.gallery import CURVE_LIMIT, CURVE_NAME
 from studies.paper.record import EvaluationRecord, read_evaluation
 from studies.paper.runs import (
@@ -135,8 +135,8 @@ def _curve(log: Path) -> str:
     from sprintlab.training.runs.sweep import curve_text
 
     try:
-        return curve_text([parse_json(line) for line in read_lines(_own(log), LOG_LIMIT, "log")])
-    except (TypeError, ValueError, AttributeError) as error:
+        return curve_text(read_rows(_own(log), LOG_LIMIT))
+    except ValueError as error:  # a row has a name that the first has not
         raise SprintlabError(f"{log} is no training log: {error}") from error
 
 

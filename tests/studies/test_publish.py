@@ -193,6 +193,20 @@ def test_files_of_a_training_that_no_training_writes_are_refused(runs, tmp_path,
         read_curve(path) if name == "curve.csv" else publish(Publish(runs=runs, results=tmp_path / "results"))
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["[" + "0," * 16_000_000 + "0]", '{"a":[' + "{}," * 10_000_000 + "{}]}", '"{"', '{"a":"b"}'],
+    ids=["list", "objects", "text", "row of texts"],
+)
+def test_a_log_without_rows_is_refused_before_its_lists_are_read(runs, tmp_path, line):
+    (runs / "sprint" / "seed-0" / "curve.csv").unlink()
+    (runs / "sprint" / "seed-0" / "log.jsonl").write_text(f"{line}\n")
+    started = time.process_time()
+    with pytest.raises(SprintlabError, match="a line is no row of numbers"):
+        publish(Publish(runs=runs, results=tmp_path / "results"))
+    assert time.process_time() - started < 3.0  # the lists take 6 s and more
+
+
 def test_a_wide_curve_of_many_short_rows_takes_no_longer_than_its_bytes(runs):
     path = runs / "sprint" / "seed-0" / "curve.csv"
     wide = ",".join(f"c{number}" for number in range(20_000))

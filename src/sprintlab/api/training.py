@@ -16,7 +16,7 @@ from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError, printable_stderr
 from sprintlab.core.extras import require_package
-from sprintlab.core.reading import parse_json, read_lines
+from sprintlab.core.reading import read_rows
 from sprintlab.core.streams import lasting_streams
 
 if TYPE_CHECKING:
@@ -51,14 +51,7 @@ class Training(Drawn):
         Raises:
             SprintlabError: the run has no log, or a damaged one.
         """
-        path = self.folder / "log.jsonl"
-        try:
-            rows = [parse_json(line) for line in read_lines(path, _LOG_LIMIT, "log")]
-        except ValueError as error:
-            raise SprintlabError(f"{path} cannot be read: {error}") from error
-        if not all(isinstance(row, dict) and _numbers_only(row) for row in rows):
-            raise SprintlabError(f"{path} cannot be read: a line is no row of numbers")
-        return rows
+        return read_rows(self.folder / "log.jsonl", _LOG_LIMIT)
 
     def to_dict(self) -> dict[str, Any]:
         """The last row of the log, with the folder and the number of iterations."""
@@ -91,10 +84,6 @@ class Training(Drawn):
             SprintlabError: the checkpoint cannot be read, the runtimes differ, or the disk refuses.
         """
         return export(self.checkpoint, self.policy if output is None else output)
-
-
-def _numbers_only(row: Mapping[str, Any]) -> bool:
-    return all(isinstance(value, int | float) for value in row.values())
 
 
 @checked

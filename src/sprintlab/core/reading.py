@@ -32,11 +32,14 @@ JSON_LIMIT = 8 << 20
 _DEEPEST = 40  # tables within tables
 _WHOLE = 1 << 63  # TOML's whole numbers have 64 bits
 _MOST_NAMES = 200_000  # in an object of JSON
+_NUMBERS = frozenset((int, float, bool))  # types of a row's values
+_LONGEST_ROW = 1 << 16  # characters of a row of a log; trainings write 3000
 _LONGEST_LINE = 4000  # the time to read a key grows with the square of its length
 
 # A character that JSON writes with two codes (or a backslash that begins none), and what is left of one then.
 _WHOLE_PAIR = re.compile(r"\\\\|\\u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}")
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
+_LONG_NUMBER = re.compile(r"[0-9]{19}")  # any shorter one has at most 64 bits
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 ErrorType = Callable[[str], SprintlabError]
@@ -151,6 +154,28 @@ def read_lines(path: str | os.PathLike[str], limit: int, what: str) -> list[str]
     return lines
 
 
+def read_rows(path: str | os.PathLike[str], limit: int) -> list[dict[str, float]]:
+    """Rows of a training's log: names and numbers, one object of JSON a line.
+
+    Raises:
+        SprintlabError: as ``read_lines``, or a line is something else.
+    """
+    try:
+        return [_row(line) for line in read_lines(path, limit, "log")]
+    except ValueError as error:
+        raise SprintlabError(f"{printable(path)} is no training log: {error}") from error
+
+
+def _row(line: str) -> dict[str, float]:
+    # Asked before it is read: lists within lists take Python long, and no row holds any.
+    if len(line) > _LONGEST_ROW or "[" in line or line.count("{") != 1:
+        raise ValueError("a line is no row of numbers")
+    row: dict[str, float] = parse_json(line)
+    if not (isinstance(row, dict) and _NUMBERS.issuperset(map(type, row.values()))):
+        raise ValueError("a line is no row of numbers")
+    return dict(zip(map(sys.intern, row), row.values(), strict=True))  # all rows share their names
+
+
 def read_toml(
     path: str | os.PathLike[str],
     *,
@@ -209,9 +234,10 @@ def parse_json(text: str | bytes, *, finite: bool = False) -> Any:
     plain = text.decode() if isinstance(text, bytes) else text
     try:
         number = _finite_number if finite else float
+        whole = _whole_number if _LONG_NUMBER.search(plain) else int  # which is ten times as fast
         value = json.loads(
             plain,
-            parse_int=_whole_number,
+            parse_int=whole,
             parse_float=number,
             parse_constant=number,
             object_pairs_hook=_without_twins,
