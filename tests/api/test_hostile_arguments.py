@@ -11,7 +11,7 @@ import sprintlab as sl
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.evaluation.trial import TrialRequest
 
-VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, [[[]]])
+VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, "\ud800", [[[]]])
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:12])
@@ -24,6 +24,9 @@ VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, [[[]]])
         (sl.ground, "trials"), (sl.robustness, "cause_trials"), (sl.method, "environments"),
         (sl.method, "changes"), (sl.replay, "run_folders"), (sl.envelope, "source"), (sl.envelope, "points"),
         (sl.envelope, "trajectory"), (sl.actuators, "name"), (sl.doctor, "folder"), (sl.train, "settings"),
+        (sl.RobotRun, "policy"), (sl.RobotRun, "options"), (sl.RobotRun, "robot"), (sl.RobotRun, "source"),
+        (sl.RobotRun, "log"), (sl.RobotSimulation, "bus"), (sl.RobotSimulation, "pace"),
+        (sl.RobotSimulation, "options"), (sl.RobotSimulation, "robot"), (sl.RobotSimulation, "bus_config"),
     ],
 )  # fmt: skip
 def test_an_argument_of_another_kind_is_told_in_one_sentence(function, name, value, tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_of, robot_word
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import check_kind, checked
 
 if TYPE_CHECKING:
     from sprintlab.control import Policy
@@ -91,6 +92,7 @@ class RobotRun:
         SprintlabError: an option, the policy, the source, the bus or the log is refused.
     """
 
+    @checked
     def __init__(
         self,
         policy: PolicyChoice = "sprint",
@@ -116,6 +118,7 @@ class RobotRun:
         from sprintlab.deployment.sources import open_source
         from sprintlab.robots import load_robot
 
+        check_kind("options", options, LoopOptions | None)
         asked = options or LoopOptions()
         self.options = replace(asked, attended=asked.attended or source.startswith(_ATTENDED))
         self._distance, self._log = distance, None
@@ -200,11 +203,11 @@ def log_path(log: Path | bool, bus: str, remark: Remark = lambda text: None) -> 
     Raises:
         SprintlabError: the file asked for exists, or no log can be written there.
     """
-    if isinstance(log, Path):
+    if not isinstance(log, bool):
         from sprintlab.deployment.log import check_new_log
 
-        check_new_log(log)
-        return log
+        check_new_log(Path(log))
+        return Path(log)
     if not log:
         return None
     if find_spec("mcap") is None:

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from sprintlab.api.policies import RobotChoice, default_robot
 from sprintlab.api.processes import Progress
 from sprintlab.api.tables import Printed, plain_table
+from sprintlab.core.arguments import check_kind, checked
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.files import check_writable_file
@@ -57,6 +58,7 @@ class RobotSimulation:
         SprintlabError: an option or the bus is refused.
     """
 
+    @checked
     def __init__(
         self,
         bus: str = "shm://bp2",
@@ -74,6 +76,8 @@ class RobotSimulation:
         from sprintlab.deployment.simulator import PaceOptions, SimulatedWorld, SimulatorOptions
         from sprintlab.robots import load_robot
 
+        check_kind("options", options, SimulatorOptions | None)
+        check_kind("pace", pace, PaceOptions | None)
         self.pace = pace or PaceOptions()
         check_positive("distance", distance, "m")
         check_range("priority", priority, 1, 99)

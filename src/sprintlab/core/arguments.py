@@ -122,7 +122,10 @@ def _plain_fits(value: Any, hint: Any) -> bool:
 
 def _is_name(path: str | Path) -> bool:
     """Whether a disk may know it: before Python 3.14, a longer one ends ``Path.exists`` with an error."""
-    name = os.fsencode(path)
+    try:
+        name = os.fsencode(path)
+    except UnicodeEncodeError:  # half of a pair of code units, as JSON can say
+        return False
     parts = name.split(os.sep.encode())
     return len(name) <= _LONGEST_PATH and max(map(len, parts)) <= _LONGEST_NAME
 
