@@ -13,25 +13,41 @@ import ast
 import csv
 import hashlib
 import io
+import itertools
+import lzma
+import os
+import struct
 import subprocess
 import sys
 import tarfile
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
+from sprintlab.core.reading import open_regular, read_bytes
 
 Table = dict[str, NDArray[np.float64]]
 Tables = dict[str, Table]
 
 REFUSED = 2
-LARGEST_FILE = 64 << 20
+LARGEST_FILE, LARGEST_ARCHIVE = 64 << 20, 1 << 30
+"""Most bytes of a file, and of an archive, packed or unpacked."""
+MOST_MEMBERS = 20_000
+"""Of a .tar archive, that are looked at."""
+_LONGEST = 10.0  # s that git may take
+_NO_FETCHING = {"GIT_ALLOW_PROTOCOL": "", "GIT_NO_LAZY_FETCH": "1"}
+_DAMAGED = (
+    zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError,
+    NotImplementedError, RuntimeError, struct.error,
+)  # fmt: skip
 HOLD = 15
 """Rows of a HEJ-90 log between two updates of its signals: 1 kHz written, 67 Hz measured."""
 
@@ -352,7 +368,7 @@ def read_member(source: Source, place: Path, name: str) -> bytes:
     elif place.is_dir():
         content = _from_clone(place, source.commit, path)
         if content is None and (place / path).is_file():
-            content = (place / path).read_bytes()
+            content = read_bytes(place / path, LARGEST_FILE)
     else:
         raise SprintlabError(f"{place} does not exist: {_how_to_get(source)}")
     if content is None:
@@ -367,28 +383,55 @@ def _how_to_get(source: Source) -> str:
 
 
 def _from_clone(place: Path, commit: str, path: str) -> bytes | None:
-    run = subprocess.run(
-        ["git", "-C", str(place), "show", f"{commit}:{path}"], capture_output=True, check=False
-    )
+    size = _git(place, "-s", f"{commit}:{path}")
+    return None if size is None or int(size) > LARGEST_FILE else _git(place, "blob", f"{commit}:{path}")
+
+
+def _git(place: Path, *asked: str) -> bytes | None:
+    """What git says of an object, from what lies in the clone alone.
+
+    A clone that came as an archive has settings of a stranger. They may name a program with which git would
+    fetch what is missing, so it may fetch in no way.
+    """
+    try:
+        run = subprocess.run(
+            ["git", "-C", str(place), "cat-file", *asked], capture_output=True, check=False,
+            stdin=subprocess.DEVNULL, env={**os.environ, **_NO_FETCHING}, timeout=_LONGEST,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        raise SprintlabError(f"{place} keeps git waiting") from error
     return run.stdout if run.returncode == 0 else None
 
 
 def _from_archive(place: Path, path: str) -> bytes | None:
     """The member whose path ends so (archives of repositories begin with a folder of their own)."""
-    if zipfile.is_zipfile(place):
-        with zipfile.ZipFile(place) as archive:
-            for entry in archive.infolist():
-                if f"/{entry.filename}".endswith(f"/{path}") and entry.file_size <= LARGEST_FILE:
-                    return archive.read(entry)
-        return None
     try:
-        with tarfile.open(place) as archive:
-            for entry in archive:
-                if f"/{entry.name}".endswith(f"/{path}") and entry.isfile() and entry.size <= LARGEST_FILE:
-                    file = archive.extractfile(entry)
-                    return None if file is None else file.read()
-    except tarfile.TarError as error:
+        with open_regular(place, LARGEST_ARCHIVE, what="archive") as file:
+            return _from_zip(file, path) if zipfile.is_zipfile(file) else _from_tar(file, path)
+    except SprintlabError:
+        raise
+    except _DAMAGED as error:
         raise SprintlabError(f"{place} is no .zip or .tar archive") from error
+
+
+def _from_zip(file: IO[bytes], path: str) -> bytes | None:
+    with zipfile.ZipFile(file) as archive:
+        for entry in archive.infolist():
+            if f"/{entry.filename}".endswith(f"/{path}") and entry.file_size <= LARGEST_FILE:
+                with archive.open(entry) as member:  # read without a size, all that comes is unpacked first
+                    return member.read(entry.file_size)
+    return None
+
+
+def _from_tar(file: IO[bytes], path: str) -> bytes | None:
+    file.seek(0)
+    with tarfile.open(fileobj=file) as archive:
+        for entry in itertools.islice(archive, MOST_MEMBERS):
+            if entry.offset_data + entry.size > LARGEST_ARCHIVE:  # unpacked, to come to the next one
+                break
+            if f"/{entry.name}".endswith(f"/{path}") and entry.isfile() and entry.size <= LARGEST_FILE:
+                member = archive.extractfile(entry)
+                return None if member is None else member.read()
     return None
 
 
@@ -436,7 +479,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, text in converted(chosen.source, chosen.place):
             atomic_write_text(chosen.out / name, text)
             count += 1
-    except SprintlabError as error:
+    except (SprintlabError, OSError) as error:
         print(f"fetch_bench_data: {error}", file=sys.stderr)
         return REFUSED
     print(f"{count} bench files in {chosen.out}")
