@@ -70,9 +70,10 @@ def test_a_trial_without_end_is_refused(request_, field):
         TrialRequest(**request_)
 
 
-def test_a_grid_of_endless_speeds_is_refused():
-    with pytest.raises(InvalidValueError, match="grid = 1e-300 is not allowed"):
-        sl.SearchOptions(grid=1e-300).protocol()
+@pytest.mark.parametrize("grid", [1e-300, 5e-324])
+def test_a_grid_of_endless_speeds_is_refused(grid):
+    with pytest.raises(InvalidValueError, match=f"grid = {grid} is not allowed"):
+        sl.SearchOptions(grid=grid).protocol()
 
 
 def test_a_race_over_an_endless_distance_is_refused_before_its_search():

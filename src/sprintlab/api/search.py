@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -70,5 +71,5 @@ class SearchOptions:
     def _first_step(self) -> float | None:
         """Of the first pass [m/s]: 1 m/s where that is on the grid; ``None`` walks the whole grid."""
         steps = FIRST_PASS / self.grid if self.grid > 0.0 else 0.0
-        on_grid = steps > 1.0 and abs(steps - round(steps)) < 1e-6
+        on_grid = 1.0 < steps < math.inf and abs(steps - round(steps)) < 1e-6
         return FIRST_PASS if on_grid and not self.every_speed else None
