@@ -263,3 +263,11 @@ def test_the_way_of_many_short_stances_is_that_of_each():
     )
     verdict = audit_rollout(rollout, MOTOR, GEAR, BUS)
     assert (verdict.slip, verdict.stance) == pytest.approx(((2 + 4 + 5 + 6) / 2, 2.0))
+
+
+def test_a_picture_of_more_joints_than_anybody_looks_at_is_refused():
+    """Two samples of 200 joints, a file of a kilobyte, were drawn for half a minute."""
+    velocity = np.zeros((2, 200))
+    many = Rollout(time=np.array([0.0, 1.0]), joint_velocity=velocity, joint_torque=velocity)
+    with pytest.raises(InvalidValueError, match="joints of a figure = 200 is not allowed"):
+        rollout_figure(many, MOTOR, GEAR, BUS)

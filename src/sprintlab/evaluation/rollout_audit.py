@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.checks import check_positive
+from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes, table_number
 from sprintlab.core.theme import LIGHT, set_title, themed_figure
@@ -52,6 +52,7 @@ _ROWS = 8192  # that are worked out at once
 _MOST_COLUMNS = 2000  # of a CSV
 _LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 _MOST_JOINTS, _LONGEST_NAME = 200, 100
+_MOST_DRAWN = 48  # joints: of 200, a picture takes half a minute
 
 _TABLES = (
     "joint_velocity",
@@ -249,11 +250,11 @@ def audit_rollout(
         JointVerdict(
             name=name,
             impossible=float(beyond[:, joint].mean()),
-            v_d_only=float((beyond & allowed)[:, joint].mean()),
+            v_d_only=float((beyond[:, joint] & allowed[:, joint]).mean()),
             largest_excess=float(excess[:, joint].max()),
             over_speed=float((ratio[:, joint] > 1.0).mean()),
             speed_ratio=float(ratio[:, joint].max()),
-            mechanical_power=float((given * rollout.joint_velocity)[:, joint].mean()),
+            mechanical_power=float((given[:, joint] * rollout.joint_velocity[:, joint]).mean()),
             copper_loss=float(heat[:, joint].mean()),
         )
         for joint, name in enumerate(rollout.names)
@@ -419,8 +420,13 @@ def _row(header: Sequence[str], row: Sequence[str], line: int) -> list[float]:
 
 
 def rollout_figure(rollout: Rollout, motor: PmsmParameters, gear: Gear, bus_voltage: float) -> Figure:
-    """Torque over speed of every joint on what its motor gives; red is what it does not."""
+    """Torque over speed of every joint on what its motor gives; red is what it does not.
+
+    Raises:
+        InvalidValueError: more than 48 joints, each of which is a picture of its own.
+    """
     joints = rollout.joint_torque.shape[1]
+    check_range("joints of a figure", joints, 1, _MOST_DRAWN)
     columns = min(joints, 4)
     rows = -(-joints // columns)
     figure, axes = themed_figure(LIGHT, (3.0 * columns + 0.6, 2.6 * rows + 0.4), rows, columns)
