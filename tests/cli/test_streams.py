@@ -55,3 +55,13 @@ def test_no_file_takes_the_number_of_a_stream_that_is_closed(closed, tmp_path):
     ended = subprocess.run(["sh", "-c", command, sys.executable, CODE], cwd=tmp_path, env=path, check=False)
     assert ended.returncode == 0
     assert Path(tmp_path, "log").stat().st_size == 0
+
+
+def test_what_the_encoding_of_stdout_cannot_say_appears_as_its_code(tmp_path):
+    """A robot's folder of that name ended the list of all robots in a traceback, and a race its numbers."""
+    code = CODE.replace('print("said")', r'print("\u673a\udcff")')
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "latin-1"}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=path, capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (0, "\\u673a\\udcff\n")

@@ -6,7 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 
@@ -16,6 +16,7 @@ def lasting_streams() -> Generator[None]:
 
     A standard stream that is closed is the null device: otherwise the next file that is opened, such as a
     log, would take its number. What stderr does not take (its reader is gone, its disk is full) is dropped.
+    What the encoding of stdout cannot say, such as names of a stranger's files, appears as its code.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -30,10 +31,26 @@ def lasting_streams() -> Generator[None]:
         stream = io.BufferedWriter(_Lasting(before.fileno(), "w", closefd=False))
         sys.stderr = io.TextIOWrapper(stream, before.encoding, "backslashreplace", line_buffering=True)
     try:
-        yield
+        with _any_text(sys.stdout):
+            yield
     finally:
         sys.stderr.flush()
         sys.stderr = before
+
+
+@contextmanager
+def _any_text(stream: Any) -> Generator[None]:
+    """A stream of the system takes every text within the block; a test's or a notebook's is left alone."""
+    if stream is not sys.__stdout__ or not isinstance(stream, io.TextIOWrapper):
+        yield
+        return
+    before = stream.errors
+    stream.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):  # it flushes first, and its reader may be gone
+            stream.reconfigure(errors=before)
 
 
 class _Lasting(io.FileIO):
