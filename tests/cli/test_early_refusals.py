@@ -100,6 +100,14 @@ REFUSED = (
     (["replay", "no-run", "--out", "loop"], "cannot write"),
     (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "loop/truth.npz"], "cannot write"),
     (["robot-sim", "shm://nobody", "--duration", "1", "--truth", "truth.csv"], "truth's ending"),
+    (
+        ["robot-sim", "shm://nobody", "--duration", "1e9", "--truth", "t.npz"],
+        "duration of a truth = 1000000000.0",
+    ),
+    (
+        ["robot-sim", "shm://nobody", "--duration", "1e308", "--truth", "t.npz"],
+        "duration of a truth = 1e+308",
+    ),
 )
 
 

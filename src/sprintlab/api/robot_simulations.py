@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from sprintlab.deployment.simulator import PaceOptions, SimulatorOptions, SimulatorReport
     from sprintlab.evaluation.recorder import Recorder
 
+_LONGEST_TRUTH = 3600.0  # s, for whose samples there must be memory from the start
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SimulatedRun(Printed):
@@ -50,7 +52,7 @@ class RobotSimulation:
         pace: real time or lock-step, and when to end.
         bus_config: for zenoh on a network: a file in zenoh's format with TLS, or user and password.
         distance: mark whose passing is timed [m].
-        truth: file (.npz) for the true motion; ``pace`` must have a duration.
+        truth: file (.npz) for the true motion; ``pace`` must have a duration, of an hour at most.
         priority: of the real-time scheduler, 1 to 99.
         real_time: use that scheduler, where permitted; never in lock-step.
 
@@ -84,6 +86,7 @@ class RobotSimulation:
         if truth is not None and self.pace.duration is None:
             raise InvalidValueError("truth", str(truth), "give --duration too: it bounds what is kept")
         if truth is not None:
+            check_range("duration of a truth", self.pace.duration, 0.0, _LONGEST_TRUTH, "s")
             check_choice("truth's ending", Path(truth).suffix, (".npz",))
             check_writable_file(truth)
         self._distance, self._truth = distance, truth

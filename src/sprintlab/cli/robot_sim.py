@@ -49,7 +49,8 @@ class RobotSim(DriveOptions):
         duration: end after this much simulated time [s].
         end_with_controller: end when the controller has left.
         distance: mark whose passing is timed [m].
-        truth: also write the true motion as a trajectory (.npz); needs --duration.
+        truth: also write the true motion as a trajectory (.npz); needs --duration,
+            of an hour at most.
         json: print JSON only.
     """
 
