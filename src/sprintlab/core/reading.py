@@ -170,11 +170,11 @@ def _row(line: str) -> dict[str, float]:
     # Asked before it is read: lists within lists take Python long, and no row holds any.
     if len(line) > _LONGEST_ROW or "[" in line or line.count("{") != 1:
         raise ValueError("a line is no row of numbers")
-    row = parse_json(line)
-    values = list(cast("dict[str, Any]", row).values()) if isinstance(row, dict) else None
-    if values is None or not _NUMBERS.issuperset(map(type, values)):
+    found = parse_json(line)
+    row = cast("dict[str, float]", found)
+    if not isinstance(found, dict) or not _NUMBERS.issuperset(map(type, row.values())):
         raise ValueError("a line is no row of numbers")
-    return dict(zip(map(sys.intern, row), values, strict=True))  # all rows share their names
+    return dict(zip(map(sys.intern, row), row.values(), strict=True))  # all rows share their names
 
 
 def read_toml(
