@@ -176,7 +176,11 @@ LOOKS = (
     Look(
         "battery in its first half; softer feet",
         "#0d9488",
-        (("thirteenth", "second_halves"), ("thirteenth", "softer_feet")),
+        (
+            ("thirteenth", "second_halves"),
+            ("thirteenth", "softer_feet"),
+            ("thirteenth", "shares_of_the_fastest"),
+        ),
     ),
     SEEDS,
 )

@@ -363,6 +363,12 @@ def test_the_page_tells_how_the_fastest_of_the_recipes_with_a_battery_fails(flow
     )
     told = f"{softer['held_raw_m_s']:.2f} m/s and still {softer['worst']['foot force']:.1f}."
     assert told in page and "foot force" in softer["failed"]
+    shares = found["shares_of_the_fastest"]["means"]
+    held, costs = ([row[key] for row in shares] for key in ("held_raw_m_s", "cost_of_transport"))
+    assert f"{len(shares)} other shares of its networks hold {min(held):.1f} to {max(held):.1f} m/s" in page
+    least = min(row["worst"]["foot force"] for row in shares)
+    assert f"down to {min(costs):.2f}, but press with {least:.2f} body weights at least" in page
+    assert least > AuditThresholds().foot_force
     keen = variants["stiff bus, harder limits, more for speed"]["means"][-1]
     limits = variants["stiff bus, harder limits"]["means"][-1]
     assert f"seed 12 then holds {keen['held_raw_m_s']:.2f} m/s and passes eight runs" in page
