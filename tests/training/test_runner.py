@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -107,6 +108,14 @@ def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
         read_checkpoint(tmp_path / "foreign.pt")
 
 
+def forged_settings(**parts: object) -> TrainingSettings:
+    """Settings that refuse these parts when they are made."""
+    settings = copy.copy(SETTINGS)
+    for name, part in parts.items():
+        object.__setattr__(settings, name, part)
+    return settings
+
+
 @pytest.mark.parametrize("forged", ["weight", "observation", "generator"])
 def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: Path, forged: str) -> None:
     """Its checksum fits: what its values bring about is told in one sentence."""
@@ -114,15 +123,14 @@ def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: 
     if forged == "weight":
         weight: Any = "x"
         rewards = replace(SETTINGS.rewards, abduction_mirror=RewardWeight(first=-1.0, second=weight))
-        state["settings"] = replace(SETTINGS, rewards=rewards)
+        state["settings"] = forged_settings(rewards=rewards)
     elif forged == "observation":
-        observation: Any = (1, 2, 3)
-        state["settings"] = replace(SETTINGS, observation=observation)
+        state["settings"] = forged_settings(observation=(1, 2, 3))
     else:
         kind, (first, *rest), more = state["generators"]["python"]
         state["generators"]["python"] = (kind, (-first - 1, *rest), more)
     write_checkpoint(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(SprintlabError, match=r"nothing can be trained|does not fit") as refusal:
+    with pytest.raises(SprintlabError, match=r"no usable checkpoint: (rewards|observation)|does not fit") as refusal:
         train(TrainOptions(output=tmp_path, device="cpu", resume=True))
     assert "\n" not in str(refusal.value)
 

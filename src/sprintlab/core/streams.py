@@ -45,12 +45,18 @@ def _any_text(stream: Any) -> Generator[None]:
         yield
         return
     before = stream.errors
-    stream.reconfigure(errors="backslashreplace")
+    _reconfigure(stream, "backslashreplace")
     try:
         yield
     finally:
-        with suppress(OSError, ValueError):  # it flushes first, and its reader may be gone
-            stream.reconfigure(errors=before)
+        _reconfigure(stream, before)
+
+
+def _reconfigure(stream: io.TextIOWrapper, errors: str | None) -> None:
+    """Say what becomes of characters that a stream's encoding lacks, if it can still be told."""
+    # It flushes first, whose reader may be gone, and seeks what was a file before a process made it a pipe.
+    with suppress(OSError, ValueError):
+        stream.reconfigure(errors=errors)
 
 
 class _Lasting(io.FileIO):
