@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,14 @@ import onnx
 import torch
 
 from sprintlab.control import load_policy
-from sprintlab.core.errors import PolicyFileError
+from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.robots import load_robot
+from sprintlab.robots.loader import robot_table_path
+from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.runs import export
 from sprintlab.training.runs.export import export_checkpoint
 from sprintlab.training.runs.observed_run import observe_run
+from sprintlab.training.runs.run import TrainOptions, open_run
 from sprintlab.training.runs.runner import Runner
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
@@ -93,4 +97,27 @@ def test_a_network_that_differs_is_refused_and_nothing_is_written(checkpoint, tm
     monkeypatch.setattr(export, "_onnx_bytes", slightly_other)
     with pytest.raises(PolicyFileError, match=r"differs from the network's by .*, allowed 1e-04"):
         export_checkpoint(checkpoint, tmp_path / "policy.onnx")
+    assert not (tmp_path / "policy.onnx").exists()
+
+
+@pytest.mark.usefixtures("short_replay")
+def test_no_policy_bears_the_name_of_a_robot_that_was_changed_after_the_training(tmp_path):
+    """Its contract told of the new masses, and the new robot took a policy that had never moved it."""
+    table = tmp_path / "robot" / "parameters.toml"
+    table.parent.mkdir()
+    table.write_bytes(robot_table_path("bp2").read_bytes())
+    options = TrainOptions(output=tmp_path, device="cpu", resume=True)
+    runner = Runner(replace(SETTINGS, robot=str(table)), "cpu", "")
+    runner.save(tmp_path / "checkpoint.pt")
+    open_run(options, Workers())
+    text = table.read_text(encoding="utf-8")
+    table.write_text(
+        text.replace("total_mass = { value = 36.5", "total_mass = { value = 38.0"), encoding="utf-8"
+    )
+    for work in (
+        lambda: export_checkpoint(tmp_path / "checkpoint.pt", tmp_path / "policy.onnx"),
+        lambda: open_run(options, Workers()),
+    ):
+        with pytest.raises(SprintlabError, match="has changed since it was trained"):
+            work()
     assert not (tmp_path / "policy.onnx").exists()

@@ -130,7 +130,7 @@ def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: 
         kind, (first, *rest), more = state["generators"]["python"]
         state["generators"]["python"] = (kind, (-first - 1, *rest), more)
     write_checkpoint(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(SprintlabError, match=r"no usable checkpoint: (rewards|observation)|does not fit") as refusal:
+    with pytest.raises(SprintlabError, match=r"no usable checkpoint|does not fit") as refusal:
         train(TrainOptions(output=tmp_path, device="cpu", resume=True))
     assert "\n" not in str(refusal.value)
 

@@ -20,7 +20,7 @@ NOTE = (
 
 def clock_numbers(check: ClockCheck) -> dict[str, Any]:
     """JSON-ready numbers; what is not defined becomes null."""
-    from sprintlab.evaluation.quantities import json_ready
+    from sprintlab.core.json_values import json_ready
 
     numbers = {
         "top_speed_command_m_s": check.top_speed,

@@ -55,7 +55,7 @@ class Evaluation(Drawn):
 
     def to_dict(self) -> dict[str, Any]:
         """``raw`` and ``self_paced`` as plain values, keys with units; what is undefined is None."""
-        from sprintlab.evaluation.quantities import json_ready
+        from sprintlab.core.json_values import json_ready
         from sprintlab.evaluation.results import supply_numbers
 
         found = {"raw": protocol_numbers(self.raw), "self_paced": protocol_numbers(self.self_paced)}
@@ -195,7 +195,7 @@ def _speed_progress(progress: Progress, name: str, search: SearchOptions) -> Cal
 
 def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     """The numbers of one search as JSON-ready values; what is not defined becomes null."""
-    from sprintlab.evaluation.quantities import json_ready
+    from sprintlab.core.json_values import json_ready
 
     best, fastest = result.best, result.fastest
     mean = (lambda name: None) if best is None else best.mean

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from inspect import signature
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from rich.console import Console
 
@@ -17,6 +16,7 @@ from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole, Printed
 from sprintlab.api.tables import plain_table as plain_table
 from sprintlab.api.tables import styled as styled
 from sprintlab.core.files import check_figure_path
+from sprintlab.core.json_values import json_ready
 
 Result = TypeVar("Result", bound=Printed)
 
@@ -33,15 +33,7 @@ def stderr_console() -> Console:
 
 def print_json(data: Any) -> None:
     """JSON and nothing else on stdout; what is not finite, which a stranger's file may hold, is null."""
-    print(json.dumps(_finite(data), indent=2, allow_nan=False))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in cast("dict[str, Any]", value).items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in cast("list[Any]", value)]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    print(json.dumps(json_ready(data), indent=2, allow_nan=False))
 
 
 def arguments(command: Any) -> dict[str, Any]:

@@ -35,10 +35,10 @@ from sprintlab.control.policy_graph import with_metadata
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import PolicyFileError, SprintlabError
 from sprintlab.core.files import atomic_write_bytes, numbered
+from sprintlab.core.json_values import json_ready
 from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import Trajectory
 from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest, run_course
 from sprintlab.plant import BaseState

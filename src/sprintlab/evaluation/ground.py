@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import Ground, PlantOptions

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sprintlab.commands import KERB_DISTANCE, LANE_WIDTH, SprintProfile, Track, path_yaw_rate
 from sprintlab.control import Policy
 from sprintlab.core.checks import check_range
+from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.metrics import bus_power
-from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import TrialResult
 from sprintlab.evaluation.trial import SprintCourse, TrialRequest, run_course
 from sprintlab.plant import BaseState

@@ -79,16 +79,3 @@ def quantity_numbers(value_of: Callable[[str], Any]) -> dict[str, Any]:
 def number(value: float, digits: int = 2) -> str:
     """A number as text; a dash where it is not defined."""
     return f"{round(value, digits) + 0.0:.{digits}f}" if np.isfinite(value) else "-"
-
-
-def json_ready(value: Any) -> Any:
-    """Arrays become lists, NumPy's numbers plain ones, and what is not finite null."""
-    if isinstance(value, dict):
-        return {key: json_ready(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [json_ready(item) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value

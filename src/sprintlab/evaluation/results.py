@@ -18,7 +18,8 @@ from sprintlab.commands import LANE_WIDTH
 from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
-from sprintlab.evaluation.quantities import json_ready, quantity_numbers
+from sprintlab.core.json_values import json_ready
+from sprintlab.evaluation.quantities import quantity_numbers
 from sprintlab.plant import TrialSettings
 
 REST_SPEED = 0.3

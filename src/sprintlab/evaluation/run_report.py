@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from sprintlab.commands import command_start, finish_time
 from sprintlab.control import Policy
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.json_values import json_ready
 from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_curve
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.quantities import QUANTITIES, json_ready, number, quantity_numbers
+from sprintlab.evaluation.quantities import QUANTITIES, number, quantity_numbers
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
 from sprintlab.evaluation.results import Trajectory, TrialResult
 from sprintlab.evaluation.trial import TrialRequest, run_course

@@ -13,8 +13,8 @@ from sprintlab.commands.state import GRAVITY
 from sprintlab.control import Policy
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import Trajectory
 from sprintlab.evaluation.trial import TrialRequest, run_course
 from sprintlab.plant import BaseState, PlantOptions, TrialSettings

@@ -12,9 +12,9 @@ from typing import Any
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_json, check_writable
+from sprintlab.core.json_values import json_ready
 from sprintlab.core.reading import read_json
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.quantities import json_ready
 from sprintlab.evaluation.results import SprintResult, TrialResult
 from sprintlab.evaluation.robustness.draws import ALL, CAUSES, NOMINAL, RobustnessRanges, draw_request
 from sprintlab.evaluation.trial import TrialRequest, check_sprint, check_top_speed

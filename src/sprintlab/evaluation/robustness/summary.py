@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.checks import check_range
-from sprintlab.evaluation.quantities import json_ready
+from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.robustness.draws import ALL, CAUSES, NOMINAL
 from sprintlab.evaluation.robustness.study import Piece
 

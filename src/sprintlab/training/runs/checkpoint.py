@@ -26,6 +26,7 @@ import numpy as np
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.files import atomic_write_bytes
 from sprintlab.core.reading import parse_json, read_bytes
+from sprintlab.robots import RobotDescription, robot_fingerprint
 
 if TYPE_CHECKING:
     import torch
@@ -132,6 +133,23 @@ def unknown_settings(settings: object) -> list[str]:
     if not is_dataclass(settings):
         return []
     return [path for item in fields(settings) for path in unknown_settings(getattr(settings, item.name))]
+
+
+def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
+    """Refuse another robot than the one that was trained: a policy would bear its name, and a run mix both.
+
+    Args:
+        state: of a checkpoint; those of earlier versions do not tell.
+        robot: that its settings name now.
+
+    Raises:
+        SprintlabError: its table has changed since.
+    """
+    if state.get("robot_fingerprint") not in (None, robot_fingerprint(robot)):
+        raise SprintlabError(
+            f"the table of robot {printable(robot.name, 80)} has changed since it was trained: put the old "
+            "one back, or begin a run with the new one (train --start-from)"
+        )
 
 
 # --- the file ---------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ from sprintlab.core.files import atomic_write_bytes
 from sprintlab.robots import RobotDescription, load_robot
 from sprintlab.training.learner.algorithm import build_actor
 from sprintlab.training.learner.networks import Actor, trim
-from sprintlab.training.runs.checkpoint import read_checkpoint
+from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint
 from sprintlab.training.runs.observed_run import ObservedRun, observe_run
 from sprintlab.training.settings import TrainingSettings
 
@@ -94,7 +94,7 @@ def export_checkpoint(
         turning: which yaw rate the network is asked for; the one that is commanded when left out.
 
     Raises:
-        SprintlabError: the checkpoint cannot be read, or the disk refuses.
+        SprintlabError: the checkpoint cannot be read, its robot's table has changed, or the disk refuses.
         PolicyFileError: the runtimes differ by more than ``EXPORT_TOLERANCE``.
     """
     return export_state(read_checkpoint(checkpoint), output, pace, turning)
@@ -149,8 +149,10 @@ def _with_contract(
         device=state["device"],
         date=state["date"],
     )
+    robot = load_robot(settings.robot)
+    check_robot(state, robot)
     contract = make_contract(
-        load_robot(settings.robot),
+        robot,
         layout=settings.observation,
         training=record,
         software=state["versions"],

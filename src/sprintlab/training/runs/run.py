@@ -21,7 +21,7 @@ from sprintlab.core.extras import require_package
 from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import read_text, refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
-from sprintlab.training.runs.checkpoint import read_checkpoint, unknown_settings
+from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint, unknown_settings
 from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
@@ -139,6 +139,8 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     untrainable = "has settings with which nothing can be trained"
     with refused_as_damaged(checkpoint, untrainable) if saved else nullcontext():
         runner = Runner(settings, device, words, options.fused, workers)
+    if saved:
+        check_robot(saved, runner.environment.robot)
     if isinstance(begun, PolicyStart):
         begin_from_policy(runner, begun, options.critic_iterations)
     elif state := saved or begun:

@@ -19,6 +19,7 @@ from sprintlab.commands import RangeGrowth, StageBlend
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import refused_as_damaged
+from sprintlab.robots import robot_fingerprint
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
@@ -153,6 +154,7 @@ class Runner:
         return {
             "settings": self.settings,
             "config_hash": self.settings.digest(),
+            "robot_fingerprint": robot_fingerprint(self.environment.robot),
             "command_line": self.command_line,
             "device": device_description(self.device),
             "versions": package_versions(),
