@@ -52,7 +52,7 @@ def _any_text(stream: Any) -> Generator[None]:
         _reconfigure(stream, before)
 
 
-def _reconfigure(stream: io.TextIOWrapper, errors: str | None) -> None:
+def _reconfigure(stream: Any, errors: str | None) -> None:
     """Say what becomes of characters that a stream's encoding lacks, if it can still be told."""
     # It flushes first, whose reader may be gone, and seeks what was a file before a process made it a pipe.
     with suppress(OSError, ValueError):
