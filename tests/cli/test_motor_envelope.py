@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import MOTOR_MODELS, PmsmParameters, save_motor
 from sprintlab.robots import load_robot
 
@@ -145,3 +146,13 @@ def test_a_source_that_is_nothing_lists_what_there_is(call):
     assert outcome.status == 2 and len(outcome.err.splitlines()) == 1
     for name in ("spot", "bp2", "mit-mini-cheetah", ".toml"):
         assert name in outcome.err
+
+
+def test_a_picture_that_finds_no_room_takes_no_numbers_with_it(call, tmp_path, monkeypatch):
+    def full(path, figure):
+        raise SprintlabError(f"{path} cannot be written: No space left on device")
+
+    monkeypatch.setattr("sprintlab.core.theme.save_figure", full)
+    outcome = call("motor", "envelope", "--figure", tmp_path / "envelope.png", "--json")
+    assert outcome.status == 2 and "No space left on device" in outcome.err
+    assert json.loads(outcome.out)["figure"].endswith("envelope.png")

@@ -47,7 +47,10 @@ def arguments(command: Any) -> dict[str, Any]:
 
 
 def measure(function: Callable[..., Result], command: Any) -> Result:
-    """Call a function of the API with a command's fields as its arguments; draw and print what it finds.
+    """Call a function of the API with a command's fields as its arguments; print and draw what it finds.
+
+    A result is not lost with its picture, for which the disk may have become too full, nor with a reader of
+    stdout that has left.
 
     Args:
         function: that takes by their names all fields but ``figure`` and ``json``, and maybe ``progress``.
@@ -61,8 +64,10 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
         report("loading", None)
         told = {"progress": report} if "progress" in signature(function).parameters else {}
         found = function(**options, **told)
-    draw(found, getattr(command, "figure", None))
-    show(found, command)
+    try:
+        show(found, command)
+    finally:
+        draw(found, getattr(command, "figure", None))
     return found
 
 
