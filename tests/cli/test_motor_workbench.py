@@ -93,6 +93,12 @@ def test_the_template_becomes_a_sheet(call, tmp_path):
         load_datasheet(sheet)
 
 
+def test_motor_and_supply_do_not_go_into_one_file(refused, tmp_path):
+    names = (tmp_path / "motor.toml", tmp_path / "." / "motor.toml")
+    message = refused("motor", "from-datasheet", SHEET, "--out", names[0], "--supply-out", names[1])
+    assert "supply_out" in message and not names[0].exists()
+
+
 def test_bad_sheets_are_refused(refused, tmp_path):
     assert "cannot read" in refused("motor", "from-datasheet", tmp_path / "none.toml")
     assert "--template" in refused("motor", "from-datasheet")

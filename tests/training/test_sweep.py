@@ -346,6 +346,8 @@ def test_slots_are_gpus_times_trainings_on_each(tmp_path: Path, monkeypatch) -> 
     assert LocalCluster(tmp_path, 3, [], 1.0).slots == 3
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "2,5")
     assert visible_gpus() == [2, 5]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "²,3")
+    assert visible_gpus() == [3]
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     assert visible_gpus() == []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,9 @@ class MotorFromDatasheet:
             return 0
         if self.sheet is None:
             raise InvalidValueError("sheet", None, "name a data sheet, or print a blank one with --template")
+        written = [os.path.realpath(path) for path in (self.out, self.supply_out) if path is not None]
+        if len(set(written)) < len(written):
+            raise InvalidValueError("supply_out", str(self.supply_out), "another file than --out")
         sheet = load_datasheet(self.sheet)
         conversion = convert_datasheet(sheet, self.tolerance)
         if self.out is not None:

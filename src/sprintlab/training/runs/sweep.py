@@ -131,7 +131,7 @@ def visible_gpus() -> list[int]:
     """Numbers of this machine's GPUs that may be used; empty where there are none."""
     chosen = os.environ.get("CUDA_VISIBLE_DEVICES")
     if chosen is not None:
-        return [int(each) for each in chosen.split(",") if each.strip().isdigit()]
+        return [int(each) for each in chosen.split(",") if each.strip().isdecimal()]
     if shutil.which("nvidia-smi") is None:
         return []
     listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, check=False)
