@@ -66,3 +66,14 @@ def test_who_is_never_answered_gives_up(state: RobotState, monkeypatch):
     with pytest.raises(SprintlabError, match="has not answered"):
         _LockStep(world, endpoint, PaceOptions(lock_step=True, patience=0.1)).exchange(lambda: False)
     assert len(endpoint.published) > 1 and not world.commands
+
+
+def test_a_state_that_was_not_sent_yet_is_not_answered(state: RobotState, monkeypatch):
+    """Else one such command let the robot run free, for as many steps as its number is ahead."""
+    monkeypatch.setattr(loop_module, "_SECOND_THOUGHT", 0.01)
+    world, endpoint = World(state), Endpoint(lost=10**6)
+    endpoint.answers.append(SimpleNamespace(state_sequence=state.sequence + 5000))
+    run = _LockStep(world, endpoint, PaceOptions(lock_step=True, patience=0.1))
+    assert run.exchange(lambda: False)  # it answered, but does not accept this state
+    with pytest.raises(SprintlabError, match="has not answered"):
+        run.exchange(lambda: False)

@@ -164,7 +164,7 @@ class _Run:
         self.given_up = 0.0
         self._world, self._endpoint, self._pace = world, endpoint, pace
         self._period = 1.0 / world.robot.plant.options.motor_rate
-        self._answered = 0
+        self._sent = self._answered = 0  # sequences of states
         self._commands = 0
         self._states: list[RobotState] = []
 
@@ -188,7 +188,9 @@ class _Run:
         return self._publish_states()
 
     def _publish_states(self) -> int:
-        return max((state.sequence for state in self._states if self._endpoint.publish(state)), default=0)
+        newest = max((state.sequence for state in self._states if self._endpoint.publish(state)), default=0)
+        self._sent = max(self._sent, newest)
+        return newest
 
     def _collect(self) -> None:
         """Take the commands that wait on the bus, not more than a step has time for."""
@@ -197,7 +199,8 @@ class _Run:
             if command is None:
                 return
             self._commands += 1
-            self._answered = max(self._answered, command.state_sequence)
+            if command.state_sequence <= self._sent:  # else it answers another robot's, or none
+                self._answered = max(self._answered, command.state_sequence)
             self._world.hand_over(command)
 
 
