@@ -164,6 +164,50 @@ def test_a_log_survives_the_death_of_its_controller(path):
     assert len(read_log(path).ticks) == 500
 
 
+BEGINNING = """
+import os, signal, sys
+from pathlib import Path
+from sprintlab.deployment.log import LogFacts, McapRunLog, run_log
+
+def stopped(path, start=run_log._start_writer):
+    writer = start(path)
+    os.kill(writer.pid, signal.SIGSTOP)
+    print(writer.pid, flush=True)
+    return writer
+
+if {stopped}:
+    run_log._start_writer = stopped
+log = McapRunLog(Path({path!r}), LogFacts(robot="bp2", contract="{{}}"))
+print(log._writer.pid, flush=True)
+signal.pause()
+"""
+
+
+@pytest.mark.parametrize("stopped", [True, False], ids=["before its writer is ready", "after"])
+def test_a_run_that_is_ended_while_it_begins_leaves_no_log(path, stopped):
+    """A hidden file, of a name that no later log has, would stay for ever."""
+    code = BEGINNING.format(path=str(path), stopped=stopped)
+    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    assert run.stdout is not None
+    writer = int(run.stdout.readline())
+    run.kill()
+    run.communicate()
+    os.kill(writer, signal.SIGCONT)
+    for _ in range(2000):
+        if not _runs(writer):
+            break
+        time.sleep(0.05)
+    assert not list(path.parent.iterdir())
+
+
+def _runs(number):
+    """Whether a process is there, and not merely waited for by nobody."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 def test_a_log_that_is_cut_off_is_read_up_to_the_cut(path):
     write(path, 3000)
     content = path.read_bytes()

@@ -58,6 +58,8 @@ class _Whole:
 def write_log(stream: IO[bytes], path: Path) -> OSError | None:
     """Write every frame of ``stream``; the file gets its name when it is complete, or when the disk is full.
 
+    Of a run that was ended while it began, before its first step, there is no file.
+
     Returns:
         What went wrong: the log ends before the stream does, and holds what fitted; or something else took
         its name meanwhile, and it has another one.
@@ -67,16 +69,20 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
         OSError: no file can be made in its folder.
     """
     temporary = path.with_name(f".{path.name}.partial")
-    failure = None
+    failure, begun = None, True
     with _claimed(temporary, path) as file:
-        print("ready", flush=True)
+        with contextlib.suppress(BrokenPipeError):  # the run has ended as it began: the stream says so, too
+            print("ready", flush=True)
         try:
             writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
-            _write_frames(stream, writer)
+            begun = _write_frames(stream, writer)
         except OSError as error:
             failure = OSError(error.errno, f"it ends before the run does: {error.strerror or error}")
         if not _is_still(temporary, file.fileno()):
             return OSError(errno.ENOENT, f"{temporary} was taken away while it was written: there is no log")
+        if not begun:
+            temporary.unlink()
+            return None
         placed = _named(temporary, path)
     if placed != path:
         failure = OSError(errno.EEXIST, f"it is {placed.name}, since another file took its name meanwhile")
@@ -160,17 +166,20 @@ def _as_stream(file: RawIOBase) -> Any:
     return _Whole(file)
 
 
-def _write_frames(stream: IO[bytes], writer: Any) -> None:
+def _write_frames(stream: IO[bytes], writer: Any) -> bool:
+    """Whether there was a step, or an end in order, in the stream."""
     writer.start(profile="", library="sprintlab")
     _write_facts(writer, stream)
-    channels = _register(writer)
+    channels, begun = _register(writer), False
     while (frame := read_frame(stream)) is not None:
+        begun = True
         if frame.topic == END:
             writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
             continue
         short = frame.sequence % _SEQUENCES
         writer.add_message(channels[frame.topic], frame.time, frame.content, frame.time, short)
     writer.finish()
+    return begun
 
 
 def _write_facts(writer: Any, stream: IO[bytes]) -> None:
