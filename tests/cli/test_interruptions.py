@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sprintlab.cli.interruptions import TERMINATED, counted_interruptions, tidy_termination
+from sprintlab.cli.interruptions import counted_interruptions, tidy_termination
 from sprintlab.cli.main import main
 from sprintlab.cli.run import _status_line
 from sprintlab.deployment.controller.loop import LoopReport
@@ -138,12 +138,15 @@ def test_the_status_line_survives_its_terminal(monkeypatch):
             show(controller, LoopReport())
 
 
-def test_a_race_that_is_terminated_leaves_nothing(tmp_path):
+@pytest.mark.usefixtures("hanging_up")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_race_that_is_terminated_leaves_nothing(tmp_path, number):
+    """Nor one whose terminal goes away."""
     race = subprocess.Popen([sys.executable, "-c", CODE], cwd=tmp_path, stdout=subprocess.PIPE)
     assert race.stdout is not None and race.stdout.readline() == b"filling\n"
-    os.kill(race.pid, signal.SIGTERM)
+    os.kill(race.pid, number)
     race.communicate(timeout=300)
-    assert race.returncode == TERMINATED == 143
+    assert race.returncode == 128 + number
     assert not list(tmp_path.iterdir())
 
 

@@ -11,10 +11,6 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.signals import handled_by
 
 _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # not on Windows
-TERMINATED = 128 + signal.SIGTERM
-"""Exit status of a command that was asked to terminate."""
-
-
 _REPEATED = 1.0  # s
 _asked: list[int] = []  # signals that asked a command to end, also those whose exception was lost
 
@@ -22,6 +18,8 @@ _asked: list[int] = []  # signals that asked a command to end, also those whose 
 @contextmanager
 def tidy_termination() -> Generator[None]:
     """Ctrl-C and a termination signal end the block as an exit does: what is half-written is tidied away.
+
+    So does a terminal that goes away, unless that is ignored (``nohup``).
 
     Of a storm of signals, as of a key that is held, one a second counts: the others would end the tidying.
     """
@@ -35,9 +33,9 @@ def tidy_termination() -> Generator[None]:
             raise _ending()
 
     ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    kinds = (signal.SIGTERM, signal.SIGINT) if ctrl_c else (signal.SIGTERM,)
+    kinds = [signal.SIGINT] if ctrl_c else []
     try:
-        with handled_by(leave, kinds):
+        with handled_by(leave, kinds + _terminations()):
             yield
     except Exception as error:  # a compiled function that is interrupted may say something else
         if not _asked or isinstance(error, SprintlabError):
@@ -48,7 +46,14 @@ def tidy_termination() -> Generator[None]:
 
 
 def _ending() -> BaseException:
-    return KeyboardInterrupt() if _asked[0] == signal.SIGINT else SystemExit(TERMINATED)
+    return KeyboardInterrupt() if _asked[0] == signal.SIGINT else SystemExit(128 + _asked[0])
+
+
+def _terminations() -> list[signal.Signals]:
+    """What asks a command to end, beside Ctrl-C."""
+    if _HANGUP is None or signal.getsignal(_HANGUP) == signal.SIG_IGN:
+        return [signal.SIGTERM]
+    return [signal.SIGTERM, _HANGUP]
 
 
 @contextmanager
@@ -68,10 +73,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
         if number not in received or number != _HANGUP:
             received.append(number)
 
-    kinds = [signal.SIGINT, signal.SIGTERM]
-    if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
-        kinds.append(_HANGUP)
-    with handled_by(note, kinds):
+    with handled_by(note, [signal.SIGINT, *_terminations()]):
         if _asked:
             raise _ending()
         yield lambda: len(received)
