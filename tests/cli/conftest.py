@@ -1,7 +1,9 @@
 """A way to call the command in this process, and a race of a policy that stands still."""
 
 import copy
+import errno
 import importlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +22,16 @@ from sprintlab.robots import RobotDescription
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run ``sprintlab ARGUMENTS`` and return status, stdout and stderr."""
     return caller(main, capsys)
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that takes names, but no content: what is asked before any work finds it free."""
+
+    def full(file: object, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("sprintlab.core.files._fill", full)
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """``sprintlab calibrate``: what it prints, writes and refuses."""
 
 import json
+import tempfile
 
 import pytest
 
@@ -96,3 +97,16 @@ def test_a_real_ladder_from_end_to_end(call, tmp_path, monkeypatch):
     assert [row["command_m_s"] for row in numbers["before"]] == [1.0, 2.0]
     assert all(0.5 < row["held_speed_m_s"] < 2.5 for row in numbers["after"])
     assert load_policy(output).contract.calibration is not None
+
+
+@pytest.mark.usefixtures("climbed", "full_disk")
+def test_what_was_measured_is_not_lost_with_the_file(call, tmp_path, monkeypatch):
+    output = tmp_path / "calibrated.onnx"
+    outcome = call("calibrate", "sprint", output, "--top-speed", 4, "--workers", 1, "--json")
+    assert outcome.status == 2 and "No space left on device" in outcome.err and not output.exists()
+    numbers = json.loads(outcome.out)
+    assert numbers["output"] is None and len(numbers["calibration"]["given"]) == 4
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    outcome = call("calibrate", "sprint", output, "--top-speed", 4, "--workers", 1)
+    assert outcome.status == 2 and f"cannot write {output}" in outcome.err
+    assert "Calibration of sprint" in outcome.out and "policy:" not in outcome.out

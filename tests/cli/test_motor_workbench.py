@@ -191,3 +191,12 @@ def test_bad_benches_are_refused(refused, tmp_path):
     )
     assert "hold" in refused("motor", "identify", bench, "--pole-pairs", 21, "--hold", "friction")
     assert "pole_pairs = 0" in refused("motor", "identify", bench, "--pole-pairs", 0)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_what_was_identified_is_not_lost_with_the_motor_file(call, tmp_path):
+    bench = (EXAMPLES / "bench.csv", "--base", EXAMPLES / "bench-motor.toml")
+    files = ("--out", tmp_path / "found.toml", "--figure", tmp_path / "fit.png")
+    outcome = call("motor", "identify", *bench, *files)
+    assert outcome.status == 2 and "found.toml: No space left on device" in outcome.err
+    assert "stator_resistance" in outcome.out and "motor file" not in outcome.out

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sprintlab.api.evaluations import evaluate
+from sprintlab.api.search import SearchOptions
 from sprintlab.control import load_policy
-from sprintlab.core.errors import SprintlabError
+from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.evaluation import race
 
 PROMISED = {
@@ -105,3 +107,16 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
     assert re.search(r"J at the common speed\s+0\.\d\d", outcome.out)
     again = call("evaluate", policy, *options, "--out", tmp_path / "again.json", "--json")
     assert json.loads(again.out) == json.loads((tmp_path / "again.json").read_text()) == numbers
+
+
+@pytest.mark.usefixtures("brief_trials", "full_disk")
+def test_an_evaluation_is_not_lost_with_its_file(call, policy, tmp_path, run_once):
+    run_once("sprintlab.evaluation.pool.run_request")
+    options = ("--start", 0.5, "--top", 0.5, "--trials", 1, "--workers", 1)
+    outcome = call("evaluate", policy, *options, "--out", tmp_path / "numbers.json", "--json")
+    assert outcome.status == 2 and "numbers.json: No space left on device" in outcome.err
+    assert [row["top_speed_m_s"] for row in json.loads(outcome.out)["raw"]["speeds"]] == [0.5]
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(UnwrittenError) as refused:
+        evaluate(policy, search=SearchOptions(start=0.5, top=0.5, trials=1), workers=1, out=tmp_path / "file")
+    assert refused.value.found.to_dict() == json.loads(outcome.out), "who calls gets them, too"

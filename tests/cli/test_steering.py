@@ -44,3 +44,11 @@ def test_a_lap_leaves_its_recording(call, policy, tmp_path, monkeypatch):
     with np.load(recording) as arrays:
         assert {"time", "qpos", "command"} <= set(arrays)
     assert "recording" in call("lap", policy, "--recording", tmp_path / "lap.txt").err
+
+
+@pytest.mark.usefixtures("short_trials", "full_disk")
+def test_a_lap_is_not_lost_with_its_recording(call, policy, tmp_path, monkeypatch):
+    monkeypatch.setattr("sprintlab.evaluation.lap.LapCourse.latest_finish", 6.0)  # s
+    outcome = call("lap", policy, "--top-speed", 14, "--recording", tmp_path / "lap.npz")
+    assert outcome.status == 2 and "lap.npz: No space left on device" in outcome.err
+    assert "energy from the bus" in outcome.out and "recording" not in outcome.out

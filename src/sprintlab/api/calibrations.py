@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
-from sprintlab.api.tables import plain_table
+from sprintlab.api.tables import plain_table, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import check_writable_file
@@ -32,11 +32,11 @@ class Calibration(OfAPolicy):
 
     Attributes:
         found: the tables and both ladders.
-        output: the policy file that was written.
+        output: the policy file that was written; ``None`` where the disk had no room for it.
     """
 
     found: CalibrationResult
-    output: Path
+    output: Path | None = None
 
     def tables(self) -> Iterator[RenderableType]:
         """One line a command, and the greatest errors."""
@@ -61,11 +61,13 @@ class Calibration(OfAPolicy):
             f"{speed_before:.2f} m/s before, {speed:.2f} m/s after. "
             f"Of the estimate: {estimate_before:.2f} and {estimate:.2f} m/s."
         )
-        yield f"policy: {self.output}"
+        if self.output is not None:
+            yield f"policy: {self.output}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, keys with units."""
-        return {"policy": self.policy, "output": str(self.output), **self.found.to_dict()}
+        output = None if self.output is None else str(self.output)
+        return {"policy": self.policy, "output": output, **self.found.to_dict()}
 
 
 def _signed(error: float) -> str:
@@ -101,6 +103,7 @@ def calibrate(
 
     Raises:
         SprintlabError: the policy has no estimator, falls, or is refused, or so is the robot or the output.
+        UnwrittenError: the disk has no room for the file any more; its ``found`` is the calibration.
     """
     leave_to_the_parent()
     from sprintlab.control.pace import PaceContract
@@ -111,8 +114,10 @@ def calibrate(
     _check_new_file(output)
     with trial_pool(path, robot, workers) as pool:
         found = calibrated(pool, settings, lead, progress)
-        written = write_calibrated(pool.policy, path, found.contract, output)
-    return Calibration(policy=path.stem, found=found, output=written)
+        measured = Calibration(policy=path.stem, found=found)
+        with written_for(measured):
+            written = write_calibrated(pool.policy, path, found.contract, output)
+    return replace(measured, output=written)
 
 
 def _check_new_file(output: Path) -> None:

@@ -17,7 +17,7 @@ from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
-from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled, written_for
 from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
@@ -143,6 +143,7 @@ def evaluate(
 
     Raises:
         SprintlabError: the policy, the robot, the file or a setting is refused, or the simulation failed.
+        UnwrittenError: the disk has no room for the file any more; its ``found`` is the evaluation.
     """
     leave_to_the_parent()
     from sprintlab.core.files import atomic_write_json, check_writable_file
@@ -182,7 +183,8 @@ def evaluate(
         notes=tuple(plant.remarks),
     )
     if out is not None:
-        atomic_write_json(Path(out), found.to_dict())
+        with written_for(found):
+            atomic_write_json(Path(out), found.to_dict())
     return found
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
 
-from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.extras import require_package
@@ -152,6 +152,7 @@ def identify_motor(
 
     Raises:
         SprintlabError: the bench cannot be used, a choice is refused, or SciPy is not installed.
+        UnwrittenError: the disk has no room for the file any more; its ``found`` is the motor.
     """
     require_package("scipy", extra="analysis", use="sprintlab motor identify")
     if out is not None:
@@ -173,12 +174,12 @@ def identify_motor(
     if saturation_only:
         data = replace(data, speed=None, q_voltage=None, d_voltage=None, power=None)
     found = identify(data, pole_pairs=pole_pairs, peak_current=peak_current, base=known, hold=hold, also=also)
-    motor = IdentifiedMotor(
-        name=Path(bench).stem, found=found, base=known, file=None if out is None else Path(out)
-    )
-    if out is not None:
+    motor = IdentifiedMotor(name=Path(bench).stem, found=found, base=known)
+    if out is None:
+        return motor
+    with written_for(motor):
         motor.save(out, rotor_inertia)
-    return motor
+    return replace(motor, file=Path(out))
 
 
 def _base_motor(source: str) -> PmsmParameters:

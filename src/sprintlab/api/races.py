@@ -18,7 +18,7 @@ from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_for
 from sprintlab.api.processes import Progress, leave_to_the_parent
 from sprintlab.api.search import protocol_settings
-from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
@@ -151,6 +151,7 @@ def race(
 
     Raises:
         SprintlabError: the policy, the robot, the folder or a setting is refused, or the simulation failed.
+        UnwrittenError: the disk has no room for the report any more; its ``found`` is the race.
     """
     leave_to_the_parent()
     _check_race(top_speed, seed, workers, folder)
@@ -177,7 +178,8 @@ def race(
             workers=workers,
         )
         found = Race(result=result, policy=path, robot=name)
-        return found if target is None else _written(found, target, video, progress)
+        with written_for(found):
+            return found if target is None else _written(found, target, video, progress)
 
 
 def _check_race(top_speed: float | None, seed: int, workers: int | None, folder: Path | str | None) -> None:

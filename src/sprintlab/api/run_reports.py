@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ from rich.console import RenderableType
 
 from sprintlab.api.policies import known_policy, known_robot, policy_path
 from sprintlab.api.processes import Progress
-from sprintlab.api.tables import Printed, plain_table
+from sprintlab.api.tables import Printed, plain_table, written_for
 from sprintlab.core.arguments import checked
 
 if TYPE_CHECKING:
@@ -26,12 +26,12 @@ class RunReport(Printed):
 
     numbers: dict[str, Any]
     """As in ``result.json``."""
-    folder: Path
-    """With ``report.html`` and the figures."""
+    folder: Path | None = None
+    """With ``report.html`` and the figures; ``None`` where the disk had no room for it."""
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers and the folder."""
-        return {**self.numbers, "folder": str(self.folder)}
+        return {**self.numbers, "folder": None if self.folder is None else str(self.folder)}
 
     def tables(self) -> Iterator[RenderableType]:
         """Robot and simulation side by side, the faults, and where the page lies."""
@@ -41,7 +41,8 @@ class RunReport(Printed):
         rows = [tuple(row.values()) for row in number_rows(self.numbers)]
         rows += [(f"fault {name}", str(count), "", "") for name, count in self.numbers["faults"].items()]
         yield plain_table("Run", "quantity", *columns, "unit", numbers=columns, rows=rows)
-        yield f"\nreport: {self.folder / 'report.html'}"
+        if self.folder is not None:
+            yield f"\nreport: {self.folder / 'report.html'}"
 
 
 @checked
@@ -68,6 +69,7 @@ def report_run(
 
     Raises:
         SprintlabError: the log, the robot, the policy or the folder is refused.
+        UnwrittenError: the disk has no room for the report any more; its ``found`` is the report's numbers.
     """
     from sprintlab.core.checks import check_positive
     from sprintlab.core.files import check_new_folder, default_folder
@@ -88,8 +90,10 @@ def report_run(
     run = logged_run(record, described, distance)
     simulation = None if chosen is None else _simulate(run, described, chosen, progress)
     numbers = {**run_numbers(run, simulation), "faults": run.faults, "facts": record.facts}
-    _write(place, run, simulation, described, numbers, progress)
-    return RunReport(numbers=numbers, folder=place)
+    found = RunReport(numbers=numbers)
+    with written_for(found):
+        _write(place, run, simulation, described, numbers, progress)
+    return replace(found, folder=place)
 
 
 def _write(

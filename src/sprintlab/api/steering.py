@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import OfAPolicy, PolicyChoice, RobotChoice, policy_path, robot_for, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
-from sprintlab.api.tables import Drawn, in_notebook, plain_table
+from sprintlab.api.tables import Drawn, in_notebook, plain_table, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_choice
 from sprintlab.core.files import check_writable_file
@@ -155,6 +155,7 @@ def lap(
 
     Raises:
         SprintlabError: the policy, the robot or a setting is refused, or the simulation failed.
+        UnwrittenError: the disk has no room for the recording any more; its ``found`` is the lap.
     """
     if recording is not None:
         check_choice("recording's ending", Path(recording).suffix, (".npz",))
@@ -171,6 +172,8 @@ def lap(
     check_contract(loaded.contract, described)
     progress("running a lap", None)
     found = run_lap(loaded, described, request)
+    run = Lap(policy=path.stem, found=found, notes=plant.remarks)
     if recording is not None and found.trial.trajectory is not None:
-        save_trajectory(Path(recording), found.trial.trajectory)
-    return Lap(policy=path.stem, found=found, recording=recording, notes=plant.remarks)
+        with written_for(run):
+            save_trajectory(Path(recording), found.trial.trajectory)
+    return replace(run, recording=recording)

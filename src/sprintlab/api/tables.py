@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from sprintlab.core.errors import printable
+from sprintlab.core.errors import UnwrittenError, printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,6 +66,20 @@ class Printed(ABC):
         )
         console.print(self)
         return console
+
+
+@contextmanager
+def written_for(found: Printed) -> Generator[None]:
+    """Within it a result's files are written: whoever called for them gets the result all the same.
+
+    Raises:
+        UnwrittenError: as it was raised in the block; its ``found`` is the result.
+    """
+    try:
+        yield
+    except UnwrittenError as error:
+        error.found = found
+        raise
 
 
 class Drawn(Printed):

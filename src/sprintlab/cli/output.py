@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ from rich.console import Console
 from sprintlab.api.tables import PLAIN_WIDTH, Drawn, PlainConsole, Printed
 from sprintlab.api.tables import plain_table as plain_table
 from sprintlab.api.tables import styled as styled
+from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.core.files import check_figure_path
 from sprintlab.core.json_values import json_ready
 
@@ -49,8 +50,8 @@ def arguments(command: Any) -> dict[str, Any]:
 def measure(function: Callable[..., Result], command: Any) -> Result:
     """Call a function of the API with a command's fields as its arguments; print and draw what it finds.
 
-    A result is not lost with its picture, for which the disk may have become too full, nor with a reader of
-    stdout that has left.
+    A result is not lost with its files or its picture, for which the disk may have become too full, nor with
+    a reader of stdout that has left.
 
     Args:
         function: that takes by their names all fields but ``figure`` and ``json``, and maybe ``progress``.
@@ -60,15 +61,25 @@ def measure(function: Callable[..., Result], command: Any) -> Result:
         SprintlabError: the picture cannot be drawn there, or what the function raises.
     """
     options = arguments(command)
-    with progress_bar(quiet=command.json) as report:
-        report("loading", None)
-        told = {"progress": report} if "progress" in signature(function).parameters else {}
-        found = function(**options, **told)
+    try:
+        with progress_bar(quiet=command.json) as report:
+            report("loading", None)
+            told = {"progress": report} if "progress" in signature(function).parameters else {}
+            found = function(**options, **told)
+    except UnwrittenError as error:
+        if isinstance(error.found, Printed):
+            with suppress(SprintlabError):  # a picture that finds no room either
+                _show_and_draw(error.found, command)
+        raise
+    _show_and_draw(found, command)
+    return found
+
+
+def _show_and_draw(found: Printed, command: Any) -> None:
     try:
         show(found, command)
     finally:
         draw(found, getattr(command, "figure", None))
-    return found
 
 
 def show(found: Printed, command: Any, **files: Path | None) -> None:

@@ -77,6 +77,17 @@ class InvalidValueError(SprintlabError, ValueError):
         return type(self), (self.field, self.value, self.allowed)
 
 
+class UnwrittenError(SprintlabError):
+    """A file or a folder cannot be written.
+
+    Attributes:
+        found: the result that was to be written; ``None`` where there is none yet. Long work is not lost with
+            its file.
+    """
+
+    found: object = None
+
+
 class PolicyFileError(SprintlabError):
     """A policy file is missing, truncated, or not one of ours."""
 

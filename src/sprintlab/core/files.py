@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, UnwrittenError
 
 FIGURE_FORMATS = ("png", "pdf", "svg")
 """What a figure can be written as; the ending of its name says which."""
@@ -37,7 +37,7 @@ def check_figure_path(path: str | os.PathLike[str] | None) -> None:
 
     Raises:
         InvalidValueError: the ending is not one of ``FIGURE_FORMATS``, or the folder does not exist.
-        SprintlabError: as ``check_writable_file``.
+        UnwrittenError: as ``check_writable_file``.
     """
     if path is None:
         return
@@ -57,7 +57,7 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     nothing, and what one killed in its very last step left is removed by the next write into the folder.
 
     Raises:
-        SprintlabError: the file cannot be written (full disk, no permission), or something that is no file,
+        UnwrittenError: the file cannot be written (full disk, no permission), or something that is no file,
             such as ``/dev/null``, has the name; nothing is left behind.
     """
     target = _place(path)
@@ -67,13 +67,13 @@ def atomic_write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         if not _written_nameless(target, data):
             _write_hidden(target, data)
     except OSError as error:
-        raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+        raise UnwrittenError(f"cannot write {target}: {error.strerror or error}") from error
 
 
 def _place(path: str | os.PathLike[str]) -> Path:
-    """A name as a path. Raises ``SprintlabError`` for one with a zero byte, which no disk knows."""
+    """A name as a path. Raises ``UnwrittenError`` for one with a zero byte, which no disk knows."""
     if "\0" in os.fspath(path):
-        raise SprintlabError(f"cannot write {path}: no name holds a zero byte")
+        raise UnwrittenError(f"cannot write {path}: no name holds a zero byte")
     return Path(path)
 
 
@@ -148,7 +148,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         path: of the file or folder that is to be written; folders above it may be missing.
 
     Raises:
-        SprintlabError: a folder above it is a file or a link to nowhere, nothing can be made there, or a
+        UnwrittenError: a folder above it is a file or a link to nowhere, nothing can be made there, or a
             pipe, a device or a link to itself has the name.
     """
     place = _place(path).absolute()
@@ -160,25 +160,25 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         with tempfile.TemporaryDirectory(dir=place, prefix=".sprintlab-"):
             pass
     except OSError as error:
-        raise SprintlabError(f"cannot write {path}: {place}: {error.strerror or error}") from error
+        raise UnwrittenError(f"cannot write {path}: {place}: {error.strerror or error}") from error
 
 
 def check_writable_file(path: str | os.PathLike[str]) -> None:
     """Refuse, before any work, a file that could not be written at its end.
 
     Raises:
-        SprintlabError: as ``check_writable``, or a folder has the name.
+        UnwrittenError: as ``check_writable``, or a folder has the name.
     """
     check_writable(path)
     if _place(path).is_dir():  # a path: no name at all is the folder one is in
-        raise SprintlabError(f"cannot write {path}: it is a folder")
+        raise UnwrittenError(f"cannot write {path}: it is a folder")
 
 
 def _check_replaceable(path: Path) -> None:
     """Refuse a name that something has whose place no file may take: as root, ``/dev/null`` would be gone.
 
     Raises:
-        SprintlabError: a pipe, a device, a socket or a link to an open file (``/dev/stdout``) has the name.
+        UnwrittenError: a pipe, a device, a socket or a link to an open file (``/dev/stdout``) has the name.
         OSError: it cannot be told: links that lead to themselves, a name that is too long.
     """
     try:
@@ -187,17 +187,17 @@ def _check_replaceable(path: Path) -> None:
         return  # a link to nowhere gives way to the file
     to_open_file = path.is_symlink() and os.readlink(path).startswith("/proc/")
     if to_open_file or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise SprintlabError(f"cannot write {path}: a pipe, a device or an open file has this name")
+        raise UnwrittenError(f"cannot write {path}: a pipe, a device or an open file has this name")
 
 
 def check_new_folder(path: str | os.PathLike[str]) -> None:
     """Refuse, before any work, a folder for results whose name is taken, if only by a dangling link.
 
     Raises:
-        SprintlabError: the name is taken, or no folder can be made there.
+        UnwrittenError: the name is taken, or no folder can be made there.
     """
     if os.path.lexists(path):
-        raise SprintlabError(f"{path} exists already; choose another folder for the results")
+        raise UnwrittenError(f"{path} exists already; choose another folder for the results")
     check_writable(path)
 
 
@@ -210,11 +210,11 @@ def atomic_write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def atomic_write_json(path: str | os.PathLike[str], data: Any) -> None:
-    """Write ``data`` as indented JSON; NaN and infinity are refused with ``SprintlabError``."""
+    """Write ``data`` as indented JSON; NaN and infinity are refused with ``UnwrittenError``."""
     try:
         text = json.dumps(data, indent=2, allow_nan=False)
     except ValueError as error:
-        raise SprintlabError(f"cannot write {path}: {error}") from error
+        raise UnwrittenError(f"cannot write {path}: {error}") from error
     atomic_write_text(path, text + "\n")
 
 
@@ -226,7 +226,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
     killed have left unfinished beside ``path`` is removed.
 
     Raises:
-        SprintlabError: the disk refuses, or something else is at ``path``, which is kept: the sentence says
+        UnwrittenError: the disk refuses, or something else is at ``path``, which is kept: the sentence says
             beside it where the new folder is.
     """
     target = _place(path)
@@ -238,7 +238,7 @@ def atomic_directory(path: str | os.PathLike[str]) -> Generator[Path, None, None
         os.chmod(temporary, 0o755)
         _name_directory(temporary, target)
     except OSError as error:
-        raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+        raise UnwrittenError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         if temporary is not None:
             _remove(temporary)
@@ -268,7 +268,7 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
     as a process that was killed leaves, counts as free (not on Windows).
 
     Raises:
-        SprintlabError: the folder exists already, or the disk refuses.
+        UnwrittenError: the folder exists already, or the disk refuses.
     """
     target = _place(path)
     was_there = os.path.lexists(target)
@@ -276,9 +276,9 @@ def reserved_directory(path: str | os.PathLike[str]) -> Generator[Path, None, No
         target.parent.mkdir(parents=True, exist_ok=True)
         held = _reserve(target)
     except FileExistsError as error:
-        raise SprintlabError(f"{target} exists already; choose another folder for the results") from error
+        raise UnwrittenError(f"{target} exists already; choose another folder for the results") from error
     except OSError as error:
-        raise SprintlabError(f"cannot write {target}: {error.strerror or error}") from error
+        raise UnwrittenError(f"cannot write {target}: {error.strerror or error}") from error
     try:
         yield target
     except BaseException:
@@ -373,7 +373,7 @@ def _name_directory(temporary: Path, target: Path) -> None:
     if kept is None:
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
     if kept != target:
-        raise SprintlabError(f"something else is at {target} now: {kept} is what belongs there")
+        raise UnwrittenError(f"something else is at {target} now: {kept} is what belongs there")
 
 
 def _named(temporary: Path, target: Path) -> bool:

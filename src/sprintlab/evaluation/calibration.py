@@ -33,7 +33,7 @@ from sprintlab.control.calibration import CalibrationContract, given_speed
 from sprintlab.control.pace import PaceContract
 from sprintlab.control.policy_graph import with_metadata
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import PolicyFileError, SprintlabError
+from sprintlab.core.errors import PolicyFileError, SprintlabError, UnwrittenError
 from sprintlab.core.files import atomic_write_bytes, numbered
 from sprintlab.core.json_values import json_ready
 from sprintlab.core.reading import read_bytes
@@ -354,17 +354,20 @@ def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, outpu
 
     Raises:
         PolicyFileError: the file at ``path`` has changed, or the new one does not read back.
-        SprintlabError: the disk refuses.
+        UnwrittenError: the disk refuses.
     """
     content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
     if hashlib.sha256(content).hexdigest() != policy.digest:
         raise PolicyFileError(f"{path} has changed since it was measured: calibrate it again")
     data = with_metadata(content, CONTRACT_KEY, encode_contract(contract))
-    with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "policy.onnx"
-        atomic_write_bytes(written, data)
-        if load_policy(written).contract != contract:
-            raise PolicyFileError(f"the calibrated {path} does not read back as it was meant")
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            written = Path(folder) / "policy.onnx"
+            atomic_write_bytes(written, data)
+            if load_policy(written).contract != contract:
+                raise PolicyFileError(f"the calibrated {path} does not read back as it was meant")
+    except OSError as error:
+        raise UnwrittenError(f"cannot write {output}: {error.strerror or error}") from error
     place = next(place for place in numbered(output, output.suffix) if not os.path.lexists(place))
     atomic_write_bytes(place, data)
     return place
