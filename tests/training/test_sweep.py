@@ -399,6 +399,26 @@ def test_what_a_stranger_left_for_a_job_is_not_touched(slurm: Path, tmp_path: Pa
     assert all((jobs / name).is_symlink() for name in ("17_submitted.pkl", "17_0_log.err"))
 
 
+@pytest.mark.parametrize("place", ["ppo.steps=2", "ppo.steps=2/sprint", "ppo.steps=2/sprint/seed-0"])
+def test_no_run_is_written_through_a_link_that_was_there_before(tmp_path: Path, place: str) -> None:
+    """The sweep's own folder may be one."""
+    varied, whole = {"ppo.steps": [2]}, Path("ppo.steps=2/sprint/seed-0")
+    foreign, sweep = tmp_path / "foreign", tmp_path / "sweep"
+    precious = foreign / whole.relative_to(place) / "run.json"
+    precious.parent.mkdir(parents=True)
+    precious.write_text('{"mine": true}')
+    (sweep / place).parent.mkdir(parents=True)
+    (sweep / place).symlink_to(foreign)
+    linked = tmp_path / "linked"
+    linked.symlink_to(sweep)
+    with pytest.raises(SprintlabError, match=rf"{place} is a link"):
+        Sweep(plans(linked, seeds=(0,), varied=varied), cluster=None)
+    assert precious.read_text() == '{"mine": true}'
+    (sweep / place).unlink()
+    Sweep(plans(linked, seeds=(0,), varied=varied), cluster=None)
+    assert (sweep / whole / "run.json").is_file()
+
+
 @pytest.mark.parametrize("kind", ["link", "file"])
 def test_jobs_elsewhere_are_refused(slurm: Path, tmp_path: Path, kind: str) -> None:
     jobs = tmp_path / "jobs"

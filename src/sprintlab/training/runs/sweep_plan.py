@@ -154,8 +154,9 @@ class RunPlan:
         """Write down what is about to be trained here.
 
         Raises:
-            SprintlabError: other settings have been trained here, or the disk refuses.
+            SprintlabError: other settings have been trained here, a link leads away, or the disk refuses.
         """
+        self._check_own_folder()
         record = self.record() or {}
         if record.get("config_hash", self.digest()) != self.digest():
             raise SprintlabError(f"{self.folder} holds a run with other settings: choose another folder")
@@ -163,6 +164,17 @@ class RunPlan:
             raise SprintlabError(f"{self.folder} holds a checkpoint of another run: choose another folder")
         if not self.finished():
             atomic_write_json(self.folder / RECORD_NAME, {**self.asked(), "finished": False})
+
+    def _check_own_folder(self) -> None:
+        """Refuse a link in the sweep's folder: what is written behind it is not the run's.
+
+        What the sweep's folder itself is, or lies in, may be one.
+        """
+        method = self.folder.parent
+        variant = [method.parent] if "=" in method.parent.name and self.overrides else []
+        for place in (*variant, method, self.folder):
+            if place.is_symlink():
+                raise SprintlabError(f"{place} is a link, which no run is written through: move it away")
 
     def last_row(self) -> dict[str, float]:
         """The newest row of the log; empty if it has none, or if its last line is no row of a training."""
