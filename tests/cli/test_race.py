@@ -14,6 +14,7 @@ from sprintlab.api.search import SearchOptions
 from sprintlab.control import load_policy
 from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.evaluation import race
+from sprintlab.robots.loader import robot_table_path
 
 PROMISED = {
     "time_100m_s",
@@ -72,6 +73,27 @@ def test_a_race_tells_of_the_policy_that_ran_whatever_lies_there_after_it(
     facts = json.loads((tmp_path / "run" / "result.json").read_text())["facts"]
     assert facts["policy SHA-256"] == hashlib.sha256(content).hexdigest()
     assert facts["training seed"] == str(load_policy(policy).contract.training.seed)
+
+
+@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.parametrize("change", ["edited", "gone"])
+def test_a_report_is_of_no_other_robot_than_the_one_that_ran(
+    call, policy, tmp_path, monkeypatch, computed, change
+):
+    table, folder = tmp_path / "mine.toml", tmp_path / "run"
+    table.write_text(written := robot_table_path("bp2").read_text())
+
+    def and_then_changed(*_, **__):
+        table.unlink()
+        if change == "edited":
+            table.write_text(written.replace("bus_voltage = { value = 60.0", "bus_voltage = { value = 50.0"))
+        return computed
+
+    monkeypatch.setattr(race, "evaluate_race", and_then_changed)
+    outcome = call("race", policy, "--robot", table, "--out", folder, "--top-speed", 2, "--no-video")
+    reason = "has changed since the race began" if change == "edited" else "No such file"
+    assert outcome.status == 2 and reason in outcome.err and not folder.exists()
+    assert "Exploit audit" in outcome.out, "the numbers are those of the robot that ran"
 
 
 @pytest.mark.usefixtures("computed", "blank_pictures")

@@ -21,12 +21,14 @@ from sprintlab.api.search import protocol_settings
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
+from sprintlab.core.errors import RobotModelError, UnwrittenError
 from sprintlab.core.files import check_writable, default_folder, reserved_directory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult, TrialResult
+    from sprintlab.robots import RobotDescription
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
 """What ``Race.plot`` draws."""
@@ -47,6 +49,7 @@ class Race(Drawn):
         folder: where the report lies; ``None`` where none was written.
         facts: what somebody needs to repeat the race, as the report tells it.
         video_message: why the report has no video; empty where it has one.
+        robot_fingerprint: of the robot that ran; empty where nobody knows.
     """
 
     result: RaceResult
@@ -55,6 +58,7 @@ class Race(Drawn):
     folder: Path | None = None
     facts: dict[str, str] = field(default_factory=dict)
     video_message: str = ""
+    robot_fingerprint: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """The numbers as plain values, keys with units, as in ``result.json``; what is undefined is None."""
@@ -85,14 +89,14 @@ class Race(Drawn):
 
         Raises:
             InvalidValueError: there is no such figure.
+            RobotModelError: the robot's table is gone, or another robot's now.
         """
         from sprintlab.core.checks import check_choice
         from sprintlab.core.theme import LIGHT
         from sprintlab.evaluation.report import planned_figures
-        from sprintlab.robots import load_robot
 
         check_choice("figure", figure, FIGURES)
-        draw = {name: draw for name, _, _, draw in planned_figures(self.result, load_robot(self.robot))}
+        draw = {name: draw for name, _, _, draw in planned_figures(self.result, _robot_that_ran(self))}
         return in_notebook(draw[figure](LIGHT))
 
     def report(self, folder: Path | str | None = None, *, video: bool = False) -> Path:
@@ -163,13 +167,14 @@ def race(
     plant = on_engine((drive or DriveOptions()).plant(), "mujoco" if both else engine)
     settings = protocol_settings(trials, seed, plant=plant)
     from sprintlab.evaluation.race import evaluate_race
-    from sprintlab.robots import load_robot
+    from sprintlab.robots import load_robot, robot_fingerprint
 
+    described = load_robot(name)
     with nullcontext() if folder is None else reserved_directory(Path(folder)) as target:
         progress("running trials", None)
         result = evaluate_race(
             path,
-            load_robot(name),
+            described,
             top_speed=top_speed,
             distance=distance,
             settings=settings,
@@ -177,7 +182,8 @@ def race(
             second_engine="drake" if both else None,
             workers=workers,
         )
-        found = Race(result=result, policy=path, robot=name)
+        fingerprint = robot_fingerprint(described)
+        found = Race(result=result, policy=path, robot=name, robot_fingerprint=fingerprint)
         with written_for(found):
             return found if target is None else _written(found, target, video, progress)
 
@@ -198,6 +204,10 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     from sprintlab.api.replay import write_race_replay
     from sprintlab.evaluation.race_files import race_facts, write_race
 
+    try:
+        _robot_that_ran(found)
+    except RobotModelError as error:
+        raise UnwrittenError(f"cannot write the report {target}: {error}") from error
     facts = race_facts(found.policy, found.result, command_line())
     message = write_race(
         target, found.result, found.robot, facts, video, progress=lambda what: progress(what, None)
@@ -205,6 +215,20 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     progress("writing the replay", None)
     write_race_replay(target, found.robot)
     return replace(found, folder=target, facts=facts, video_message=message)
+
+
+def _robot_that_ran(found: Race) -> RobotDescription:
+    """The robot of a race; its table may have been edited since.
+
+    Raises:
+        RobotModelError: the table cannot be read, or is another robot's: a picture would be of both.
+    """
+    from sprintlab.robots import load_robot, robot_fingerprint
+
+    described = load_robot(found.robot)
+    if found.robot_fingerprint not in ("", robot_fingerprint(described)):
+        raise RobotModelError(f"robot {found.robot} has changed since the race began: run it again")
+    return described
 
 
 def command_line() -> str:
