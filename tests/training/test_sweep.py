@@ -412,10 +412,10 @@ def test_no_run_is_written_through_a_link_that_was_there_before(tmp_path: Path, 
     linked = tmp_path / "linked"
     linked.symlink_to(sweep)
     with pytest.raises(SprintlabError, match=rf"{place} is a link"):
-        Sweep(plans(linked, seeds=(0,), varied=varied), cluster=None)
+        Sweep(plans(linked, seeds=(0,), varied=varied), FakeCluster())
     assert precious.read_text() == '{"mine": true}'
     (sweep / place).unlink()
-    Sweep(plans(linked, seeds=(0,), varied=varied), cluster=None)
+    Sweep(plans(linked, seeds=(0,), varied=varied), FakeCluster())
     assert (sweep / whole / "run.json").is_file()
 
 
