@@ -206,8 +206,9 @@ def log_path(log: Path | bool, bus: str, remark: Remark = lambda text: None) -> 
     if not isinstance(log, bool):
         from sprintlab.deployment.log import check_new_log
 
-        check_new_log(Path(log))
-        return Path(log)
+        path = Path(log)
+        check_new_log(path)
+        return path
     if not log:
         return None
     if find_spec("mcap") is None:

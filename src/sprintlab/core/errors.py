@@ -81,8 +81,8 @@ class UnwrittenError(SprintlabError):
     """A file or a folder cannot be written.
 
     Attributes:
-        found: the result that was to be written; ``None`` where there is none yet. Long work is not lost with
-            its file.
+        found: the result that was to be written, complete and still usable; ``None`` if the error came before
+            there was one.
     """
 
     found: object = None
