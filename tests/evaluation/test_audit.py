@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.evaluation.audit import CLOCK_ITEM, AuditThresholds, audit_trials, clock_distance
+from sprintlab.evaluation.audit import (
+    CLOCK_ITEM,
+    CLOCK_LOSS_ITEM,
+    AuditThresholds,
+    audit_trials,
+    clock_distance,
+    with_clock_loss,
+)
 from sprintlab.evaluation.report_text import audit_failure
 
 # item, field of the metrics, offender, one that just passes, what is said of the offender
@@ -102,6 +109,14 @@ def test_the_worst_trial_counts_but_one_locked_stride_among_many_does_not(make_m
     worst = audit_trials([make_metrics(), make_metrics(pad_deflection=0.02), make_metrics(stance_time=0.01)])
     assert [item.value for item in worst.failed] == [0.01, 0.02]
     assert audit_trials([make_metrics(), make_metrics(stride_frequency=6.25), make_metrics()]).passed
+
+
+@pytest.mark.parametrize(("loss", "passed"), [(0.019, True), (0.021, False), (1.0, False)])
+def test_a_gait_that_the_clock_times_passes_if_other_clocks_cost_little(make_metrics, loss, passed):
+    locked = audit_trials([make_metrics(stride_frequency=6.25)])
+    judged = with_clock_loss(locked, loss)
+    assert not locked.passed and judged.passed == passed
+    assert [item.name for item in judged.items] == [*(line[0] for line in LINES[:-1]), CLOCK_LOSS_ITEM]
 
 
 def test_what_never_happened_is_not_held_against_a_run(make_metrics):

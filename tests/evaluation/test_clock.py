@@ -84,6 +84,13 @@ def test_falls_and_undefined_numbers_are_told(gait):
     assert [item["completed"] for item in numbers["clocks"]] == [10, 9, 0]
     assert numbers["clocks"][2]["held_speed_m_s"] is None and numbers["greatest_loss_of_speed"] is None
     assert "fell" in clock_verdict(check) and clock_table(check).row_count == 3
+    assert check.cost == 1.0
+
+
+def test_a_clock_costs_the_share_of_the_speed_that_is_lost_with_the_worst_one(gait):
+    speeds = zip(CLOCKS, (12.0, 11.88, 12.1, 11.94), strict=True)
+    check = ClockCheck(top_speed=12.0, clocks=tuple(gait(clock, 7.0, held) for clock, held in speeds))
+    assert check.cost == pytest.approx(0.01)
 
 
 @pytest.mark.usefixtures("brief_trials")

@@ -7,8 +7,10 @@ import pytest
 from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
+from sprintlab.evaluation.clock import CLOCKS, PolicyClock
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.race import evaluate_race
+from sprintlab.evaluation.race import _audited, _Outcome, evaluate_race
+from sprintlab.evaluation.results import SpeedResult
 
 KEYS = {
     "time_100m_s",
@@ -75,3 +77,28 @@ def test_a_distance_must_be_positive(standing_policy, robot):
 def test_a_policy_for_another_robot_is_refused(standing_policy, robot):
     with pytest.raises(ContractMismatchError):
         evaluate_race(standing_policy, replace(robot, bus_voltage=48.0), top_speed=1.0, workers=1)
+
+
+@pytest.mark.parametrize(("held", "passed"), [(11.9, True), (11.5, False)])
+def test_other_clocks_judge_a_race_whose_only_fault_is_a_stride_that_the_clock_times(
+    make_trial, held, passed
+):
+    def trials(speed, stride):
+        return [make_trial(held_speed=speed, stride_frequency=stride) for _ in range(2)]
+
+    class Pool:
+        def trials(self, requests):
+            asked.extend(request.clock for request in requests)
+            return trials(held, 5.6)
+
+    asked: list[PolicyClock] = []
+    locked, free = trials(12.0, 6.25), trials(12.0, 5.6)
+    for runs, clocks in ((locked, CLOCKS[1:]), (free, ())):
+        asked.clear()
+        speed = SpeedResult(top_speed=12.0, self_paced=False, trials=tuple(runs), required=1)
+        outcome = _Outcome(
+            sprints=(), speeds=(speed, replace(speed, self_paced=True)), step_check=None, battery=None
+        )
+        audit = _audited(Pool(), outcome, SHORT)
+        assert asked == [clock for clock in clocks for _ in range(2)]
+        assert audit.passed == (passed if clocks else True)

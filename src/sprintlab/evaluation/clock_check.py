@@ -68,21 +68,34 @@ class ClockCheck:
         own, *others = (item.held_speed for item in self.clocks)
         return 1.0 - min(others) / own if all(map(math.isfinite, others)) else math.nan
 
+    @property
+    def cost(self) -> float:
+        """The same where every trial completes with every clock; else 1, all of it."""
+        safe = all(item.completed == item.trials for item in self.clocks)
+        return self.greatest_loss if safe and math.isfinite(self.greatest_loss) else 1.0
 
-def check_clock(pool: TrialPool, top_speed: float, *, settings: ProtocolSettings | None = None) -> ClockCheck:
+
+def check_clock(
+    pool: TrialPool,
+    top_speed: float,
+    *,
+    settings: ProtocolSettings | None = None,
+    own: Sequence[TrialResult] | None = None,
+) -> ClockCheck:
     """Run the protocol's seeded trials at v* (raw command) with each clock.
 
     Args:
         pool: policy, robot and processes.
         top_speed: v* [m/s].
         settings: seeds, number of trials, plant.
+        own: the trials with the policy's own clock, where they have run.
 
     Raises:
         SimulationError: as ``run_trial``.
     """
     requests = (settings or ProtocolSettings()).requests(top_speed, self_paced=False)
-    found: list[ClockTrials] = []
-    for clock in CLOCKS:
+    found = [] if own is None else [clock_trials(CLOCKS[0], own)]
+    for clock in CLOCKS[len(found) :]:
         trials = pool.trials([replace(item, clock=clock, keep_trajectory=False) for item in requests])
         found.append(clock_trials(clock, trials))
     return ClockCheck(top_speed=top_speed, clocks=tuple(found))
