@@ -270,6 +270,17 @@ def test_each_end_learns_that_the_other_has_left(ends, make_state):
     eventually(lambda: endpoint.peer_left)
 
 
+def test_a_robot_that_was_restarted_is_not_the_one_that_let_a_controller_in(address, make_state):
+    """zenoh connects to it again by itself: who had looked away meanwhile waited for it without end."""
+    first = open_endpoint(address)
+    with contextlib.closing(open_bus(address)) as interface:
+        first.close()
+        with contextlib.closing(open_endpoint(address)) as second:
+            if address.startswith("zenoh"):
+                connected(interface, second, make_state)
+            assert interface.peer_left
+
+
 def test_without_a_robot_there_is_no_bus(address):
     with pytest.raises(BusError, match="robot"):
         open_bus(address)

@@ -136,13 +136,16 @@ class ZenohInterface(_ZenohEnd, ControllerEnd):
 
     def __init__(self, address: BusAddress, session: int, security: Security) -> None:
         self.session = session
-        self._peer_seen = self._peer_here = False
+        self._robot_left = False
         super().__init__(address, security, f"controller/{session:016x}", listen=False)
 
     @property
     def peer_left(self) -> bool:
-        """Whether the robot was there and is gone, in good order or not."""
-        return self._closed or (self._peer_seen and not self._peer_here)
+        """Whether the robot that let this end in is gone, in good order or not.
+
+        One that was restarted is found again by zenoh, but has let nobody in: it obeys none of the commands.
+        """
+        return self._closed or self._robot_left
 
     def _join(self, address: BusAddress) -> None:
         """Ask the robot for leave to drive it."""
@@ -176,8 +179,7 @@ class ZenohInterface(_ZenohEnd, ControllerEnd):
             )
 
     def _notice(self, sample: Any) -> None:
-        self._peer_here = sample.kind == zenoh.SampleKind.PUT
-        self._peer_seen = self._peer_seen or self._peer_here
+        self._robot_left = self._robot_left or sample.kind == zenoh.SampleKind.DELETE
 
 
 class ZenohEndpoint(_ZenohEnd, RobotEnd):
