@@ -281,6 +281,23 @@ def test_a_robot_that_was_restarted_is_not_the_one_that_let_a_controller_in(addr
             assert interface.peer_left
 
 
+def test_a_robot_that_is_restarted_right_after_its_answer_has_left(bus_name, make_state, monkeypatch):
+    zenoh_bus = pytest.importorskip("sprintlab.deployment.bus.zenoh_bus")
+    robots = [open_endpoint(f"zenoh://{bus_name}")]
+    claim = zenoh_bus.ZenohInterface._claim
+
+    def claim_and_restart(self, address):
+        claim(self, address)
+        robots.pop().close()
+        robots.append(open_endpoint(f"zenoh://{bus_name}"))
+
+    monkeypatch.setattr(zenoh_bus.ZenohInterface, "_claim", claim_and_restart)
+    with contextlib.closing(open_bus(f"zenoh://{bus_name}")) as interface:
+        connected(interface, robots[0], make_state)
+        assert interface.peer_left
+    robots.pop().close()
+
+
 def test_without_a_robot_there_is_no_bus(address):
     with pytest.raises(BusError, match="robot"):
         open_bus(address)

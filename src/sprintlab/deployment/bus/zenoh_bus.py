@@ -150,8 +150,8 @@ class ZenohInterface(_ZenohEnd, ControllerEnd):
     def _join(self, address: BusAddress) -> None:
         """Ask the robot for leave to drive it."""
         self._subscribers = {channel: self._subscribe(channel) for channel in (STATE, FIX)}
+        self._watcher = self._watch("robot")  # before it answers: it may be restarted right after that
         self._claim(address)  # from then on the robot speaks, and the subscriptions are known there
-        self._watcher = self._watch("robot")
         self._publishers = {COMMAND: self._publisher(COMMAND)}
 
     def _claim(self, address: BusAddress) -> None:
