@@ -102,7 +102,8 @@ sys.exit(exit_status("sprintlab", work))
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.usefixtures("hanging_up")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_asks_while_a_process_ends_sees_no_traceback_and_its_status(number):
     """A session of zenoh takes ten seconds to close where the other end stands still."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}

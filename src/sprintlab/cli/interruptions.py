@@ -35,7 +35,7 @@ def tidy_termination() -> Generator[None]:
     ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     kinds = [signal.SIGINT] if ctrl_c else []
     try:
-        with handled_by(leave, kinds + _terminations()):
+        with handled_by(leave, kinds + terminations()):
             yield
     except Exception as error:  # a compiled function that is interrupted may say something else
         if not _asked or isinstance(error, SprintlabError):
@@ -49,7 +49,7 @@ def _ending() -> BaseException:
     return KeyboardInterrupt() if _asked[0] == signal.SIGINT else SystemExit(128 + _asked[0])
 
 
-def _terminations() -> list[signal.Signals]:
+def terminations() -> list[signal.Signals]:
     """What asks a command to end, beside Ctrl-C."""
     if _HANGUP is None or signal.getsignal(_HANGUP) == signal.SIG_IGN:
         return [signal.SIGTERM]
@@ -73,7 +73,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
         if number not in received or number != _HANGUP:
             received.append(number)
 
-    with handled_by(note, [signal.SIGINT, *_terminations()]):
+    with handled_by(note, [signal.SIGINT, *terminations()]):
         if _asked:
             raise _ending()
         yield lambda: len(received)

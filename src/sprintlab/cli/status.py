@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-from sprintlab.cli.interruptions import tidy_termination
+from sprintlab.cli.interruptions import terminations, tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.interpreters import SAFE_PATH
 from sprintlab.core.leaving import unfinished
@@ -44,7 +44,7 @@ def _wait_until_left(status: int) -> None:
     Left to Python, that would end in a traceback, and its libraries might not survive it.
     """
     for thread in unfinished():
-        with handled_by(lambda number, frame: os._exit(status), (signal.SIGINT, signal.SIGTERM)):
+        with handled_by(lambda number, frame: os._exit(status), (signal.SIGINT, *terminations())):
             thread.join()
 
 
