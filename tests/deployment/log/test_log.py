@@ -164,6 +164,18 @@ def test_a_log_survives_the_death_of_its_controller(path):
     assert len(read_log(path).ticks) == 500
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_log_goes_on_when_everything_is_asked_to_end(path, number):
+    """So does the run, which brings the robot down first: a session's end asks both at once."""
+    log = McapRunLog(path, FACTS)
+    log.write(tick(1))
+    os.kill(log._writer.pid, number)
+    time.sleep(0.2)
+    log.write(tick(2))
+    log.close()
+    assert [one.time for one in read_log(path).ticks] == [tick(1).time, tick(2).time]
+
+
 BEGINNING = """
 import os, signal, sys
 from pathlib import Path

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import signal
 import stat
 import sys
 from io import RawIOBase
@@ -87,6 +88,15 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
     if placed != path:
         failure = OSError(errno.EEXIST, f"it is {placed.name}, since another file took its name meanwhile")
     return failure
+
+
+def _stay_to_the_end() -> None:
+    """Who ends a session or asks all of sprintlab to end asks the run, too, which takes seconds to come down.
+
+    Those are the seconds that one wants to see. The writer ends with its stream, however the run does.
+    """
+    for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(kind, signal.SIG_IGN)
 
 
 def _named(temporary: Path, path: Path) -> Path:
@@ -205,6 +215,7 @@ def _register(writer: Any) -> list[int]:
 
 
 if __name__ == "__main__":
+    _stay_to_the_end()
     try:
         problem = write_log(sys.stdin.buffer, Path(sys.argv[1]))
     except LogError as error:
