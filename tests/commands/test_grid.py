@@ -108,3 +108,13 @@ def test_impossible_grids_are_refused() -> None:
     }.items():
         with pytest.raises(InvalidValueError, match=field):
             CommandGrid(**{field: value})
+
+
+@pytest.mark.parametrize(
+    ("speed", "speed_bin"),
+    [((0.0, 1e30), 0.5), ((-2.0, 14.0), 2e-6), ((-1e300, 1e300), 1e-320), ((1e30, 1e30), 0.5)],
+)
+def test_a_grid_that_takes_all_memory_is_refused(speed, speed_bin) -> None:
+    """Of eight million rows the first draw took 9 GB; more ended in PyTorch's own words."""
+    with pytest.raises(InvalidValueError, match="most 1000 bins"):
+        CommandGrid(speed=speed, speed_bin=speed_bin)

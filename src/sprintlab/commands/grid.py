@@ -15,6 +15,8 @@ from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
+_MOST_BINS = 1000  # each way, by default 32 and 5: a stranger's file may ask for all memory there is
+
 
 class GridBins(NamedTuple):
     """Bins of ``n`` targets: rows and columns of the grid, whole numbers ``(n,)``."""
@@ -57,7 +59,7 @@ class SpeedGrid:
         yaw_bins: columns.
 
     Raises:
-        InvalidValueError: bounds out of order, or no bins.
+        InvalidValueError: bounds out of order, no bins, or more than a thousand either way.
     """
 
     speed: tuple[float, float] = (-2.0, 14.0)
@@ -70,7 +72,11 @@ class SpeedGrid:
         check_positive("yaw_limit", self.yaw_limit, "rad/s")
         if not self.speed[0] + self.speed_bin <= self.speed[1]:
             raise InvalidValueError("speed", self.speed, "a pair (lowest, highest) at least one bin apart")
-        check_range("yaw_bins", self.yaw_bins, 1, 1000)
+        check_range("yaw_bins", self.yaw_bins, 1, _MOST_BINS)
+        rows = (self.speed[1] - self.speed[0]) / self.speed_bin
+        if not 0.5 < rows <= _MOST_BINS:  # none, where the bin is lost beside a speed in rounding
+            allowed = f"at least one and at most {_MOST_BINS} bins between the speeds"
+            raise InvalidValueError("speed_bin", self.speed_bin, allowed)
 
     @property
     def rows(self) -> int:
