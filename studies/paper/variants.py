@@ -161,15 +161,16 @@ def moved_policy(policy: Path, robot: RobotDescription, folder: Path) -> Path:
     """
     import onnx
 
-    from sprintlab.control import CONTRACT_KEY, encode_contract, load_policy
+    from sprintlab.control import CONTRACT_KEY, encode_contract, load_policy, read_again
     from sprintlab.control.contract import robot_section
 
-    contract, section = load_policy(policy).contract, robot_section(robot)
+    loaded, section = load_policy(policy), robot_section(robot)
+    contract = loaded.contract
     free = {"robot_name", "motors", "robot_fingerprint"}
     other = [name for name, value in section.items() if getattr(contract, name) != value and name not in free]
     if other:
         raise SprintlabError(f"{policy} is no policy of an edition of {robot.name}: see {', '.join(other)}")
-    model = onnx.load(policy)
+    model = onnx.load_from_string(read_again(policy, loaded))
     changed = msgspec.structs.replace(contract, **section)
     onnx.helper.set_model_props(model, {CONTRACT_KEY: encode_contract(changed)})
     path = folder / f"{robot.name}.onnx"

@@ -101,17 +101,16 @@ def test_an_unknown_engine_is_refused():
 
 
 def test_stored_numbers_belong_to_one_file(tmp_path, monkeypatch):
-    policy, store = tmp_path / "a.onnx", tmp_path / "second_engine.json"
-    policy.write_bytes(b"policy")
+    store, digest = tmp_path / "second_engine.json", hashlib.sha256(b"policy").hexdigest()
     row = {
         "top_speed_command_m_s": 12.0,
         "mujoco": {"held_speed_m_s": 11.0},
         "drake": {"held_speed_m_s": 9.0},
         "mark": "it holds 18 % less speed",
     }
-    store.write_text(json.dumps({hashlib.sha256(b"policy").hexdigest(): row}))
+    store.write_text(json.dumps({digest: row}))
     monkeypatch.setattr(second_engine, "STORED", store)
-    assert stored_comparison(policy) == row
-    assert "11.00 m/s in MuJoCo and 9.00 m/s in Drake; MARKED" in stored_remark(policy)
-    policy.write_bytes(b"another policy")
-    assert stored_comparison(policy) is None and stored_remark(policy) == ""
+    assert stored_comparison(digest) == row
+    assert "11.00 m/s in MuJoCo and 9.00 m/s in Drake; MARKED" in stored_remark(digest)
+    other = hashlib.sha256(b"another policy").hexdigest()
+    assert stored_comparison(other) is None and stored_remark(other) == ""

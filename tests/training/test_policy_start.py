@@ -15,9 +15,10 @@ import msgspec
 import onnx
 import torch
 
-from sprintlab.control import CONTRACT_KEY, encode_contract, shipped_policy
-from sprintlab.core.errors import ContractMismatchError, InvalidValueError, SprintlabError
+from sprintlab.control import CONTRACT_KEY, encode_contract, load_policy, shipped_policy
+from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError, SprintlabError
 from sprintlab.training.learner.distributed import Workers
+from sprintlab.training.runs import policy_start
 from sprintlab.training.runs.export import EXPORT_TOLERANCE, compare_on_random_inputs
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.policy_start import begin_from_policy, read_policy_start
@@ -152,6 +153,28 @@ def test_a_network_without_one_of_the_names_is_refused(tmp_path: Path, name: str
     path = tmp_path / "policy.onnx"
     path.write_bytes(model.SerializeToString())
     with pytest.raises(SprintlabError, match=f"its network has no {name}"):
+        read_policy_start(path, SETTINGS, 10**6)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [b"", POLICY.read_bytes()[:-100], shipped_policy("go1-sprint").read_bytes()],
+    ids=["empty", "cut", "another"],
+)
+def test_a_file_that_changes_while_it_is_read_is_refused(
+    tmp_path: Path, monkeypatch: Any, other: bytes
+) -> None:
+    """Cut short meanwhile it ended in a traceback; and what has taken its place was checked by nobody."""
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(POLICY.read_bytes())
+
+    def load(*given: Any) -> Any:
+        policy = load_policy(*given)
+        path.write_bytes(other)
+        return policy
+
+    monkeypatch.setattr(policy_start, "load_policy", load)
+    with pytest.raises(PolicyFileError, match="has changed since it was read"):
         read_policy_start(path, SETTINGS, 10**6)
 
 

@@ -8,7 +8,6 @@ estimate. Then the same commands run once more with the tables, and tell what th
 from __future__ import annotations
 
 import copy
-import hashlib
 import math
 import os
 import tempfile
@@ -23,11 +22,11 @@ import msgspec
 from sprintlab.commands import SpeedProfile
 from sprintlab.control import (
     CONTRACT_KEY,
-    POLICY_LIMIT,
     Policy,
     PolicyContract,
     encode_contract,
     load_policy,
+    read_again,
 )
 from sprintlab.control.calibration import CalibrationContract, given_speed
 from sprintlab.control.pace import PaceContract
@@ -36,7 +35,6 @@ from sprintlab.core.checks import check_range
 from sprintlab.core.errors import PolicyFileError, SprintlabError, UnwrittenError
 from sprintlab.core.files import atomic_write_bytes, numbered
 from sprintlab.core.json_values import json_ready
-from sprintlab.core.reading import read_bytes
 from sprintlab.evaluation.estimates import estimate_pair
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import Trajectory
@@ -356,10 +354,7 @@ def write_calibrated(policy: Policy, path: Path, contract: PolicyContract, outpu
         PolicyFileError: the file at ``path`` has changed, or the new one does not read back.
         UnwrittenError: the disk refuses.
     """
-    content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
-    if hashlib.sha256(content).hexdigest() != policy.digest:
-        raise PolicyFileError(f"{path} has changed since it was measured: calibrate it again")
-    data = with_metadata(content, CONTRACT_KEY, encode_contract(contract))
+    data = with_metadata(read_again(path, policy), CONTRACT_KEY, encode_contract(contract))
     try:
         with tempfile.TemporaryDirectory() as folder:
             written = Path(folder) / "policy.onnx"

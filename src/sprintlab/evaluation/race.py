@@ -74,7 +74,7 @@ def evaluate_race(
         second = None
         if second_engine is not None:
             second = _run_second(pool, top_speed, distance, settings, second_engine)
-        elif remark := stored_remark(Path(policy)):
+        elif remark := stored_remark(pool.policy.digest):
             notes += (remark,)
         outcome = _run_all(pool, top_speed, distance, settings, step_check)
         audit = _audited(pool, outcome, settings)

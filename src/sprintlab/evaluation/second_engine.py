@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sprintlab.control.policy import POLICY_LIMIT, SHIPPED_POLICIES
-from sprintlab.core.reading import read_bytes
+from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.evaluation.protocol import ProtocolSettings
 from sprintlab.evaluation.quantities import QUANTITIES, number
 from sprintlab.evaluation.results import EngineResult, RaceResult, SpeedResult, SprintResult
@@ -96,21 +93,18 @@ def comparison_sentence(first: EngineResult, second: EngineResult) -> str:
     return f"{text}: {fault}." if fault else f"{text}."
 
 
-def stored_comparison(policy: Path) -> dict[str, Any] | None:
+def stored_comparison(digest: str) -> dict[str, Any] | None:
     """What was measured of this very policy file in both engines; ``None`` where nothing was.
 
     Args:
-        policy: a policy file, in the package or elsewhere.
+        digest: of the file that the policy was read from.
     """
-    if not STORED.exists() or not policy.is_file():
-        return None
-    digest = hashlib.sha256(read_bytes(policy, POLICY_LIMIT, what="policy file")).hexdigest()
-    return json.loads(STORED.read_text(encoding="utf-8")).get(digest)
+    return json.loads(STORED.read_text(encoding="utf-8")).get(digest) if STORED.exists() else None
 
 
-def stored_remark(policy: Path) -> str:
+def stored_remark(digest: str) -> str:
     """The same as a sentence; empty where nothing is stored."""
-    found = stored_comparison(policy)
+    found = stored_comparison(digest)
     if found is None:
         return ""
     speeds = " and ".join(

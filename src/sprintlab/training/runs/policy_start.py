@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sprintlab.control import ESTIMATE_SIZE, POLICY_LIMIT, Policy, load_policy
+from sprintlab.control import ESTIMATE_SIZE, Policy, load_policy, read_again
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SprintlabError
-from sprintlab.core.reading import read_bytes
 from sprintlab.robots import load_robot
 from sprintlab.training.runs.checkpoint import LARGEST_COUNT, Progress
 from sprintlab.training.settings import NORMALIZER_FLOOR, TrainingSettings
@@ -71,7 +70,8 @@ def read_policy_start(path: Path, settings: TrainingSettings, iterations: int) -
     observation = settings.observation.for_joints(policy.layout.joints)
     if not policy.estimates or policy.layout != observation:
         raise SprintlabError(f"{path}: scales or history_length of its observation are not of these settings")
-    return PolicyStart(path, policy, _read_weights(path, _shapes(settings, policy.layout.joints)))
+    shapes = _shapes(settings, policy.layout.joints)
+    return PolicyStart(path, policy, _read_weights(path, read_again(path, policy), shapes))
 
 
 def check_iterations_left(path: Path, reached: int, iterations: int) -> None:
@@ -158,11 +158,12 @@ def _layers(name: str, sizes: Sequence[int]) -> dict[str, tuple[int, int]]:
     return {f"{name}.{2 * n}": (rows, columns) for n, (columns, rows) in enumerate(itertools.pairwise(sizes))}
 
 
-def _read_weights(path: Path, shapes: dict[str, tuple[int, ...]]) -> dict[str, npt.NDArray[np.float32]]:
+def _read_weights(
+    path: Path, content: bytes, shapes: dict[str, tuple[int, ...]]
+) -> dict[str, npt.NDArray[np.float32]]:
     """The initializers of these names; the variance is within the constant by which the network divides."""
     import onnx
 
-    content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
     graph = onnx.load_from_string(content).graph
     found: Any = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
     centred = {n.output[0] for n in graph.node if n.op_type == "Sub" and n.input[1] == "normalizer.mean"}
