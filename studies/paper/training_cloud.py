@@ -20,6 +20,7 @@ _FORMAT = 1
 _FACTS = ("robot", "motor_model", "format")
 _JOINTS = 12
 _MOST_NUMBERS = 1_000_000  # in an array: a run keeps 40 000, and each is drawn and asked for its limits
+_LARGEST_CLOUD = 32 << 20  # bytes of all arrays, each number of which becomes one of 8; a run has 0.2 MB
 _MARGIN = 5e-3  # share of the peak torque: clouds are kept in half precision
 _LARGEST = 1e12
 _FACTORS = ("bus_voltage_factor", "resistance_factor", "motor_strength")
@@ -90,7 +91,7 @@ def load_training_cloud(path: Path) -> TrainingCloud:
     """
     needed = ", ".join((*_SHAPES, "robot", "motor_model", "format"))
     wanted = f"no cloud of a training, or is damaged: it must be the cloud.npz of a run, with {needed}"
-    found = read_arrays(path, (*_SHAPES, *_FACTS), wanted=wanted)
+    found = read_arrays(path, (*_SHAPES, *_FACTS), wanted=wanted, limit=_LARGEST_CLOUD)
     arrays = named_floats(path, found, tuple(_SHAPES), wanted)
     if any(name not in found or found[name].size != 1 for name in _FACTS):
         raise SprintlabError(f"{path} is {wanted}")

@@ -166,6 +166,15 @@ def test_numbers_that_no_file_of_ours_holds_are_refused(tmp_path, name, value):
         read(tmp_path / "a.npz")
 
 
+@pytest.mark.parametrize("shape", [(1, 1_000_000, 4), (101, 1, 4)])
+def test_strides_that_take_all_memory_are_refused(tmp_path, shape):
+    """Four packed kilobytes asked for 131 GB in the first step."""
+    speed = np.arange(1.0, 1.0 + shape[0])
+    np.savez_compressed(tmp_path / "a.npz", speed=speed, state=np.zeros(shape, dtype=np.int8))
+    with pytest.raises(SprintlabError, match="holds more than 100 strides of 1000 points"):
+        read_strides(tmp_path / "a.npz")
+
+
 @pytest.mark.parametrize("change", [{"state": np.zeros((5, 0, 4))}, {"speed": np.arange(-5.0, 0.0)}])
 def test_strides_without_points_or_backward_are_refused(tmp_path, change):
     with np.load(STUDY / "strides.npz") as archive:

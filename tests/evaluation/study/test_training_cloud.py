@@ -48,6 +48,14 @@ def test_a_damaged_cloud_is_refused(cloud_arrays, tmp_path, change, words):
         load_training_cloud(save(tmp_path / "cloud.npz", changed))
 
 
+def test_a_cloud_of_too_many_numbers_is_refused_before_they_are_unpacked(cloud_arrays, tmp_path):
+    """Packed, 500 kB of them took 1.2 GB."""
+    many = np.zeros(9_000_000, dtype=np.float32)
+    np.savez_compressed(tmp_path / "cloud.npz", **{**cloud_arrays, "time": many})
+    with pytest.raises(SprintlabError, match="unpacks to more than 32 MB"):
+        load_training_cloud(tmp_path / "cloud.npz")
+
+
 def test_a_cloud_of_a_robot_with_fewer_joints_is_refused(cloud_arrays, tmp_path):
     fewer = {name: array[..., :4] for name, array in cloud_arrays.items() if array.shape[-1:] == (12,)}
     with pytest.raises(SprintlabError, match="joint_velocity has shape"):

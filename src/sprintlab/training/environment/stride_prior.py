@@ -19,13 +19,14 @@ from sprintlab.training.environment.kinematics import BodyState
 from sprintlab.training.settings import StridePrior
 
 _LARGEST = 1e4  # of a stride: [m/s], [rad] or [rad/s]
+_MOST_STRIDES, _MOST_POINTS = 100, 1000  # ours has 5 of 64: every robot's legs are compared with all of one
 
 
 def read_strides(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Speeds [m/s] ``(s,)``, rising, and strides ``(s, points, 4)``: hip, knee [rad], velocities [rad/s].
 
     Raises:
-        SprintlabError: the file cannot be read or holds no strides.
+        SprintlabError: the file cannot be read, holds no strides, or more than a training has memory for.
     """
     names, wanted = ("speed", "state"), "no file of strides"
     found = read_arrays(path, names, wanted=wanted, limit=16 << 20)
@@ -34,6 +35,9 @@ def read_strides(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
     bounded = fits and speed.max() <= _LARGEST and np.abs(state).max() <= _LARGEST  # not where one is NaN
     if not bounded or not (np.diff(speed, prepend=0.0) > 0.0).all():
         raise SprintlabError(f"{os.fspath(path)} is {wanted}")
+    if len(state) > _MOST_STRIDES or state.shape[1] > _MOST_POINTS:
+        most = f"{_MOST_STRIDES} strides of {_MOST_POINTS} points"
+        raise SprintlabError(f"{os.fspath(path)} holds more than {most}, the most that are read")
     return speed, state
 
 
