@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from sprintlab.api.search import SearchOptions
 from sprintlab.control import load_policy
 from sprintlab.core.errors import SprintlabError, UnwrittenError
 from sprintlab.evaluation import race
+from sprintlab.evaluation.race_files import race_facts
 from sprintlab.robots.loader import robot_table_path
 
 PROMISED = {
@@ -94,6 +96,13 @@ def test_a_report_is_of_no_other_robot_than_the_one_that_ran(
     reason = "has changed since the race began" if change == "edited" else "No such file"
     assert outcome.status == 2 and reason in outcome.err and not folder.exists()
     assert "Exploit audit" in outcome.out, "the numbers are those of the robot that ran"
+
+
+def test_what_a_file_says_of_itself_turns_no_writing_of_the_report(computed):
+    told = replace(computed, policy_facts={"method": "\x1b[2J\u202esprint"})
+    facts = race_facts(Path("a\u202eb.onnx"), told, "sprintlab race a\u202eb.onnx")
+    assert facts["method"] == r"\x1b[2J\u202esprint"
+    assert all(fact.isprintable() for fact in facts.values())
 
 
 @pytest.mark.usefixtures("computed", "blank_pictures")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.errors import printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -25,6 +26,7 @@ from sprintlab.evaluation.video import render_video
 from sprintlab.robots import RobotDescription, load_robot
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
+_LONGEST_FACT = 2000  # characters
 VIDEO_LEFT_OUT = "no video: it was not asked for"
 
 
@@ -64,8 +66,11 @@ def write_race(
 
 
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
-    """What somebody needs to repeat a race: command as typed, policy, training run, versions."""
-    return {
+    """What somebody needs to repeat a race: command as typed, policy, training run, versions.
+
+    Much of it is a stranger's, and goes onto a page: there, too, nothing turns the writing round.
+    """
+    facts = {
         "command": command_line,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
         "policy file": policy.name,
@@ -73,6 +78,7 @@ def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str,
         "versions": ", ".join(f"{name} {package_version(name)}" for name in SOFTWARE),
         "machine": f"Python {platform.python_version()}, {platform.platform()}",
     }
+    return {name: printable(fact, _LONGEST_FACT) for name, fact in facts.items()}
 
 
 def save_trajectory(path: Path, trajectory: Trajectory) -> None:
