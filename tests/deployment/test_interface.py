@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sprintlab.deployment.interface import (
+    COMMAND_BOUNDS,
     JointCommand,
     JointMode,
     MessageError,
@@ -113,6 +114,13 @@ def test_a_message_of_another_kind_or_length_is_refused():
         decode(JointCommand, content[:-1])
 
 
+def test_a_message_of_more_joints_than_a_robot_has_is_refused():
+    many = np.zeros(33)
+    content = encode(command(target_position=many, stiffness=many, damping=many, feedforward_torque=many))
+    with pytest.raises(MessageError, match="bytes"):
+        decode(JointCommand, content)
+
+
 def test_an_undefined_mode_is_refused():
     content = encode(command(mode=7))
     with pytest.raises(MessageError, match="not defined"):
@@ -127,6 +135,8 @@ def test_an_undefined_mode_is_refused():
         {"stiffness": np.full(12, -1.0)},
         {"damping": np.full(12, -1e-9)},
         {"damping": np.zeros(11)},
+        {"stiffness": np.r_[np.ones(5), np.nan, np.ones(6)]},  # which the extremes of a list may pass over
+        {"feedforward_torque": np.r_[np.zeros(11), np.nan]},
         {"target_position": np.full(12, 1e308)},
         {"stiffness": np.full(12, 1e308)},
         {"damping": np.full(12, 1e200)},
@@ -177,6 +187,15 @@ def a_command(torque: np.ndarray) -> JointCommand:
         damping=zeros,
         feedforward_torque=torque,
     )
+
+
+@pytest.mark.parametrize("field", ["mode", *COMMAND_BOUNDS])
+def test_a_digest_tells_of_every_field(field):
+    """A robot that was told to switch its drives off obeys somebody else, whatever else stood in it."""
+    ours = command()
+    value = JointMode.OFF if field == "mode" else np.nextafter(getattr(ours, field), 1e3)
+    assert command_digest(command(**{field: value})) != command_digest(ours)
+    assert command_digest(command(sequence=9, timestamp=9)) == command_digest(ours)
 
 
 def checksum_of(torque: np.ndarray) -> int:
