@@ -16,15 +16,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.deployment.bus.ends import ControllerEnd
+from sprintlab.deployment.bus.ends import FIX, ControllerEnd, RobotEnd
 from sprintlab.deployment.controller import LoopOptions, realtime, run_loop
 from sprintlab.deployment.controller.realtime import isolated_cores, lacking, real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
 from sprintlab.deployment.interface import (
+    JointCommand,
     JointMode,
     OperatorCommand,
+    PositionFix,
     Request,
     RobotState,
+    encode,
     message_size,
 )
 
@@ -266,14 +269,52 @@ class DamagedFlood(ControllerEnd):
         self.taken = 0
 
 
-@pytest.mark.parametrize("kind", ["sound", "damaged"])
+class FloodOfFixes(DamagedFlood):
+    """A bus on which position fixes do not end before the loop has sent something."""
+
+    content = encode(PositionFix(sequence=1, timestamp=1, position=np.zeros(3), velocity=np.zeros(3)))
+
+    def _take(self, channel):
+        return super()._take(channel) and (self.content if channel == FIX else None)
+
+
+@pytest.mark.parametrize("kind", ["sound", "damaged", "fixes"])
 def test_a_flood_of_messages_does_not_hold_the_loop(start, kind):
     controller, bus = start(Sleeper())
-    flood = Flood(bus.simulated) if kind == "sound" else DamagedFlood()
+    floods = {"damaged": DamagedFlood, "fixes": FloodOfFixes}
+    flood = Flood(bus.simulated) if kind == "sound" else floods[kind]()
     flood.session = controller.session
     report = run_loop(controller, flood, LoopOptions(priority=None, duration=0.2))
     assert report.steps > 1 and report.end in ("passive", "no robot answers")
-    assert kind == "sound" or report.malformed >= report.steps
+    assert kind != "damaged" or report.malformed >= report.steps
+
+
+def test_a_flood_of_a_strangers_commands_does_not_hold_the_robot():
+    zeros = np.zeros(12)
+    foreign = encode(
+        JointCommand(
+            sequence=1,
+            timestamp=1,
+            mode=JointMode.SERVO,
+            target_position=zeros,
+            stiffness=zeros,
+            damping=zeros,
+            feedforward_torque=zeros,
+        )
+    )
+
+    class Flooded(RobotEnd):
+        def _take(self, channel):
+            assert self.foreign < MANY, "the robot does nothing but take messages"
+            return foreign
+
+        def _put(self, channel, content):
+            pass
+
+        def _admitted(self, session):
+            return False
+
+    assert Flooded().receive_command() is None
 
 
 def test_a_bus_of_another_session_is_refused(start):

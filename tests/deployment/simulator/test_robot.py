@@ -127,6 +127,38 @@ def test_a_safe_command_of_before_a_standstill_lets_no_other_in(monkeypatch, del
     assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
+def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_either(monkeypatch):
+    """More than one step reads: the safe ones among the rest let the others in, steps later."""
+    moment = [100.0]
+    clock = SimpleNamespace(
+        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
+    )
+    monkeypatch.setattr(loop, "time", clock)
+    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
+    waiting = [command(n, JointMode.DAMPING if n == 50 else JointMode.SERVO) for n in range(1, 251)]
+    run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions())
+    moment[0] += 5.0
+    for _ in range(20):
+        run.exchange(lambda: False)
+        world.step()
+        moment[0] += 0.001
+        assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
+    assert (world.robot.accepted, world.robot.dropped) == (0, 250)
+
+
+def test_a_flood_of_commands_does_not_hold_the_robot():
+    class Flood(Commands):
+        taken = 0
+
+        def receive_command(self):
+            self.taken += 1
+            assert self.taken < 10_000, "the robot does nothing but take commands"
+            return command(self.taken)
+
+    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
+    assert loop._RealTime(world, Flood(), loop.PaceOptions()).exchange(lambda: False)
+
+
 @pytest.mark.parametrize("stopped_at", ["sleep", "receive_command"])
 def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waited(monkeypatch, stopped_at):
     """It sleeps for most of a step: there it is when somebody stops it."""
