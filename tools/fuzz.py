@@ -492,7 +492,8 @@ def _log_files(folder: Path) -> list[bytes]:
     frames.append(Frame(END, 0, 0, b"0"))
     stream = io.BytesIO(b"".join(pack(frame) for frame in frames))
     write_log(stream, folder / "run.mcap")
-    return [(folder / "run.mcap").read_bytes()]
+    whole = (folder / "run.mcap").read_bytes()
+    return [whole, *[whole[:-1]] * 2]  # of a file that was cut off no checksum of the whole is compared
 
 
 def _model() -> Kind:

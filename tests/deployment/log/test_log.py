@@ -26,7 +26,7 @@ from sprintlab.deployment.interface import (
 )
 from sprintlab.deployment.log import LogFacts, McapRunLog, read_log, run_log, writer
 from sprintlab.deployment.log.reader import Ticks
-from sprintlab.deployment.log.topics import LogError
+from sprintlab.deployment.log.topics import MAGIC, LogError
 from sprintlab.deployment.log.writer import write_log
 
 mcap = pytest.importorskip("mcap")
@@ -375,6 +375,50 @@ def test_on_a_full_disk_the_log_ends_where_the_disk_did_and_can_be_read(path, si
     assert 500 < len(record.ticks) < 20_000 - 500
     assert [entry.sequence for entry in record.commands] == list(range(1, len(record.commands) + 1))
     assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def records_of(content):
+    """Kind, place and length of each record of a whole file."""
+    place = len(MAGIC)
+    while place + len(MAGIC) < len(content):
+        kind, length = struct.unpack_from("<BQ", content, place)
+        yield kind, place, length
+        place += 9 + length
+
+
+def test_a_wrong_bit_hides_no_part_of_a_log(path):
+    """In the kind or the length of a record it was no error: what it hid was missing without a word."""
+    write(path, 600)
+    content, damaged = path.read_bytes(), path.with_name("damaged.mcap")
+    parts = list(records_of(content))
+    (end,) = (place for kind, place, _ in parts if kind == 15)  # of the data
+    places = [place for kind, place, _ in parts if kind in (4, 6, 9, 12, 15) and place <= end]
+    bits = [8 * place + bit for place in places for bit in (0, 3, 7, 8, 17, 30, 71)]
+    for bit in bits:
+        wrong = bytearray(content)
+        wrong[bit // 8] ^= 1 << bit % 8
+        damaged.write_bytes(wrong)
+        with pytest.raises(LogError):
+            read_log(damaged)
+
+
+def test_a_whole_log_that_does_not_say_where_its_data_end_is_refused(path):
+    write(path)
+    content = bytearray(path.read_bytes())
+    content[-28] ^= 16
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="checksum does not fit"):
+        read_log(path)
+
+
+def test_a_log_without_a_checksum_of_the_whole_is_read(path):
+    """Those of before had none."""
+    write(path)
+    content = bytearray(path.read_bytes())
+    (end,) = (place for kind, place, _ in records_of(content) if kind == 15)
+    content[end + 9 : end + 13] = bytes(4)
+    path.write_bytes(content)
+    assert len(read_log(path).states) == 300
 
 
 def test_a_chunk_of_zeros_is_refused_before_it_is_taken_apart(path):

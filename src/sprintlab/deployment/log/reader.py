@@ -6,6 +6,7 @@ gigabytes, and no longer than to unpack it.
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from array import array
@@ -67,6 +68,10 @@ _MOST_NAMES = 1000  # of facts, of modes, of faults
 _MOST_FAULTS = 8 * MOST_MESSAGES  # in all control steps
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _ATTACHMENT, _METADATA = 3, 4, 5, 6, 9, 12
 _RECORD, _MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+_DATA_END = struct.Struct("<BQI")  # kind, length, checksum of all before
+_FOOTER = struct.Struct("<BQQQI")  # kind, length, where the summary begins, its offsets, its checksum
+_DATA_END_HEAD = _RECORD.pack(15, 4)
+_BLOCK = 1 << 20  # bytes that are read at once where nothing is taken apart
 _NOTES = {_CHANNEL, _ATTACHMENT, _METADATA}
 _IN_CHUNKS = {_SCHEMA, _CHANNEL, _MESSAGE}
 _LARGEST = 1e9  # of any number, in its SI unit
@@ -266,6 +271,7 @@ def read_log(path: Path) -> RunRecord:
     reader = _Reader()
     try:
         with open_regular(path, LOG_LIMIT, what="log", error=LogError) as file:
+            _check_whole(file)
             reader.read(file)
         record = reader.record()
         wrong = _impossible(record)
@@ -274,6 +280,38 @@ def read_log(path: Path) -> RunRecord:
     if wrong:
         raise LogError(f"{printable(path)} is damaged: {wrong}")
     return record
+
+
+def _check_whole(file: IO[bytes]) -> None:
+    """Refuse a complete file in which a bit is another one; then it is at its beginning again.
+
+    The checksums of its parts do not cover their kinds and lengths: a part that is no longer taken for one
+    would be missing without a word. Of a file that was cut off nobody knows what belongs to it.
+
+    Raises:
+        LogError: its checksum does not fit.
+    """
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(size - _FOOTER.size - len(MAGIC), 0))
+    tail = file.read()
+    if len(tail) == _FOOTER.size + len(MAGIC) and tail.endswith(MAGIC):
+        end = _FOOTER.unpack_from(tail)[2] - _DATA_END.size
+        if not (0 <= end < size and _fits(file, end)):
+            raise LogError("its checksum does not fit; take an earlier copy")
+    file.seek(0)
+
+
+def _fits(file: IO[bytes], end: int) -> bool:
+    """Whether the data end at ``end`` [bytes], with the checksum of all before; older logs have none."""
+    file.seek(end)
+    last = file.read(_DATA_END.size)
+    if not last.startswith(_DATA_END_HEAD) or len(last) < _DATA_END.size:
+        return False
+    told, found = _DATA_END.unpack(last)[2], 0
+    file.seek(0)
+    for begin in range(0, end if told else 0, _BLOCK):
+        found = zlib.crc32(file.read(min(_BLOCK, end - begin)), found)
+    return found == told
 
 
 def _impossible(record: RunRecord) -> str:

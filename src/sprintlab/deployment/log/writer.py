@@ -75,7 +75,7 @@ def write_log(stream: IO[bytes], path: Path) -> OSError | None:
         with contextlib.suppress(BrokenPipeError):  # the run has ended as it began: the stream says so, too
             print("ready", flush=True)
         try:
-            writer = Writer(_as_stream(file), chunk_size=_CHUNK, compression=CompressionType.ZSTD)
+            writer = Writer(_as_stream(file), _CHUNK, CompressionType.ZSTD, enable_data_crcs=True)
             begun = _write_frames(stream, writer)
         except OSError as error:
             failure = OSError(error.errno, f"it ends before the run does: {error.strerror or error}")
