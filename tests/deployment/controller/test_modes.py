@@ -247,6 +247,13 @@ def test_an_unfit_robot_is_not_stood_up(lying, changes):
     assert lying.run(0.2).mode == "stand-up"  # as soon as it is fit
 
 
+def test_a_robot_that_answers_no_more_is_not_stood_up(lying):
+    lying.on_states = changed_states(command_sequence=1, command_digest=0)
+    lying.run(0.2)
+    lying.source.request = Request.STAND
+    assert lying.run(0.3).mode == "passive" and {tick.mode for tick in lying.ticks} == {"passive"}
+
+
 def test_without_a_robot_nothing_happens(lying):
     lying.on_states = lambda states: []
     lying.source.request = Request.STAND
