@@ -6,6 +6,7 @@ import functools
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -362,6 +363,22 @@ def test_a_robot_of_another_account_is_no_robot(bus_name, monkeypatch):
     with pytest.raises(BusError, match="another account"):
         open_bus(f"shm://{bus_name}")
     endpoint.close()
+
+
+@pytest.mark.parametrize("nameless", [True, False])
+def test_other_accounts_can_open_neither_the_memory_nor_the_lock(bus_name, monkeypatch, nameless):
+    if not nameless:  # as on a disk that knows no files without a name
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    before = os.umask(0)
+    try:
+        with (
+            contextlib.closing(open_endpoint(f"shm://{bus_name}")),
+            contextlib.closing(open_bus(f"shm://{bus_name}")),
+        ):
+            paths = [shared_folder() / f"{PREFIX}{bus_name}{ending}" for ending in ("", ".controller")]
+            assert [stat.S_IMODE(path.stat().st_mode) for path in paths] == [0o600, 0o600]
+    finally:
+        os.umask(before)
 
 
 def test_a_link_is_no_robot(bus_name):

@@ -176,6 +176,18 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
             {"tls": {"root_ca_certificate": "a", "listen_certificate": "b", "listen_private_key": "c"}},
             "enable_mtls",
         ),
+        (
+            {
+                "tls": {
+                    "root_ca_certificate": "a",
+                    "listen_certificate": "b",
+                    "listen_private_key": "c",
+                    "enable_mtls": True,
+                    "verify_name_on_connect": False,
+                }
+            },
+            "verify_name_on_connect",
+        ),
     ],
 )
 def test_a_configuration_that_would_let_everybody_in_is_refused(address, tmp_path, section, match):
