@@ -121,3 +121,31 @@ def test_impossible_settings_are_refused():
         VelocityLimits(forward=-1.0)
     with pytest.raises(InvalidValueError, match=r"velocity_limits\.braking"):
         VelocityLimits(braking=0.0)
+
+
+ONE = np.eye(12)[4]
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"joint_position": BP2.position_limits[:, 0] - 0.61 * ONE},
+        {"joint_position": BP2.position_limits[:, 1] + 0.61 * ONE},
+        {"joint_velocity": 1e3 * ONE},
+        {"joint_velocity": -1e3 * ONE},
+        {"angular_velocity": np.array([0.0, -61.0, 0.0])},
+        {"quaternion": np.array([1.02, 0.0, 0.0, 0.0])},
+        {"quaternion": np.array([0.0, 0.98, 0.0, 0.0])},
+        {"bus_voltage": -0.1},
+        {"bus_voltage": 2.01 * BP2.bus_voltage},
+    ],
+    ids=lambda changes: "-".join(changes),
+)
+def test_what_nothing_can_show_is_dropped_also_in_the_first_state(changes, first):
+    """Of which no jump tells."""
+    monitor = StateMonitor(BP2, SafetySettings())
+    if not first:
+        monitor.accept(numbered(1), 0.0)
+    state = msgspec.structs.replace(numbered(2), **changes)
+    assert monitor.accept(state, 0.001) == [Fault.STATE_IMPLAUSIBLE] and monitor.last is not state
