@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.deployment.bus import BusError, open_bus, open_endpoint, parse_address
+from sprintlab.deployment.bus import BusError, open_bus, open_endpoint, parse_address, shared_memory
 from sprintlab.deployment.bus.shared_memory import PREFIX, remove_orphans, shared_folder
 
 PATIENCE = 60.0  # s: a busy machine is slow, and no fault
@@ -504,6 +504,28 @@ def test_the_first_of_two_controllers_does_not_say_that_the_second_has_left(bus_
         assert not endpoint.peer_left
         second.close()
         assert endpoint.peer_left
+
+
+def test_a_lock_whose_holder_leaves_meanwhile_is_not_taken_for_one(bus_name, monkeypatch):
+    """It was opened, and then removed: who locked it had nothing, and the next controller got in as well."""
+    path, lock = shared_folder() / f"{PREFIX}{bus_name}.controller", shared_memory._lock
+    path.write_bytes(b"SPRTLOCK")
+    left = []
+
+    def leave(file):
+        if not left and os.path.samestat(path.stat(), os.fstat(file.fileno())):
+            left.append(path)
+            path.unlink()
+        return lock(file)
+
+    monkeypatch.setattr(shared_memory, "_lock", leave)
+    held = shared_memory.ControllerLock(bus_name, bus_name)
+    try:
+        with pytest.raises(BusError, match="another controller"):
+            shared_memory.ControllerLock(bus_name, bus_name)
+    finally:
+        held.release()
+    assert left and not path.exists()
 
 
 def test_a_lock_of_another_account_lets_no_controller_in(bus_name, monkeypatch):
