@@ -108,4 +108,6 @@ def test_a_robot_that_says_nothing_is_given_up_with_a_table(call, monkeypatch):
         endpoint.close()
     assert outcome.status == 1
     assert "no robot answers" in outcome.out and "deadline misses" in outcome.out
+    lacks = outcome.err.index("real time: no real-time priority was asked for")
+    assert lacks < outcome.err.index("driving shm://mute-for-a-test")  # said before it drives
     assert sent and not any(np.any(command.stiffness) for command in sent)
