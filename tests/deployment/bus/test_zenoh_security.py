@@ -333,6 +333,21 @@ def test_before_a_controller_came_nobody_is_obeyed(address, place, bus_name, mak
         assert taken == [None] * len(taken)
 
 
+def test_who_asks_for_leave_and_does_not_come_keeps_nobody_out(address, place, bus_name, monkeypatch):
+    """As a controller that is killed before its token shows."""
+    monkeypatch.setattr(zenoh_bus, "_LEASE", 0.2)
+
+    def another():
+        with contextlib.suppress(BusError):
+            return open_bus(address)
+
+    with contextlib.closing(open_endpoint(address)), bare_session(place, "peer") as stranger:
+        question = (7).to_bytes(8, "little") + bytes(32)
+        (reply,) = stranger.get(f"sprintlab/{bus_name}/claim", payload=question, timeout=5.0)
+        assert reply.ok.payload.to_bytes() == b"free"
+        eventually(another).close()
+
+
 def test_after_a_controller_left_nobody_is_obeyed_in_its_name(address, place, bus_name, make_joint_command):
     """Its session and the number of its last command are told by the robot's states: no secrets."""
     with contextlib.closing(open_endpoint(address)) as endpoint, bare_session(place, "peer") as stranger:
