@@ -142,8 +142,12 @@ def test_a_shank_whose_inertia_is_lost_in_rounding_is_refused(tmp_path):
             "<tendon><fixed>" + '<joint joint="fl1" coef="1"/>' * 5000 + "</fixed></tendon>",
             "its tendons have 5000 parts",
         ),
+        (
+            '<worldbody><replicate count="500"><body><geom size=".1"/></body></replicate></worldbody>',
+            "bodies, more than 500",
+        ),
     ],
-    ids=["state", "tendon"],
+    ids=["state", "tendon", "bodies"],
 )
 def test_a_model_that_takes_long_to_pose_is_refused(tmp_path, part, reason):
     """It is posed twenty times where it is compared: with 1.6 GB of state that took 41 s."""

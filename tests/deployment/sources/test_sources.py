@@ -383,6 +383,8 @@ def test_a_switch_that_is_down_from_the_start_does_not_count(pad):
     os.write(writing, event(0x81, SWITCH, 1) + event(2, 1, -32767))
     assert settled(source, 1.0).velocity[0] == 0.0
     assert source.read(view(2.0)).request == Request.STAND
+    os.write(writing, event(1, RUN_BUTTON, 1))
+    assert source.read(view(2.1, mode="stand")).request == Request.NONE
     os.write(writing, event(1, SWITCH, 0) + event(1, SWITCH, 1))
     assert settled(source, 3.0).velocity[0] == pytest.approx(10.0)
 
