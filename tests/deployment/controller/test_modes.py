@@ -450,3 +450,5 @@ def test_a_clock_that_runs_back_ends_a_run(gallop, jump, heard):
     assert Fault.LOOP_STALLED.value in first.faults and first.command.mode == JointMode.DAMPING
     assert {tick.command.mode for tick in later} == {JointMode.DAMPING}
     assert before <= first.time and later[-1].time > first.time + 0.29
+    rig.source.request = Request.PASSIVE  # the operator is heard, and not only when the clock is there again
+    rig.run_until(lambda tick: tick.mode == "passive", 5.0)
