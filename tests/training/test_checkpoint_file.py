@@ -342,6 +342,14 @@ def test_values_are_counted_however_their_commas_are_written(path: Path, monkeyp
         read_checkpoint(path)
 
 
+def test_what_stands_beside_the_values_is_counted_before_it_is_read(path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(module, "_MOST_VALUES", 4000)
+    read_checkpoint(path)
+    rewritten(path, lambda values, header: header.update(more=[0] * 5000))
+    with pytest.raises(SprintlabError, match="more than 4000 values"):
+        read_checkpoint(path)
+
+
 def test_lists_and_objects_within_others_count_as_values(path: Path, monkeypatch) -> None:
     rewritten(path, lambda values, _: values.update(more=[{"a": [{}]}] * 1000))
     assert len(read_checkpoint(path)["more"]) == 1000
