@@ -22,6 +22,8 @@ SHIPPED_SEED = 12
 """Seed of the trainings from which ``recipes/sprint.py`` made the default policy."""
 BATTERY_SHARES = {"first": 0.1, "second, its tail": 0.3, "fourth, its tail": 0.6}
 """In the mean, where only the first two trainings have a battery: those of the fastest policy."""
+HARDER_LIMITS = "stiff bus, harder limits, more for speed"
+"""Variant of the last two trainings that ``results/fourteenth-looks`` has from five seeds."""
 _SEED_HEAD = (
     "",
     "held, raw",
@@ -220,14 +222,23 @@ def battery_seeds() -> str:
     """The recipe from the same five seeds with a battery in all four trainings, or in the first two."""
     looks = [_look(name) for name in ("eleventh", "twelfth", "thirteenth")]
     throughout = {seed: row for look in looks for seed, row in look["with_battery"]["seeds"].items()}
-    means = looks[-1]["second_halves"]["variants"]["stiff bus"]["means"]
-    halves = {str(row["seed"]): row for row in means if row["shares"] == BATTERY_SHARES}
+    groups = (
+        (throughout, "in all four"),
+        (_first_half(looks[-1], "stiff bus"), "in the first two"),
+        (_first_half(_look("fourteenth"), HARDER_LIMITS), "in the first two, harder limits after"),
+    )
     rows = [
         (f"seed {seed}, {where}", *_seed_cells(row))
-        for found, where in ((throughout, "in all four"), (halves, "in the first two"))
+        for found, where in groups
         for seed, row in sorted(found.items(), key=lambda each: -each[1]["held_raw_m_s"])
     ]
     return _table(_SEED_HEAD, rows)
+
+
+def _first_half(look: Row, variant: str) -> dict[str, Row]:
+    """By seed: the race of the fixed mean of trainings of which only the first two had a battery."""
+    means = look["second_halves"]["variants"][variant]["means"]
+    return {str(row["seed"]): row for row in means if row["shares"] == BATTERY_SHARES}
 
 
 def _race_as_seed(race: Row) -> Row:

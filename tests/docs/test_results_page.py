@@ -336,13 +336,16 @@ def test_the_page_tells_what_a_battery_in_the_recipe_does(flowing, result_tables
     page = flowing("docs/results.md")
     rows = result_tables.battery_seeds().splitlines()[2:]
     speeds = [float(re.findall(r"[\d.]+ m/s", row)[0].split()[0]) for row in rows]
-    throughout, first_half = speeds[:5], speeds[5:]
-    assert [len(throughout), len(first_half)] == [5, 5] and all("| fails " in row for row in rows[:5])
+    throughout, first_half, harder = speeds[:5], speeds[5:10], speeds[10:]
+    assert len(harder) == 5 and all("| fails " in row for row in rows[:5])
     told = f"hold {throughout[-1]:.1f} to {throughout[0]:.1f} m/s, {throughout[2]:.2f} in the median"
     assert told in page
     assert f"gives {first_half[-1]:.1f} to {first_half[0]:.1f} m/s.**" in page
     assert f"The median holds {first_half[2]:.2f} m/s, and that one, seed 4, passes" in page
     assert "seed 4" in rows[7] and "| passed |" in rows[7]
+    told = f"give {harder[-1]:.1f} to {harder[0]:.1f} m/s**, {harder[2]:.2f} in the median. Seed 4 passes"
+    assert told in page and "seed 4" in rows[13]
+    assert [row.endswith("| passed |") for row in rows[10:]] == [False, False, False, True, False]
     later = json.loads((ROOT / "results/twelfth-looks/trainings.json").read_text(encoding="utf-8"))
     means = later["other_means"]["means"]
     held, failed = ([mean[key] for mean in means] for key in ("held_raw_m_s", "failed"))
@@ -371,10 +374,43 @@ def test_the_page_tells_how_the_fastest_of_the_recipes_with_a_battery_fails(flow
     assert least > AuditThresholds().foot_force
     keen = variants["stiff bus, harder limits, more for speed"]["means"][-1]
     limits = variants["stiff bus, harder limits"]["means"][-1]
-    assert f"seed 12 then holds {keen['held_raw_m_s']:.2f} m/s and passes eight runs" in page
+    assert f"Seed 12 held {keen['held_raw_m_s']:.2f} m/s and passed eight runs" in page
     assert (keen["failed"], keen["runs"]) == ([], 8)
-    assert f"without the reward {limits['held_raw_m_s']:.2f} and fails its lane" in page
+    assert f"without the reward {limits['held_raw_m_s']:.2f}, and out of its lane" in page
     assert "farthest foot from the lane's middle" in limits["failed"]
+
+
+def test_the_page_tells_what_a_fifth_training_and_other_shares_bring(flowing):
+    found = json.loads((ROOT / "results/fourteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    page, shares = flowing("docs/results.md"), found["shares_of_seed_2"]
+    fifth = found["fifth_trainings"]["means"]
+    assert all(row["failed"] for row in fifth) and {row["seed"] for row in fifth} == {1, 2, 3, 12}
+    assert f"holds up to {max(row['held_raw_m_s'] for row in fifth):.1f} m/s and fails the audit each" in page
+    assert f"Of {len(shares['means'])} other shares of what seed 2 went through" in page
+    assert f"the fastest holds {max(row['held_raw_m_s'] for row in shares['means']):.2f}." in page
+    clocked = [row for row in shares["means"] if row["failed"] == ["stride period from policy clock"]]
+    best = max(clocked, key=lambda row: row["held_raw_m_s"])
+    told = f"One holds {best['held_raw_m_s']:.2f} m/s, runs the 100 m in {best['time_100m_s'][0]:.2f} s"
+    assert told in page and best["runs"] == 10 and best["shares"] == found["clock_check"]["shares"]
+    assert f"presses with {best['worst']['foot force']:.2f} body weights, its cost of transport is" in page
+    cost = 100 * found["clock_check"]["greatest_loss_of_speed"]
+    assert f"is {best['cost_of_transport']:.2f}, and other clocks cost it {cost:.1f} % at 14 m/s" in page
+
+
+def test_the_page_tells_why_no_mean_of_a_fifth_training_is_shipped(flowing):
+    found = json.loads((ROOT / "results/fourteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    page, (calibrated,) = flowing("docs/results.md"), found["shares_of_seed_2"]["calibrated"]
+    assert f"another one holds {calibrated['held_raw_m_s']:.2f} m/s, stops and keeps its lane" in page
+    assert "foot force" in calibrated["failed"] and not calibrated["not_stopped"]
+    assert f"a foot presses with {calibrated['worst']['foot force']:.1f} body weights" in page
+    slower, seed_4 = found["randomized_seed_2"], found["randomized_seed_4"]["paces"]
+    told = (
+        f"at {slower['command_m_s']} m/s, {slower['upright']} of {slower['trials']} randomized sprints stay"
+    )
+    assert told in page and f"upright, at {slower['held_median_m_s']:.2f} m/s in the median" in page
+    told = seed_4["as calibrated, --lead 2"]
+    assert f"{told['upright']} of {told['trials']} randomized sprints stay upright with it" in page
+    assert f"at {told['held_median_m_s']:.2f} m/s in the median" in page
 
 
 def test_the_page_tells_how_many_randomized_sprints_fall_and_that_no_other_pace_is_surer(flowing):
