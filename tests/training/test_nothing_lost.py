@@ -140,7 +140,9 @@ def test_killed_six_times_the_run_is_the_run_that_was_never_killed(tmp_path: Pat
         assert torch.equal(value, second["environment"][name]), name
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 129)]
+)
 def test_a_request_to_stop_saves_first(tmp_path: Path, number: int, status: int) -> None:
     said = tmp_path / "stderr"
     command = [*FLAGS, "--save-seconds", "1000", "--output", str(tmp_path)]

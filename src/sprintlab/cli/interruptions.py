@@ -8,9 +8,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.signals import handled_by
+from sprintlab.core.signals import HANGUP, handled_by, terminations
 
-_HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # not on Windows
 _REPEATED = 1.0  # s
 _asked: list[int] = []  # signals that asked a command to end, also those whose exception was lost
 
@@ -49,13 +48,6 @@ def _ending() -> BaseException:
     return KeyboardInterrupt() if _asked[0] == signal.SIGINT else SystemExit(128 + _asked[0])
 
 
-def terminations() -> list[signal.Signals]:
-    """What asks a command to end, beside Ctrl-C."""
-    if _HANGUP is None or signal.getsignal(_HANGUP) == signal.SIG_IGN:
-        return [signal.SIGTERM]
-    return [signal.SIGTERM, _HANGUP]
-
-
 @contextmanager
 def counted_interruptions() -> Generator[Callable[[], int]]:
     """Yield a function that tells how many Ctrl-C and termination signals have come.
@@ -70,7 +62,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
     received: list[int] = []
 
     def note(number: int, _: object) -> None:
-        if number not in received or number != _HANGUP:
+        if number not in received or number != HANGUP:
             received.append(number)
 
     with handled_by(note, [signal.SIGINT, *terminations()]):

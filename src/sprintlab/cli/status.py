@@ -11,11 +11,11 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-from sprintlab.cli.interruptions import terminations, tidy_termination
+from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.interpreters import SAFE_PATH
 from sprintlab.core.leaving import unfinished
-from sprintlab.core.signals import handled_by
+from sprintlab.core.signals import handled_by, terminations
 from sprintlab.core.streams import lasting_streams
 
 REFUSED = 2

@@ -9,6 +9,15 @@ from contextlib import contextmanager
 from typing import Any
 
 Handler = Callable[[int, Any], None] | signal.Handlers
+HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+"""What a terminal that goes away sends; there is none on Windows."""
+
+
+def terminations() -> list[signal.Signals]:
+    """What asks a command to end, beside Ctrl-C; no hangup where that is ignored (``nohup``)."""
+    if HANGUP is None or signal.getsignal(HANGUP) == signal.SIG_IGN:
+        return [signal.SIGTERM]
+    return [signal.SIGTERM, HANGUP]
 
 
 @contextmanager

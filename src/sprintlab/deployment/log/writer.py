@@ -17,6 +17,7 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from sprintlab.core.files import numbered
+from sprintlab.core.signals import terminations
 from sprintlab.deployment.log.run_log import LogFacts
 from sprintlab.deployment.log.schemas import binary_schema, tick_schema
 from sprintlab.deployment.log.topics import (
@@ -95,7 +96,7 @@ def _stay_to_the_end() -> None:
 
     Those are the seconds that one wants to see. The writer ends with its stream, however the run does.
     """
-    for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for kind in (signal.SIGINT, *terminations()):
         signal.signal(kind, signal.SIG_IGN)
 
 

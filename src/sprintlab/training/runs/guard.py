@@ -14,7 +14,7 @@ from types import FrameType
 from typing import IO
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.signals import handled_by
+from sprintlab.core.signals import handled_by, terminations
 
 LOCK_NAME = ".lock"
 
@@ -74,9 +74,9 @@ def _noted(handle: IO[bytes]) -> str | None:
 
 
 class StopRequest:
-    """What SIGINT (Ctrl-C) and SIGTERM become: a wish to stop, read between two iterations.
+    """What Ctrl-C, a termination signal and a terminal that goes away become: a wish to stop.
 
-    A second Ctrl-C interrupts at once, without saving.
+    It is read between two iterations. A second Ctrl-C interrupts at once, without saving.
     """
 
     def __init__(self) -> None:
@@ -87,8 +87,8 @@ class StopRequest:
 
     @contextmanager
     def listening(self) -> Iterator[StopRequest]:
-        """Catch both signals inside the block; outside the main thread signals stay as they are."""
-        with handled_by(self._note, (signal.SIGINT, signal.SIGTERM)):
+        """Catch them inside the block; outside the main thread signals stay as they are."""
+        with handled_by(self._note, [signal.SIGINT, *terminations()]):
             yield self
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
@@ -97,7 +97,11 @@ class StopRequest:
         self.signal = number
 
     def leave(self) -> None:
-        """End as the signal wants: Raises ``KeyboardInterrupt`` or ``SystemExit(143)``; else nothing."""
+        """End as the signal wants, if one has come.
+
+        Raises:
+            KeyboardInterrupt: it was Ctrl-C; ``SystemExit`` with 128 and its number for another one.
+        """
         if self.signal == signal.SIGINT:
             raise KeyboardInterrupt
         if self.signal is not None:
