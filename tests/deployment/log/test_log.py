@@ -251,7 +251,7 @@ def test_what_is_no_log_is_refused(path, content):
 
 def test_a_log_without_a_run_is_refused(path):
     McapRunLog(path, FACTS).close()
-    with pytest.raises(LogError, match="holds no run"):
+    with pytest.raises(LogError, match=r"mcap holds no run"):
         read_log(path)
 
 

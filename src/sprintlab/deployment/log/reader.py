@@ -274,9 +274,12 @@ def read_log(path: Path) -> RunRecord:
             _check_whole(file)
             reader.read(file)
         record = reader.record()
-        wrong = _impossible(record)
+        run = len(record.states) and len(record.ticks)
+        wrong = _impossible(record) if run else ""
     except (LogError, MessageError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise LogError(f"{printable(path)} is damaged or no log of sprintlab: {printable(error)}") from error
+    if not run:
+        raise LogError(f"{printable(path)} holds no run: no state or no control step was logged")
     if wrong:
         raise LogError(f"{printable(path)} is damaged: {wrong}")
     return record
@@ -360,8 +363,6 @@ class _Reader:
         """What was read. Raises ``LogError`` where that is no run."""
         if "robot" not in self._facts:
             raise LogError("it says nothing of a robot")
-        if not len(self._states) or not len(self._ticks):
-            raise LogError("it holds no run: no state or no control step was logged")
         return RunRecord(
             facts=self._facts,
             contract=self._contract,
