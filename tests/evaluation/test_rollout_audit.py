@@ -224,6 +224,29 @@ def test_what_no_robot_records_is_refused(tmp_path, change, match, recwarn):
     assert not recwarn.list
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"time": np.float64(1.0)},
+        {"joint_names": np.array("hip")},
+        {"joint_velocity": np.ones((9, 2, 2)), "joint_torque": np.ones((9, 2, 2))},
+        {"joint_velocity": np.ones((9, 0)), "joint_torque": np.ones((9, 0))},
+        {"base_velocity": np.ones((9, 0))},
+        {"base_velocity": np.ones((9, 2, 2))},
+        {"foot_contact": np.ones((9, 0))},
+        {"foot_contact": np.ones((9, 1)), "foot_velocity": np.ones((9, 1, 0))},
+        {"foot_velocity": np.ones((9, 2))},
+    ],
+)
+def test_tables_of_another_shape_are_refused(tmp_path, capsys, change):
+    """Some of them ended in a traceback, others were worked out as if they were none."""
+    sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
+    np.savez(tmp_path / "a.npz", **(sound | change))
+    assert main(["audit", str(tmp_path / "a.npz"), "--motor", library_motors()[0]]) == 2
+    said = capsys.readouterr().err
+    assert "is not allowed" in said and said.count("\n") == 1
+
+
 def test_columns_of_feet_that_fit_no_foot_are_refused(tmp_path):
     head = "time,joint_velocity_0,joint_torque_0,foot_velocity_x"
     (tmp_path / "a.csv").write_text(f"{head}\n0,1,1,1\n1,1,1,1\n")

@@ -62,6 +62,7 @@ _TABLES = (
     "foot_contact",
     "foot_velocity",
 )
+_SIDES = {"joint_velocity": 2, "joint_torque": 2, "base_velocity": 2, "foot_contact": 2, "foot_velocity": 3}
 _READ = ("time", *(name for name in _TABLES if name != "joint_position"))  # positions are not asked for
 
 
@@ -94,16 +95,14 @@ class Rollout:
     def __post_init__(self) -> None:
         _check_sizes(vars(self))
         _check_numbers("time", self.time)
-        count = len(self.time)
+        count = np.size(self.time)
         if self.time.ndim != 1 or count < 2 or not np.all(np.diff(self.time) > 0.0):
             raise InvalidValueError("time", f"{count} samples", "at least two, rising [s]")
-        for name in ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity"):
+        for name, sides in _SIDES.items():
             values = getattr(self, name)
-            if values is None:
-                continue
-            if values.ndim < 2 or len(values) != count:
-                raise InvalidValueError(name, f"shape {values.shape}", f"one row for each of {count} samples")
-            _check_numbers(name, values)
+            if values is not None:
+                _check_shape(name, values, count, sides)
+                _check_numbers(name, values)
         if self.joint_velocity.shape != self.joint_torque.shape:
             shapes = f"{self.joint_velocity.shape} and {self.joint_torque.shape}"
             raise InvalidValueError("joint_velocity, joint_torque", shapes, "equal shapes")
@@ -147,6 +146,15 @@ def _check_sizes(arrays: Mapping[str, Any]) -> None:
             raise InvalidValueError(
                 name, f"{np.size(values)} numbers", f"at most {MOST_NUMBERS}: take a part of it"
             )
+
+
+def _check_shape(name: str, values: FloatArray, count: int, sides: int) -> None:
+    """Refuse a table without ``count`` rows, without columns, or with other ``sides`` than its kind has."""
+    if values.ndim < 2 or len(values) != count:
+        raise InvalidValueError(name, f"shape {values.shape}", f"one row for each of {count} samples")
+    if values.ndim != sides or not values.size:
+        allowed = "(samples, feet, 2)" if sides > 2 else "(samples, columns)"
+        raise InvalidValueError(name, f"shape {values.shape}", f"{allowed}, none of them empty")
 
 
 def _check_numbers(name: str, values: FloatArray) -> None:
@@ -332,7 +340,7 @@ def load_rollout(path: str | Path) -> Rollout:
     path = Path(path)
     if path.suffix.lower() == ".npz":
         arrays = read_arrays(path, (*_READ, "joint_names"), wanted="no rollout (NPZ)")
-        names = tuple(map(str, arrays.pop("joint_names", np.array([]))))
+        names = tuple(map(str, arrays.pop("joint_names", np.array([])).ravel()))
         return rollout_of(arrays, names)
     if path.suffix.lower() == ".csv":
         return _from_csv(read_bytes(path, LARGEST_CSV, what="rollout").decode("utf-8", "replace"), path)
