@@ -376,6 +376,121 @@ def test_a_tensor_is_refused_by_its_own_size_before_it_is_counted(make):
         check_graph(make().SerializeToString())
 
 
+def with_second_network():
+    """Other readers add its nodes to those of the first one."""
+    hidden = onnx.GraphProto(node=[node("Relu", "observation")]).SerializeToString()
+    return model([]).SerializeToString() + b"\x3a" + varint(len(hidden)) + hidden
+
+
+def node(operator, *inputs, outputs=("y",), **attributes):
+    return helper.make_node(operator, list(inputs), list(outputs), **attributes)
+
+
+def tensor(kind, dims, **values):
+    return model([], TensorProto(name="t", data_type=kind, dims=dims, **values)).SerializeToString()
+
+
+def with_attribute_twice():
+    made = node("Gather", "observation", "index", axis=0)
+    made.attribute.add().CopyFrom(helper.make_attribute("axis", 1))
+    return model([made], constant("index", [0])).SerializeToString()
+
+
+def with_axis_of_another_kind():
+    """The runtime takes the number that it is without one."""
+    made = node("Concat", "observation", "observation", axis=1)
+    made.attribute[0].CopyFrom(helper.make_attribute("axis", 1.0))
+    return model([made]).SerializeToString()
+
+
+def with_training():
+    made = model([])
+    made.training_info.add()
+    return made.SerializeToString()
+
+
+def with_sparse_tensor():
+    """Eight bytes that the runtime unfolds to 40 GB."""
+    made = model([])
+    sparse = made.graph.sparse_initializer.add(dims=[10**5, 10**5])
+    sparse.values.CopyFrom(constant("huge", [0.0], np.float32))
+    sparse.indices.CopyFrom(constant("", [0]))
+    return made.SerializeToString()
+
+
+def with_tensor_made_twice():
+    return model([node("Relu", "observation", outputs=["one"])], constant("one", [1])).SerializeToString()
+
+
+FLOAT, INT64 = TensorProto.FLOAT, TensorProto.INT64
+FITS = r"an operator \w+ whose sizes do not fit"
+SIZED = "size is not that of its shape"
+NETWORKS = {
+    "two-networks": (with_second_network, "an entry comes twice"),
+    "attribute-twice": (with_attribute_twice, "an entry comes twice"),
+    "attribute-of-another-kind": (with_axis_of_another_kind, "attribute of another kind than it has"),
+    "training": (with_training, "holds a training"),
+    "sparse": (with_sparse_tensor, "sparse tensors"),
+    "made-twice": (with_tensor_made_twice, "two of its tensors have one name"),
+    "text": (lambda: tensor(TensorProto.STRING, [1], string_data=[b"x"]), "of a type that no policy has"),
+    "half": (lambda: tensor(TensorProto.FLOAT16, [1], raw_data=bytes(2)), "of a type that no policy has"),
+    "negative": (lambda: tensor(FLOAT, [-1, -1], raw_data=bytes(4)), "without a shape"),
+    "deep": (lambda: tensor(FLOAT, [1] * 17, raw_data=bytes(4)), "without a shape"),
+    "none-of-many": (lambda: tensor(FLOAT, [0, 2**40], raw_data=b""), "needs a tensor of"),
+    "few-bytes": (lambda: tensor(FLOAT, [1000], raw_data=bytes(4)), SIZED),
+    "few-numbers": (lambda: tensor(FLOAT, [1000], float_data=[0.0]), SIZED),
+    "few-whole-numbers": (lambda: tensor(INT64, [1000], int64_data=[0]), SIZED),
+    "packed": (lambda: tensor(INT64, [50_001], int64_data=[0] * 50_001), "more than 50000 entries"),
+}
+NETWORKS |= {
+    name: (lambda nodes=nodes, constants=constants: model(nodes, *constants).SerializeToString(), sentence)
+    for name, nodes, constants, sentence in (
+        (
+            "nodes",
+            [node("Relu", "observation", outputs=[f"y{n}"]) for n in range(5001)],
+            [],
+            "5000 operators",
+        ),
+        ("domain", [node("Gelu", "observation", domain="com.microsoft")], [], "com.microsoft.Gelu"),
+        ("whole-power", [node("Pow", "k", "k")], [constant("k", [2])], "on whole numbers"),
+        ("second-output", [node("Relu", "observation", outputs=["y", "z"])], [], "that no policy uses"),
+        ("part-of-shape", [node("Shape", "observation", start=1)], [], "in a form that no policy uses"),
+        ("below-zero", [node("Div", "k", "l")], [constant("k", [-3]), constant("l", [2])], FITS),
+        ("by-less", [node("Div", "k", "l")], [constant("k", [3]), constant("l", [-2])], FITS),
+        ("by-nought", [node("Div", "k", "l")], [constant("k", [3]), constant("l", [0])], FITS),
+        ("axis", [node("Gather", "observation", "k", axis=2)], [constant("k", [0])], FITS),
+        ("axis-twice", [node("Unsqueeze", "observation", "k")], [constant("k", [0, 0])], FITS),
+        ("no-single", [node("Squeeze", "observation", "k")], [constant("k", [1])], FITS),
+        ("inner", [node("MatMul", "k", "k")], [constant("k", np.ones((2, 3)), np.float32)], FITS),
+        ("vectors", [node("Gemm", "k", "k")], [constant("k", np.ones(3), np.float32)], FITS),
+        ("beside", [node("Concat", "observation", "k", axis=1)], [constant("k", np.ones((2, 3)))], FITS),
+        ("count", [node("Reshape", "observation", "k")], [constant("k", [3])], FITS),
+        ("repeats", [node("Tile", "observation", "k")], [constant("k", [2])], FITS),
+        ("order", [node("Transpose", "observation", perm=[0, 0])], [], FITS),
+        (
+            "parts",
+            [node("Split", "k", "l", outputs="ab")],
+            [constant("k", [1, 2]), constant("l", [1, 2])],
+            FITS,
+        ),
+        (
+            "part-below-zero",
+            [node("Split", "k", "l", outputs="ab")],
+            [constant("k", [1, 2]), constant("l", [3, -1])],
+            "without a shape",
+        ),
+    )
+}
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_is_refused_for_what_it_is(name):
+    """Each by its own sentence: many would be caught elsewhere as well, or by the runtime, but not all."""
+    make, sentence = NETWORKS[name]
+    with pytest.raises(GraphError, match=sentence):
+        check_graph(make())
+
+
 @pytest.mark.parametrize("bounds", [[], ["", "one"], ["one", ""]])
 def test_a_clip_may_lack_a_bound(bounds):
     node = helper.make_node("Clip", ["observation", *bounds], ["y"])
