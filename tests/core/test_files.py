@@ -114,6 +114,7 @@ def test_a_writer_that_is_killed_leaves_nothing_for_long(tmp_path, step):
     (tmp_path / "data").write_bytes(b"old")
     (tmp_path / ".mine.sprintlab-unfinished").write_text("a file of somebody else")
     (tmp_path / ".01234567.sprintlab-unfinished").symlink_to(tmp_path / "data")
+    os.mkfifo(tmp_path / ".89abcdef.sprintlab-unfinished")  # whoever opens it must not wait
     others = set(tmp_path.iterdir())
     killed = subprocess.run([sys.executable, "-c", KILLED_WRITER, str(tmp_path / "data"), step], check=False)
     assert killed.returncode == -9
@@ -401,10 +402,21 @@ def test_a_folder_of_somebody_else_that_is_named_like_an_unfinished_one_is_kept(
     for name in ("mine", "race.abcdefgh", "12ab-01234567"):
         (elsewhere / f".{name}.sprintlab-unfinished").mkdir()
         (elsewhere / f".{name}.sprintlab-unfinished" / "work").write_text("of years")
+    os.mkfifo(elsewhere / "pipe")  # whose name tells its own number, too
+    number = (elsewhere / "pipe").stat().st_ino
+    (elsewhere / "pipe").rename(elsewhere / f".{number:x}-01234567.sprintlab-unfinished")
     before = set(elsewhere.rglob("*"))
     with atomic_directory(elsewhere / "next"):
         pass
     assert set(elsewhere.rglob("*")) == before | {elsewhere / "next"}
+
+
+@pytest.mark.parametrize("kind", ["folder", "file", "dangling"])
+def test_a_name_that_is_taken_is_refused_before_any_work(tmp_path, kind):
+    place = tmp_path / "results"
+    {"folder": place.mkdir, "file": place.touch, "dangling": lambda: place.symlink_to("nowhere")}[kind]()
+    with pytest.raises(SprintlabError, match="exists already"):
+        files.check_new_folder(place)
 
 
 def test_a_text_that_is_none_in_utf8_is_written_with_its_code(tmp_path):
