@@ -171,6 +171,7 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
         ({}, "neither"),
         ({"users": {"user": "robot"}}, "it is invalid"),
         ({"users": {"user": "robot", "password": "r"}}, "user file"),
+        ({"users": {"user": "", "password": ""}}, "needs user and password"),
         ({"tls": {"root_ca_certificate": "ca.pem"}}, "listen_certificate"),
         (
             {"tls": {"root_ca_certificate": "a", "listen_certificate": "b", "listen_private_key": "c"}},
@@ -193,6 +194,17 @@ def test_without_users_nobody_is_let_in(address, tmp_path, content):
 def test_a_configuration_that_would_let_everybody_in_is_refused(address, tmp_path, section, match):
     with pytest.raises(BusError, match=match):
         open_endpoint(address, config=write_config(tmp_path / "robot.json", **section)).close()
+
+
+@pytest.mark.parametrize("missing", ["certificate", "private_key", "root_ca_certificate"])
+@pytest.mark.parametrize("end", ["listen", "connect"])
+def test_tls_without_one_of_its_files_is_refused(tmp_path, end, missing):
+    """Above all without an authority of one's own: whomever the system's authorities know could come."""
+    names = [f"{end}_certificate", f"{end}_private_key", "root_ca_certificate"]
+    left_out = next(name for name in names if name.endswith(missing))
+    tls = {"enable_mtls": True} | {name: "file.pem" for name in names if name != left_out}
+    with pytest.raises(BusError, match=f"needs {left_out}$"):
+        load_security(write_config(tmp_path / "end.json", tls=tls), robot=end == "listen")
 
 
 def test_an_error_does_not_print_passwords(address, tmp_path):
@@ -251,9 +263,11 @@ def test_claims_and_tokens_that_make_no_sense_let_nobody_in(address, place, bus_
 
 def test_without_a_place_the_robot_listens_on_the_loopback_interface_only(bus_name):
     before = listening()
-    endpoint = open_endpoint(f"zenoh://{bus_name}")
-    opened = listening() - before
-    endpoint.close()
+    with (
+        contextlib.closing(open_endpoint(f"zenoh://{bus_name}")),
+        contextlib.closing(open_bus(f"zenoh://{bus_name}")),  # nor does a controller on any other
+    ):
+        opened = listening() - before
     assert opened and all(place.startswith("0100007F:") for place in opened)
 
 
@@ -381,6 +395,64 @@ def test_a_flood_of_tokens_does_not_bring_back_a_controller_that_left(address, p
             token.undeclare()
 
 
+def test_a_flood_of_tokens_does_not_drive_out_who_drives(address, place, bus_name, monkeypatch):
+    """Nor does the robot's end keep all of them in mind."""
+    monkeypatch.setattr(zenoh_bus, "_MOST_KNOWN", 5)
+    with (
+        contextlib.closing(open_endpoint(address)) as endpoint,
+        contextlib.closing(open_bus(address)) as controller,
+        bare_session(place, "peer") as stranger,
+    ):
+        eventually(lambda: controller.session in endpoint._alive)
+        monkeypatch.setattr(zenoh_bus, "_LEASE", 0.0)
+        alive = f"sprintlab/{bus_name}/alive/controller"
+        tokens = [stranger.liveliness().declare_token(f"{alive}/{number:016x}") for number in range(1, 9)]
+        eventually(lambda: 8 in endpoint._alive)
+        assert not endpoint.peer_left
+        assert len(endpoint._alive) + len(endpoint._gone) <= 6
+        for token in tokens:
+            token.undeclare()
+
+
+def test_no_two_questions_have_one_answer(address, place, bus_name):
+    """Who has heard a robot's answer could pose as the robot with it."""
+    asked = []
+
+    def answer(query):
+        asked.append(query.payload.to_bytes())
+        query.reply(query.key_expr, b"driven")
+
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([f"tcp/{place}"]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as robot:
+        queryable = robot.declare_queryable(f"sprintlab/{bus_name}/claim", answer)
+        for _ in range(2):
+            with pytest.raises(BusError, match="another controller"):
+                open_bus(address, session=7)
+        queryable.undeclare()
+    assert len(asked) == 2 and asked[0][:8] == asked[1][:8]
+    assert asked[0][8:] != asked[1][8:]
+
+
+def test_a_user_whom_the_robot_does_not_know_is_told_nothing(address, place, bus_name, passwords):
+    """He is let into the network as somebody else, and keeps nobody out."""
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    for name, word in (("user", "bob"), ("password", "word")):
+        config.insert_json5(f"{USERS}/{name}", json.dumps(word))
+    with (
+        contextlib.closing(open_endpoint(address, config=passwords["robot"])),
+        zenoh.open(config) as bob,
+    ):
+        question = (7).to_bytes(8, "little") + bytes(32) + b"carol"
+        replies = list(bob.get(f"sprintlab/{bus_name}/claim", payload=question, timeout=5.0))
+        assert [reply.ok.payload.to_bytes() for reply in replies] == [b"unknown"]
+        open_bus(address, config=passwords["controller"]).close()
+
+
 def test_the_last_command_of_a_controller_that_left_is_obeyed(address, make_joint_command, monkeypatch):
     """It damps the joints, and may still wait when the controller's token is gone."""
     monkeypatch.setattr(zenoh_bus, "PARTING", 60.0)
@@ -423,7 +495,7 @@ def test_leaving_an_end_that_stands_still_is_no_error(
 
 
 def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
-    address, place, bus_name, make_state, make_joint_command
+    address, place, bus_name, make_state, make_joint_command, make_fix
 ):
     """zenoh hands on what its clients say to all others, and to them what others say."""
     prefix = f"sprintlab/{bus_name}"
@@ -439,7 +511,9 @@ def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
         mouth = stranger.declare_queryable(
             f"{prefix}/claim", lambda query: query.reply(query.key_expr, b"free")
         )
+        stranger.liveliness().declare_token(f"{prefix}/alive/robot").undeclare()
         for _ in range(5):
+            stranger.put(f"{prefix}/fix", encode(make_fix(999)))
             for name in ("state", "*", "**", "s$*"):
                 stranger.put(f"{prefix}/{name}", encode(make_state(999)))
             interface.send(msgspec.structs.replace(make_joint_command(1), session=interface.session))
@@ -449,6 +523,7 @@ def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
             lambda: endpoint.publish(make_state(1)) and (states.append(interface.receive()) or states[-1])
         )
         eventually(endpoint.receive_command)
+        assert interface.receive_fix() is None and not interface.peer_left
         ear.undeclare()
         mouth.undeclare()
     assert [state.sequence for state in states if state] == [1]
