@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import ClassVar
 
 import msgspec
@@ -167,6 +168,17 @@ def test_a_strangers_command_makes_the_next_state_one_of_another_session(ends, s
     assert interface.receive().foreign_commands == 2
 
 
+def test_a_flood_of_others_commands_does_not_hold_the_controller(ends, state_at, monkeypatch):
+    interface, endpoint = ends
+    endpoint.publish(state_at(10))
+    take, flood = interface._take, iter([b"x"] * 100_000)
+    monkeypatch.setattr(
+        interface, "_take", lambda channel: next(flood) if channel == "command" else take(channel)
+    )
+    assert interface.receive().session not in (0, SESSION)
+    assert interface.overheard < 100
+
+
 def test_a_state_that_is_not_judged_does_not_hide_a_stranger(ends, state_at, command_at):
     """The first state after his command may come twice, or be old: it is dropped, and the next must tell."""
     interface, endpoint = ends
@@ -289,17 +301,20 @@ def test_a_stranger_on_the_network_is_overheard(address, state_at, command_at):
             end.close()
 
 
+class Open:
+    """A lock that keeps nobody out, as that of another machine."""
+
+    def __init__(self, *names):
+        """For everybody."""
+
+    def release(self):
+        """Nothing."""
+
+
 @pytest.mark.parametrize("locked", [True, False], ids=["one-machine", "several"])
 def test_of_controllers_that_saw_nobody_in_the_same_moment_one_stays(address, monkeypatch, locked):
     """Each has looked before another could be seen; without the lock, as if on machines of their own."""
     from sprintlab.deployment.bus import unitree_bus
-
-    class Open:
-        def __init__(self, *names):
-            """For everybody."""
-
-        def release(self):
-            """Nothing."""
 
     if not locked:
         monkeypatch.setattr(unitree_bus, "ControllerLock", Open)
@@ -326,6 +341,35 @@ def test_of_controllers_that_saw_nobody_in_the_same_moment_one_stays(address, mo
     for bus in found:
         bus.close()
     assert len(found) == 1
+
+
+def test_who_comes_later_is_refused_before_he_can_speak(address, monkeypatch):
+    """Whatever the keys say, by which two are told apart that come at once."""
+    from sprintlab.deployment.bus import unitree_bus
+
+    def speak(*_):
+        raise AssertionError("he was let in")
+
+    with contextlib.closing(open_endpoint(address)) as endpoint:
+        with contextlib.closing(open_bus(address)):
+            assert not endpoint.peer_left
+            monkeypatch.setattr(unitree_bus, "ControllerLock", Open)
+            monkeypatch.setattr(unitree_bus._DdsEnd, "_writer", speak)
+            for come, said in ((open_bus, "another controller"), (open_endpoint, "a robot is there already")):
+                with pytest.raises(BusError, match=said):
+                    come(address)
+        until(lambda: endpoint.peer_left)
+
+
+def test_what_holds_no_message_is_passed_over(address):
+    """The library hands out such a thing when a writer takes its message back."""
+    from sprintlab.deployment.bus import unitree_bus
+
+    whole = unitree_bus._PACKETS["state"].deserialize(b"whole")
+    whole.sample_info = SimpleNamespace(publication_handle=1)
+    with contextlib.closing(open_endpoint(address)) as endpoint:
+        endpoint._waiting["command"] += [SimpleNamespace(sample_info=whole.sample_info), whole]
+        assert endpoint._take("command") == b"whole"
 
 
 def test_its_own_commands_are_not_overheard(address, state_at, command_at):
