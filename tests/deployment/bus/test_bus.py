@@ -16,7 +16,9 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint, parse_address, shared_memory
+from sprintlab.deployment.bus.ends import COMMAND
 from sprintlab.deployment.bus.shared_memory import PREFIX, remove_orphans, shared_folder
+from sprintlab.deployment.interface import encode
 
 PATIENCE = 60.0  # s: a busy machine is slow, and no fault
 SESSION = 77  # of the commands that the fixtures make
@@ -297,6 +299,24 @@ def test_a_robot_that_is_restarted_right_after_its_answer_has_left(bus_name, mak
         connected(interface, robots[0], make_state)
         assert interface.peer_left
     robots.pop().close()
+
+
+def test_a_second_controller_is_there_although_the_first_has_left(bus_name):
+    with contextlib.closing(open_endpoint(f"shm://{bus_name}")) as endpoint:
+        open_bus(f"shm://{bus_name}").close()
+        assert endpoint.peer_left
+        with contextlib.closing(open_bus(f"shm://{bus_name}")):
+            assert not endpoint.peer_left
+
+
+def test_before_a_controller_came_nobody_is_obeyed(bus_name, make_joint_command):
+    """Session 0 is nobody's."""
+    nobodys = msgspec.structs.replace(make_joint_command(1), session=0)
+    with contextlib.closing(open_endpoint(f"shm://{bus_name}")) as endpoint:
+        ring = shared_memory.RingWriter(*endpoint._ring(COMMAND))
+        ring.write(encode(nobodys))
+        assert endpoint.receive_command() is None and endpoint.foreign == 1
+        ring.release()
 
 
 def test_without_a_robot_there_is_no_bus(address):

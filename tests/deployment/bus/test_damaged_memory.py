@@ -11,14 +11,17 @@ import pytest
 from sprintlab.deployment.bus.address import BusError, open_bus, open_endpoint
 from sprintlab.deployment.bus.ends import COMMAND
 from sprintlab.deployment.bus.ring import RingReader, RingWriter, ring_size
-from sprintlab.deployment.bus.shared_memory import PREFIX, shared_folder
+from sprintlab.deployment.bus.shared_memory import PREFIX, _size, shared_folder
 from sprintlab.deployment.interface import JointCommand, JointMode, encode
 
 SLOTS, SIZE = 8, 20
 
 
-@pytest.mark.parametrize("size", [0, 10, 64, 4096])
-def test_file_of_another_size_is_refused(size):
+@pytest.mark.parametrize(
+    ("size", "match"),
+    [*((size, "no memory of a robot") for size in (0, 10, 64, 4096)), (_size(), "another version")],
+)
+def test_a_file_that_no_robot_of_this_version_made_is_refused(size, match):
     name = f"t{uuid.uuid4().hex[:12]}"
     path = shared_folder() / f"{PREFIX}{name}"
     try:
@@ -39,8 +42,9 @@ def test_file_of_another_size_is_refused(size):
             )
             try:
                 assert holder.stdout.readline() == b"held\n"
-                with pytest.raises(BusError, match="no memory of a robot"):
+                with pytest.raises(BusError, match=match):
                     open_bus(f"shm://{name}")
+                assert not (shared_folder() / f"{PREFIX}{name}.controller").exists()
             finally:
                 holder.stdin.close()
                 holder.stdout.close()
