@@ -317,12 +317,12 @@ def test_no_other_file_is_opened_for_a_configuration(tmp_path, monkeypatch):
     assert load_security(file, robot=False).user == "alice"
 
 
-def bare_session(place, mode):
+def bare_session(place, mode, listen=()):
     """A stranger's own session of zenoh."""
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("connect/endpoints", json.dumps([f"tcp/{place}"]))
-    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("listen/endpoints", json.dumps(listen))
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("transport/shared_memory/enabled", "false")  # of which it would leave a file behind
     return zenoh.open(config)
@@ -511,7 +511,6 @@ def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
         mouth = stranger.declare_queryable(
             f"{prefix}/claim", lambda query: query.reply(query.key_expr, b"free")
         )
-        stranger.liveliness().declare_token(f"{prefix}/alive/robot").undeclare()
         for _ in range(5):
             stranger.put(f"{prefix}/fix", encode(make_fix(999)))
             for name in ("state", "*", "**", "s$*"):
@@ -523,11 +522,32 @@ def test_a_stranger_does_not_speak_for_the_robot_nor_hears_the_controller(
             lambda: endpoint.publish(make_state(1)) and (states.append(interface.receive()) or states[-1])
         )
         eventually(endpoint.receive_command)
-        assert interface.receive_fix() is None and not interface.peer_left
+        assert interface.receive_fix() is None
         ear.undeclare()
         mouth.undeclare()
     assert [state.sequence for state in states if state] == [1]
     assert f"{prefix}/command" not in told  # but his own wild cards
+
+
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_no_end_is_told_where_a_stranger_listens(address, place, bus_name, make_state, mode):
+    """A controller that knew would connect to him, past all that the robot's end lets through."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        own = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    with (
+        contextlib.closing(open_endpoint(address)) as endpoint,
+        bare_session(place, mode, [own]) as stranger,
+        contextlib.closing(open_bus(address)) as interface,
+    ):
+        heard, until = set(), time.monotonic() + 1.0
+        while time.monotonic() < until or not heard:
+            stranger.put(f"sprintlab/{bus_name}/state", encode(make_state(999)))
+            endpoint.publish(make_state(1))
+            state = interface.receive()
+            heard |= set() if state is None else {state.sequence}
+            time.sleep(0.01)
+    assert heard == {1}
 
 
 def test_a_message_that_no_end_sends_is_not_kept(address, place, bus_name, make_joint_command):
