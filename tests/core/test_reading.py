@@ -73,6 +73,16 @@ def test_larger_than_the_limit(tmp_path):
     assert len(read_bytes(tmp_path / "a", 101)) == 101
 
 
+def test_a_file_that_grows_meanwhile_is_not_read_beyond_the_limit(tmp_path, monkeypatch):
+    """A terabyte, of which nothing was there when its size was asked for."""
+    (tmp_path / "a").touch()
+    empty = os.stat(tmp_path / "a")
+    os.truncate(tmp_path / "a", 1 << 40)
+    monkeypatch.setattr(os, "fstat", lambda handle: empty)
+    with pytest.raises(SprintlabError, match="larger than"):
+        read_bytes(tmp_path / "a", 100)
+
+
 @pytest.mark.parametrize("limit", [100, 1 << 39])
 def test_endless_sparse_file_is_not_read(tmp_path, limit):
     with open(tmp_path / "a", "wb") as file:
