@@ -55,6 +55,14 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _patient_logs() -> Iterator[None]:
+    """A log's writer may take long where the machine is busy; the test of a stopped one waits less."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sprintlab.deployment.log.run_log._PATIENCE", 120.0)
+        yield
+
+
 @pytest.fixture(scope="session")
 def torch() -> ModuleType:
     """PyTorch; a test that asks for it is skipped where it is not installed."""
