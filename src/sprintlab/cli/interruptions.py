@@ -18,7 +18,7 @@ _asked: list[int] = []  # signals that asked a command to end, also those whose 
 def tidy_termination() -> Generator[None]:
     """Ctrl-C and a termination signal end the block as an exit does: what is half-written is tidied away.
 
-    So does a terminal that goes away, unless that is ignored (``nohup``).
+    So does a hangup (a closed terminal), unless that is ignored (``nohup``).
 
     Of a storm of signals, as of a key that is held, one a second counts: the others would end the tidying.
     """
@@ -52,7 +52,7 @@ def _ending() -> BaseException:
 def counted_interruptions() -> Generator[Callable[[], int]]:
     """Yield a function that tells how many Ctrl-C and termination signals have come.
 
-    A terminal that goes away (a connection that breaks) counts too, once: shells and systems tell of it
+    A hangup (a closed terminal, a lost connection) counts too, once: shells and systems tell of it
     several times. Where that is ignored (``nohup``) it stays so.
 
     Raises:

@@ -10,7 +10,7 @@ from typing import Any
 
 Handler = Callable[[int, Any], None] | signal.Handlers
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""What a terminal that goes away sends; there is none on Windows."""
+"""Hangup: the signal that a closed terminal or a lost connection sends; Windows has none."""
 
 
 def terminations() -> list[signal.Signals]:

@@ -80,13 +80,19 @@ class Commands:
         pass
 
 
-def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(monkeypatch):
-    """Nor where its controller was stopped after it: its last servo commands were still to be read."""
-    moment = [100.0]
+@pytest.fixture
+def moment(monkeypatch):
+    """The time of a simulated robot's loop [s], in a list: a test lets it pass."""
+    now = [100.0]
     clock = SimpleNamespace(
-        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
+        monotonic=lambda: now[0], monotonic_ns=lambda: round(1e9 * now[0]), sleep=lambda seconds: None
     )
     monkeypatch.setattr(loop, "time", clock)
+    return now
+
+
+def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(moment):
+    """Nor where its controller was stopped after it: its last servo commands were still to be read."""
     world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
     endpoint = Commands(command(1, JointMode.DAMPING), command(2))
     run = loop._RealTime(world, endpoint, loop.PaceOptions())
@@ -106,13 +112,9 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(monke
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.003])
-def test_a_safe_command_of_before_a_standstill_lets_no_other_in(monkeypatch, delay):
+def test_a_safe_command_of_before_a_standstill_lets_no_other_in(moment, delay):
     """A run had just begun when the robot was stopped: it woke, and drove on servo commands of 5 s before."""
-    moment, options = [100.0], SimulatorOptions(start="standing", to_robot=LinkOptions(delay=delay))
-    clock = SimpleNamespace(
-        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
-    )
-    monkeypatch.setattr(loop, "time", clock)
+    options = SimulatorOptions(start="standing", to_robot=LinkOptions(delay=delay))
     world, waiting = SimulatedWorld(ROBOT, options), [command(1, JointMode.DAMPING), command(2)]
     run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions())
     if delay:
@@ -127,13 +129,8 @@ def test_a_safe_command_of_before_a_standstill_lets_no_other_in(monkeypatch, del
     assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
-def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_either(monkeypatch):
+def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_either(moment):
     """More than one step reads: the safe ones among the rest let the others in, steps later."""
-    moment = [100.0]
-    clock = SimpleNamespace(
-        monotonic=lambda: moment[0], monotonic_ns=lambda: round(1e9 * moment[0]), sleep=lambda seconds: None
-    )
-    monkeypatch.setattr(loop, "time", clock)
     world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
     waiting = [command(n, JointMode.DAMPING if n == 50 else JointMode.SERVO) for n in range(1, 251)]
     run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions())
@@ -160,9 +157,10 @@ def test_a_flood_of_commands_does_not_hold_the_robot():
 
 
 @pytest.mark.parametrize("stopped_at", ["sleep", "receive_command"])
-def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waited(monkeypatch, stopped_at):
+def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waited(
+    monkeypatch, moment, stopped_at
+):
     """It sleeps for most of a step: there it is when somebody stops it."""
-    moment = [100.0]
 
     def stand_still(*_):
         moment[0] += 5.0
@@ -173,12 +171,8 @@ def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waite
                 stand_still()
             return super().receive_command()
 
-    clock = SimpleNamespace(
-        monotonic=lambda: moment[0],
-        monotonic_ns=lambda: round(1e9 * moment[0]),
-        sleep=stand_still if stopped_at == "sleep" else lambda seconds: None,
-    )
-    monkeypatch.setattr(loop, "time", clock)
+    if stopped_at == "sleep":
+        monkeypatch.setattr(loop.time, "sleep", stand_still)
     world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
     endpoint = Read(command(1, JointMode.DAMPING), command(2))
     loop._RealTime(world, endpoint, loop.PaceOptions()).exchange(lambda: False)

@@ -74,7 +74,7 @@ def _noted(handle: IO[bytes]) -> str | None:
 
 
 class StopRequest:
-    """What Ctrl-C, a termination signal and a terminal that goes away become: a wish to stop.
+    """What Ctrl-C, SIGTERM and a hangup (a closed terminal) become: a wish to stop.
 
     It is read between two iterations. A second Ctrl-C interrupts at once, without saving.
     """

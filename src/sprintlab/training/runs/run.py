@@ -68,7 +68,7 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
         SprintlabError: there is a checkpoint and ``resume`` is off, or the other way round; the folder is in
             use; the disk refuses. The last checkpoint stays as it is.
         KeyboardInterrupt: Ctrl-C; the iteration was finished and saved.
-        SystemExit: 143 on SIGTERM, 129 where the terminal goes away; finished and saved likewise.
+        SystemExit: 143 on SIGTERM, 129 on a hangup (a closed terminal); finished and saved likewise.
     """
     if options.wandb is not None:
         require_package("wandb", extra="wandb", use="--wandb")
