@@ -183,6 +183,8 @@ LOOKS = (
             ("fourteenth", "second_halves"),
             ("fourteenth", "fifth_trainings"),
             ("fourteenth", "shares_of_seed_2"),
+            ("fifteenth", "shares_of_seed_2"),
+            ("fifteenth", "same_shares_of_other_seeds"),
         ),
     ),
     SEEDS,
