@@ -107,8 +107,32 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(momen
     endpoint.waiting = [command(number) for number in range(3, 20)]
     assert live(5.0) == RobotStatus.WATCHDOG_EXPIRED
     assert world.robot.watchdog_trips == 1 and world.robot.accepted == 2
+    for _ in range(110):
+        live(0.001)
     endpoint.waiting = [command(20, JointMode.DAMPING), command(21)]
     assert live(0.001) == RobotStatus.READY
+
+
+@pytest.mark.parametrize(("answered", "late"), [(0, 0.003), (0, 0.06), (1, 0.003), (1, 0.4)])
+def test_what_was_on_its_way_to_a_robot_that_was_stopped_is_not_done_when_it_comes(moment, answered, late):
+    """Sockets keep commands, too, and threads of a network take them only once the robot goes on."""
+    world, endpoint = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), Commands()
+    run = loop._RealTime(world, endpoint, loop.PaceOptions())
+
+    def live(seconds):
+        moment[0] += seconds
+        run.exchange(lambda: False)
+        world.step()
+        return world.robot.state(0).status
+
+    live(0.001)
+    live(5.0)
+    for _ in range(round(late / 0.001)):
+        live(0.001)
+    endpoint.waiting = [command(number, state_sequence=answered) for number in range(2, 20)]
+    endpoint.waiting.insert(0, command(1, JointMode.DAMPING, state_sequence=answered))
+    assert live(0.001) == RobotStatus.WATCHDOG_EXPIRED
+    assert (world.robot.accepted, world.robot.dropped) == (0, 19)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.003])

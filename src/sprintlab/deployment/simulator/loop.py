@@ -9,7 +9,7 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import RobotEndpoint, RobotState
+from sprintlab.deployment.interface import JointCommand, RobotEndpoint, RobotState
 from sprintlab.deployment.simulator.world import SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
@@ -19,6 +19,7 @@ _ASK_AGAIN = 2.0  # [s] without any answer in lock-step: a busy middleware has d
 _POLL = 2e-5  # [s] between two looks at the bus in lock-step
 _MOST_COMMANDS = 32  # that one step takes: a flood of them must not hold the robot
 _MOST_WAITING = 4096  # that are passed over at once; no bus keeps as many
+_ECHO = 0.1  # [s] after a standstill: the system's buffers give commands of before to the bus only then
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +202,15 @@ class _Run:
             self._commands += 1
             if command.state_sequence <= self._sent:  # else it answers another robot's, or none
                 self._answered = max(self._answered, command.state_sequence)
-            self._world.hand_over(command)
+            if self._is_old(command):
+                self._world.robot.dropped += 1
+            else:
+                self._world.hand_over(command)
+
+    def _is_old(self, command: JointCommand) -> bool:
+        """Whether a command is of before a standstill; in lock-step no time passes without commands."""
+        del command
+        return False
 
 
 class _RealTime(_Run):
@@ -210,6 +219,7 @@ class _RealTime(_Run):
     def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
         super().__init__(world, endpoint, pace)
         self._next = time.monotonic()
+        self._sent_before, self._deaf_until = 0, self._next
 
     def exchange(self, stopped: Callable[[], bool]) -> bool:
         """Wait for the next step's moment, publish, collect."""
@@ -226,6 +236,7 @@ class _RealTime(_Run):
         if lag > _GREATEST_LAG:
             self.given_up += lag
             self._next += lag
+            self._sent_before, self._deaf_until = self._sent, self._next + _ECHO
             self._pass_over_commands()
             self._world.stand_still(lag * self._pace.speed_factor)
         self._publish(time.monotonic_ns())
@@ -237,6 +248,13 @@ class _RealTime(_Run):
             if self._endpoint.receive_command() is None:
                 return
             self._world.robot.dropped += 1
+
+    def _is_old(self, command: JointCommand) -> bool:
+        """Whether a command is of before the last standstill: what was on its way comes only now.
+
+        The state that it answers tells, or, where a bus does not carry that, the time.
+        """
+        return 0 < command.state_sequence <= self._sent_before or time.monotonic() < self._deaf_until
 
 
 class _LockStep(_Run):
