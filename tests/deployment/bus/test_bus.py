@@ -330,9 +330,11 @@ def test_an_address_that_makes_no_sense_is_refused(wrong):
         parse_address(wrong)
 
 
-def test_shared_memory_has_no_place():
+def test_shared_memory_has_no_place_and_no_configuration(tmp_path):
     with pytest.raises(BusError, match="this machine"):
         open_endpoint("shm://bp2@127.0.0.1:1")
+    with pytest.raises(BusError, match="needs no --bus-config"):
+        open_endpoint("shm://bp2", config=tmp_path)
 
 
 def test_a_missing_package_is_named_with_its_extra(monkeypatch):
@@ -397,6 +399,7 @@ def test_other_accounts_can_open_neither_the_memory_nor_the_lock(bus_name, monke
         ):
             paths = [shared_folder() / f"{PREFIX}{bus_name}{ending}" for ending in ("", ".controller")]
             assert [stat.S_IMODE(path.stat().st_mode) for path in paths] == [0o600, 0o600]
+            assert not list(shared_folder().glob(f".{PREFIX}{bus_name}*"))
     finally:
         os.umask(before)
 
@@ -417,6 +420,7 @@ def test_the_robot_removes_its_memory(bus_name):
     endpoint = open_endpoint(f"shm://{bus_name}")
     path = shared_folder() / f"{PREFIX}{bus_name}"
     assert path.exists()
+    endpoint.close()
     endpoint.close()
     assert not path.exists()
 
@@ -500,18 +504,20 @@ def test_a_controller_leaves_a_foreign_file_of_its_locks_name_alone(bus_name, co
 
 @pytest.mark.parametrize("ending", ["", ".controller"], ids=["memory", "lock"])
 @pytest.mark.parametrize("kind", ["file", "link"])
-def test_what_takes_the_place_of_the_memory_or_the_lock_is_kept_at_the_end(bus_name, tmp_path, ending, kind):
+def test_what_takes_the_place_of_the_memory_or_the_lock_is_kept_at_the_end(bus_name, ending, kind):
     """Above all the memory of a second robot, which started when the first one's was gone."""
     path = shared_folder() / f"{PREFIX}{bus_name}{ending}"
+    moved = path.with_name(f"moved-{path.name}")
     with contextlib.closing(open_endpoint(f"shm://{bus_name}")):
         interface = open_bus(f"shm://{bus_name}")
-        path.unlink()
-        path.symlink_to(tmp_path) if kind == "link" else path.write_bytes(b"mine")
+        path.rename(moved)
+        path.symlink_to(moved) if kind == "link" else path.write_bytes(b"mine")
         interface.close()
     try:
         assert path.is_symlink() if kind == "link" else path.read_bytes() == b"mine"
     finally:
         path.unlink(missing_ok=True)
+        moved.unlink()
 
 
 def test_the_first_of_two_controllers_does_not_say_that_the_second_has_left(bus_name):
