@@ -292,6 +292,25 @@ def test_escape_stops_and_an_arrow_does_not(terminal):
     assert source.read(view(1.1)).request == Request.STOP
 
 
+@pytest.mark.parametrize(
+    "keys", ["\x1b\x1b", "\x1b`", "\x1bx", "xp", "xr", "\x1bp", "xl", "\x1b[Ax", "x\x1b[A", "w\x1b\x1b"]
+)
+def test_no_key_beside_it_takes_a_stop_back(terminal, keys):
+    """A connection that was slow brings several at once, and who wants a stop presses more than once."""
+    master, source = terminal
+    os.write(master, keys.encode())
+    assert source.read(view(1.0)).request == Request.STOP
+    assert source.read(view(1.1)).request == Request.NONE
+
+
+@pytest.mark.parametrize("keys", ["\x1b[A\x1b[B", "\x1bOP", "\x1b[[A", "\x1b[3~", "\x1b[1;5C"])
+def test_keys_with_a_sequence_of_their_own_do_nothing(terminal, keys):
+    master, source = terminal
+    os.write(master, keys.encode())
+    command = source.read(view(1.0))
+    assert command.request == Request.NONE and not command.velocity.any()
+
+
 def test_a_terminal_that_is_gone_silences_the_keyboard(terminal):
     master, source = terminal
     assert source.read(view(1.0)) is not None
@@ -360,6 +379,13 @@ def test_buttons_make_requests_but_not_their_first_report(pad):
     os.write(writing, event(1, 2, 1))
     assert source.read(view(1.1, mode="stand")).request == Request.STOP
     assert source.read(view(1.2, mode="stand")).request == Request.NONE
+
+
+@pytest.mark.parametrize("after", [0, 1, 6, 7])
+def test_no_button_that_is_pressed_right_after_it_takes_a_stop_back(pad, after):
+    writing, source = pad
+    os.write(writing, event(1, 2, 1) + event(1, after, 1))
+    assert source.read(view(1.0)).request == Request.STOP
 
 
 RUN_BUTTON, LIE_BUTTON, SWITCH = 7, 1, 5

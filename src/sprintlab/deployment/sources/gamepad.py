@@ -74,7 +74,7 @@ class GamepadSource(OperatorSource):
         """Take the events since the last look; None once the pad is gone."""
         switch = self._mapping.alive_button
         for button in self._pad.poll():
-            self._request = self._requests.get(button, self._request)
+            self._ask(self._requests.get(button, Request.NONE))
             self._gripped = self._gripped or button == switch
         self._gripped = self._gripped and switch in self._pad.held
         return self._wish() if self._pad.connected else None

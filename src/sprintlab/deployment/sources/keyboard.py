@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import select
 import sys
 import termios
@@ -24,6 +25,7 @@ _REQUESTS = {
     "\x1b": Request.STOP,
     "p": Request.PASSIVE,
 }
+_SEQUENCE = re.compile(r"\x1b(\[\[?[0-9;]*[A-Z~]|O[A-Z])")  # of an arrow and other keys, which are no Esc
 _STEPS = {"w": (0.5, 0.0), "s": (-0.5, 0.0), "a": (0.0, 0.2), "d": (0.0, -0.2)}
 
 
@@ -73,12 +75,9 @@ class KeyboardSource(OperatorSource):
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 
     def _press(self, keys: str) -> None:
-        if keys.startswith("\x1b") and len(keys) > 1:
-            return  # an arrow or another key with a sequence of its own, no Esc
-        for key in keys:
-            if key in _REQUESTS:
-                self._request = _REQUESTS[key]
-            if key == " " or _REQUESTS.get(key) is not None:
+        for key in _SEQUENCE.sub("", keys):
+            self._ask(_REQUESTS.get(key, Request.NONE))
+            if key == " " or key in _REQUESTS:
                 self._wish = np.zeros(3)
             if key == "q":
                 self._wish = self._wish * np.array([1.0, 1.0, 0.0])

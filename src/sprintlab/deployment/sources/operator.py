@@ -7,6 +7,8 @@ import numpy as np
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits
 
+_GRAVITY = (Request.NONE, Request.PASSIVE, Request.RUN, Request.STAND, Request.LIE_DOWN, Request.STOP)
+
 
 class OperatorSource:
     """A source that a person operates.
@@ -23,6 +25,10 @@ class OperatorSource:
     def poll(self) -> FloatArray | None:
         """Look at the device: the wish ``(3,)``; None if the device is gone."""
         raise NotImplementedError
+
+    def _ask(self, request: Request) -> None:
+        """Note a request; of several in one look the gravest counts: nothing takes a stop back."""
+        self._request = max(self._request, request, key=_GRAVITY.index)
 
     def read(self, view: SourceView) -> OperatorCommand | None:
         """The present wish; None once the device is gone."""
