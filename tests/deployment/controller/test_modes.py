@@ -390,6 +390,15 @@ def test_coming_down_at_once_damps(running):
     running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
 
 
+def test_an_operators_stop_is_obeyed_while_the_robot_comes_down(running):
+    """After a Ctrl-C, or when the time of a run is over, the brake alone takes seconds."""
+    running.controller.come_down()
+    running.run_until(lambda tick: running.controller.braking, 0.021)
+    running.source.request = Request.STOP
+    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.021)
+    assert running.controller.stop_reason == "operator"
+
+
 def test_the_last_command_is_safe(running, lying):
     assert running.controller.last_command(running.now).mode == JointMode.DAMPING
     lying.run(0.1)

@@ -156,7 +156,7 @@ class Controller:
         return self.mode is Mode.RUN and self._behaviour.brakes
 
     def come_down(self, *, at_once: bool = False) -> None:
-        """Bring the robot down whatever the source says: brake, stand, lie down; or stop at once."""
+        """Bring the robot down, whatever the source says but a stop: brake, stand, lie; or stop at once."""
         self._override = Request.STOP if at_once else Request.LIE_DOWN
 
     def last_command(self, now: int) -> JointCommand:
@@ -308,7 +308,8 @@ class Controller:
         self._watch_lateness(late)
         request, faults = self._operator.accept(self._read_source(state, time), time)
         self._note(*faults)
-        self._obey(request if self._override is None else self._override, state, time)
+        wanted = request if request == Request.STOP else self._override or request
+        self._obey(wanted, state, time)
         if self._behaviour.policy_drives:
             self._run_policy(state, time)
 
