@@ -48,8 +48,39 @@ def test_a_terminal_that_goes_away_counts_once():
         os.kill(os.getpid(), signal.SIGHUP)
         assert count() == 1  # a second would stop the robot in full run instead of braking
         os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGTERM)
-        assert count() == 3
+        assert count() == 2
+
+
+@pytest.mark.usefixtures("hanging_up")
+@pytest.mark.parametrize(
+    ("numbers", "counted"),
+    [
+        ((signal.SIGTERM, signal.SIGHUP, signal.SIGHUP), 1),  # what systemd sends when a session ends
+        ((signal.SIGHUP, signal.SIGTERM), 1),
+        ((signal.SIGTERM, signal.SIGTERM), 1),
+        ((signal.SIGINT, signal.SIGTERM), 1),  # a program that hands a Ctrl-C on
+        ((signal.SIGTERM, signal.SIGINT), 2),
+        ((signal.SIGINT, signal.SIGINT), 2),
+    ],
+)
+def test_one_request_that_is_told_in_several_signals_counts_once(numbers, counted):
+    """A session's end damped a robot in full run, and it fell; a second Ctrl-C means what it says."""
+    with counted_interruptions() as count:
+        for number in numbers:
+            os.kill(os.getpid(), number)
+        assert count() == counted
+
+
+@pytest.mark.usefixtures("hanging_up")
+def test_a_termination_signal_that_comes_again_later_counts_and_a_hangup_does_not(monkeypatch):
+    moment = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: moment[0])
+    monkeypatch.setattr("sprintlab.cli.interruptions.time", clock)
+    with counted_interruptions() as count:
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGTERM):
+            os.kill(os.getpid(), number)
+            moment[0] += 5.0
+        assert count() == 2
 
 
 class Found:

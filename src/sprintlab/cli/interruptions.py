@@ -52,17 +52,22 @@ def _ending() -> BaseException:
 def counted_interruptions() -> Generator[Callable[[], int]]:
     """Yield a function that tells how many Ctrl-C and termination signals have come.
 
-    A hangup (a closed terminal, a lost connection) counts too, once: shells and systems tell of it
-    several times. Where that is ignored (``nohup``) it stays so.
+    A hangup (a closed terminal, a lost connection) counts too where nothing came before it: shells and
+    systems tell of it several times, and of a session's end by a termination signal as well. Such a signal
+    is a new request a second after any other. Where a hangup is ignored (``nohup``) it stays so.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed before and its exception was lost, as in a callback of Python's
             own while modules are imported; ``SystemExit`` likewise: what was asked to end does not begin.
     """
     received: list[int] = []
+    last = -_REPEATED
 
     def note(number: int, _: object) -> None:
-        if number not in received or number != HANGUP:
+        nonlocal last
+        before, last = last, time.monotonic()
+        same = number != signal.SIGINT and (number == HANGUP or last - before < _REPEATED)
+        if not (received and same):
             received.append(number)
 
     with handled_by(note, [signal.SIGINT, *terminations()]):
