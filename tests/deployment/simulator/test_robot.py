@@ -153,16 +153,17 @@ def test_a_safe_command_of_before_a_standstill_lets_no_other_in(moment, delay):
     assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
-def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_either(moment):
+@pytest.mark.parametrize("speed", [1.0, 0.01])
+def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_either(moment, speed):
     """More than one step reads: the safe ones among the rest let the others in, steps later."""
     world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
     waiting = [command(n, JointMode.DAMPING if n == 50 else JointMode.SERVO) for n in range(1, 251)]
-    run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions())
+    run = loop._RealTime(world, Commands(*waiting), loop.PaceOptions(speed_factor=speed))
     moment[0] += 5.0
     for _ in range(20):
         run.exchange(lambda: False)
         world.step()
-        moment[0] += 0.001
+        moment[0] += 0.001 / speed
         assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
     assert (world.robot.accepted, world.robot.dropped) == (0, 250)
 
