@@ -205,15 +205,15 @@ def _written(found: Race, target: Path, video: bool, progress: Progress) -> Race
     from sprintlab.evaluation.race_files import race_facts, write_race
 
     try:
-        _robot_that_ran(found)
+        robot = _robot_that_ran(found)
     except RobotModelError as error:
         raise UnwrittenError(f"cannot write the report {target}: {error}") from error
     facts = race_facts(found.policy, found.result, command_line())
     message = write_race(
-        target, found.result, found.robot, facts, video, progress=lambda what: progress(what, None)
+        target, found.result, robot, found.robot, facts, video, progress=lambda what: progress(what, None)
     )
     progress("writing the replay", None)
-    write_race_replay(target, found.robot)
+    write_race_replay(target, robot)
     return replace(found, folder=target, facts=facts, video_message=message)
 
 

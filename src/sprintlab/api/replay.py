@@ -16,6 +16,7 @@ from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_json
 
 if TYPE_CHECKING:
+    from sprintlab.robots import RobotDescription
     from sprintlab.viewer.replay import ReplayRun, ReplayText
 
 RUNS = Path("runs")
@@ -179,12 +180,10 @@ def replay_text(trajectory: Path, robot: str, result: dict[str, Any], runner: st
     return ReplayText(title=title, subtitle=subtitle, distance=distance, runner=runner)
 
 
-def write_race_replay(folder: Path, robot: str) -> None:
-    """The 100 m as an interactive page beside the report."""
-    from sprintlab.robots import load_robot
+def write_race_replay(folder: Path, robot: RobotDescription) -> None:
+    """The 100 m of this robot as an interactive page beside the report."""
     from sprintlab.viewer.replay import load_arrays, write_replay
 
     trajectory = folder / RECORDING
-    described = load_robot(robot)
-    text = replay_text(trajectory, described.name, race_result(folder / "result.json"))
-    write_replay(folder / "replay.html", load_arrays(trajectory), described, text)
+    text = replay_text(trajectory, robot.name, race_result(folder / "result.json"))
+    write_replay(folder / "replay.html", load_arrays(trajectory), robot, text)

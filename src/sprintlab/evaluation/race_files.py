@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import platform
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sprintlab.core.errors import printable
+from sprintlab.core.errors import RobotModelError, printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -23,17 +24,19 @@ from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.report import Picture, Progress, make_pictures, render_report, representative
 from sprintlab.evaluation.results import RaceResult, Trajectory
 from sprintlab.evaluation.video import render_video
-from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.robots import RobotDescription, load_robot, robot_fingerprint
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 _LONGEST_FACT = 2000  # characters
 VIDEO_LEFT_OUT = "no video: it was not asked for"
+VIDEO_OF_ANOTHER = "no video: the table of the robot has changed since the race began"
 
 
 def write_race(
     target: Path,
     result: RaceResult,
-    robot_name: str,
+    robot: RobotDescription,
+    table: str,
     facts: dict[str, str],
     video: bool,
     progress: Progress = lambda _: None,
@@ -43,7 +46,8 @@ def write_race(
     Args:
         target: where to write, kept free by ``reserved_directory``.
         result: of the race.
-        robot_name: name of a robot, or path of a parameter table.
+        robot: that ran.
+        table: the robot's name, or path of its parameter table, which may have been edited since.
         facts: of ``race_facts``.
         video: also render an MP4 where that is possible.
         progress: called with what is being done.
@@ -51,18 +55,27 @@ def write_race(
     Raises:
         SprintlabError: the disk is full; nothing half-written is left.
     """
-    robot = load_robot(robot_name)
     with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
         sprint, recording = result.sprint.trial, folder / "trajectory.npz"
         save_trajectory(recording, recorded(sprint))
-        shot = (recording, folder / "sprint.mp4", robot_name, sprint.hold_interval)
-        rendering = background.submit(render_video, *shot) if video else None
+        shot = (recording, folder / "sprint.mp4", robot, table, sprint.hold_interval)
+        rendering = background.submit(_film, *shot) if video else None
         save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
         pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
         progress("rendering the video")
         message = rendering.result() if rendering else VIDEO_LEFT_OUT
         _write_pages(folder, result, robot, pictures, facts, message)
     return message
+
+
+def _film(recording: Path, film: Path, robot: RobotDescription, table: str, hold: tuple[float, float]) -> str:
+    """Render the video, for which another process reads the table; one of another robot is removed."""
+    message = render_video(recording, film, table, hold)
+    with suppress(RobotModelError):
+        if robot_fingerprint(load_robot(table)) == robot_fingerprint(robot):
+            return message
+    film.unlink(missing_ok=True)
+    return VIDEO_OF_ANOTHER
 
 
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
