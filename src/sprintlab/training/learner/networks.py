@@ -72,8 +72,8 @@ class LastLinear(nn.Linear):
 
 
 def perceptron(sizes: Sequence[int]) -> nn.Sequential:
-    """Linear layers of these widths with ELU between them."""
-    layers: list[nn.Module] = [FirstLinear(sizes[0], sizes[1]), nn.ELU()]
+    """Linear layers of these widths with ELU between them; two widths are one layer, the last."""
+    layers: list[nn.Module] = [FirstLinear(sizes[0], sizes[1]), nn.ELU()] if len(sizes) > 2 else []
     for narrow, wide in itertools.pairwise(sizes[1:-1]):
         layers += [nn.Linear(narrow, wide), nn.ELU()]
     return nn.Sequential(*layers, LastLinear(sizes[-2], sizes[-1]))
