@@ -150,6 +150,9 @@ def test_a_run_of_train_gets_its_curve_from_its_log(runs, tmp_path):
     publish(options)
     curve = read_curve(options.results / "sprint" / "seed-2" / "curve.csv")
     assert len(curve["seconds"]) == 101 and curve["speed_p999"][-1] == pytest.approx(19.99)
+    rows[-1]["of_a_later_version"] = 1.0
+    (run / "log.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    publish(options)
     (run / "log.jsonl").write_text("{")
     with pytest.raises(SprintlabError, match=r"log\.jsonl is no training log"):
         publish(options)

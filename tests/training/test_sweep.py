@@ -213,6 +213,13 @@ def test_a_curve_is_thinned_and_keeps_its_end() -> None:
     assert len(list(csv.DictReader(curve_text(log[:7]).splitlines()))) == 7
 
 
+def test_a_curve_of_a_run_that_an_earlier_version_began_has_the_columns_of_its_end() -> None:
+    log = [{"iteration": 1.0, "gone": 2.0}, {"iteration": 2.0, "reward/sideways_drift": 0.5}]
+    first, last = csv.DictReader(curve_text(log).splitlines())
+    assert first == {"iteration": "1.0", "reward/sideways_drift": ""}
+    assert last == {"iteration": "2.0", "reward/sideways_drift": "0.5"}
+
+
 # --- handing out -----------------------------------------------------------------------------------------
 
 

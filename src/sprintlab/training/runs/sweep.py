@@ -77,11 +77,15 @@ def _write_record(plan: RunPlan, checkpoint: Path) -> None:
 
 
 def curve_text(log: Sequence[dict[str, float]]) -> str:
-    """The log as CSV, thinned evenly to at most ``CURVE_ROWS`` rows, the last among them."""
+    """The log as CSV, thinned evenly to at most ``CURVE_ROWS`` rows, the last among them.
+
+    It has the columns of the last row: an earlier version, in which a run began, may have logged others.
+    """
     step = -(-len(log) // CURVE_ROWS)
     kept = list(log[::-1][:: max(1, step)][::-1])
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(kept[0]) if kept else ["iteration"], lineterminator="\n")
+    columns = list(kept[-1]) if kept else ["iteration"]
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(kept)
     return text.getvalue()
