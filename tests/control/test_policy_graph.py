@@ -422,6 +422,15 @@ def with_tensor_made_twice():
     return model([node("Relu", "observation", outputs=["one"])], constant("one", [1])).SerializeToString()
 
 
+def with_location_only():
+    return tensor(FLOAT, [1], raw_data=bytes(4), data_location=TensorProto.EXTERNAL)
+
+
+def with_name_of_another_file():
+    place = onnx.StringStringEntryProto(key="location", value="/etc/passwd")
+    return tensor(FLOAT, [1], raw_data=bytes(4), external_data=[place])
+
+
 FLOAT, INT64 = TensorProto.FLOAT, TensorProto.INT64
 FITS = r"an operator \w+ whose sizes do not fit"
 SIZED = "size is not that of its shape"
@@ -431,6 +440,8 @@ NETWORKS = {
     "attribute-of-another-kind": (with_axis_of_another_kind, "attribute of another kind than it has"),
     "training": (with_training, "holds a training"),
     "sparse": (with_sparse_tensor, "sparse tensors"),
+    "location-only": (with_location_only, "numbers in other files"),
+    "name-of-another-file": (with_name_of_another_file, "numbers in other files"),
     "made-twice": (with_tensor_made_twice, "two of its tensors have one name"),
     "text": (lambda: tensor(TensorProto.STRING, [1], string_data=[b"x"]), "of a type that no policy has"),
     "half": (lambda: tensor(TensorProto.FLOAT16, [1], raw_data=bytes(2)), "of a type that no policy has"),
@@ -463,6 +474,24 @@ NETWORKS |= {
         ("no-single", [node("Squeeze", "observation", "k")], [constant("k", [1])], FITS),
         ("inner", [node("MatMul", "k", "k")], [constant("k", np.ones((2, 3)), np.float32)], FITS),
         ("vectors", [node("Gemm", "k", "k")], [constant("k", np.ones(3), np.float32)], FITS),
+        (
+            "stack-by-matrix",
+            [node("Gemm", "k", "l")],
+            [constant("k", np.ones((2, 3, 3)), np.float32), constant("l", np.ones((3, 3)), np.float32)],
+            FITS,
+        ),
+        (
+            "matrix-by-stack",
+            [node("Gemm", "l", "k")],
+            [constant("k", np.ones((2, 3, 3)), np.float32), constant("l", np.ones((3, 3)), np.float32)],
+            FITS,
+        ),
+        (
+            "multiplications",
+            [node("MatMul", "k", "k", outputs=["y"]), node("MatMul", "y", "k", outputs=["z"])],
+            [constant("k", np.ones((1024, 1024)), np.float32)],
+            "would not fit into its 20 ms",
+        ),
         ("beside", [node("Concat", "observation", "k", axis=1)], [constant("k", np.ones((2, 3)))], FITS),
         ("count", [node("Reshape", "observation", "k")], [constant("k", [3])], FITS),
         ("repeats", [node("Tile", "observation", "k")], [constant("k", [2])], FITS),
@@ -471,6 +500,12 @@ NETWORKS |= {
             "parts",
             [node("Split", "k", "l", outputs="ab")],
             [constant("k", [1, 2]), constant("l", [1, 2])],
+            FITS,
+        ),
+        (
+            "more-parts-than-outputs",
+            [node("Split", "k", "l", outputs="ab")],
+            [constant("k", [1, 2, 3]), constant("l", [1, 1, 1])],
             FITS,
         ),
         (
@@ -489,6 +524,26 @@ def test_a_network_is_refused_for_what_it_is(name):
     make, sentence = NETWORKS[name]
     with pytest.raises(GraphError, match=sentence):
         check_graph(make())
+
+
+def test_a_network_may_list_its_numbers_and_average_what_is_measured():
+    listed = [
+        TensorProto(name="f", data_type=FLOAT, dims=[2], float_data=[0.5, 1.5]),
+        TensorProto(name="d", data_type=TensorProto.DOUBLE, dims=[1], double_data=[0.5]),
+        TensorProto(name="i", data_type=TensorProto.INT32, dims=[1], int32_data=[7]),
+        TensorProto(name="l", data_type=INT64, dims=[2], int64_data=[-1, 225]),
+        TensorProto(name="b", data_type=TensorProto.BOOL, dims=[2], int32_data=[0, 1]),
+    ]
+    nodes = [
+        node("Identity", "observation", outputs=["same"]),
+        node("Mean", "same", "observation", outputs=["mean"]),
+        node("Cast", "d", outputs=["single"], to=FLOAT),
+        node("Pow", "mean", "single", outputs=["power"]),
+        node("ReduceMean", "power", outputs=["one_number"]),
+        node("Where", "b", "l", "l", outputs=["shape"]),
+        node("Reshape", "same", "shape", outputs=["again"]),
+    ]
+    check_graph(model(nodes, *listed).SerializeToString())
 
 
 @pytest.mark.parametrize("bounds", [[], ["", "one"], ["one", ""]])
