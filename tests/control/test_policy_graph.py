@@ -470,6 +470,8 @@ NETWORKS |= {
         ("by-less", [node("Div", "k", "l")], [constant("k", [3]), constant("l", [-2])], FITS),
         ("by-nought", [node("Div", "k", "l")], [constant("k", [3]), constant("l", [0])], FITS),
         ("axis", [node("Gather", "observation", "k", axis=2)], [constant("k", [0])], FITS),
+        ("axis-of-concat", [node("Concat", "observation", "observation", axis=2)], [], FITS),
+        ("axis-of-split", [node("Split", "observation", outputs="ab", axis=2)], [], FITS),
         ("axis-twice", [node("Unsqueeze", "observation", "k")], [constant("k", [0, 0])], FITS),
         ("no-single", [node("Squeeze", "observation", "k")], [constant("k", [1])], FITS),
         ("inner", [node("MatMul", "k", "k")], [constant("k", np.ones((2, 3)), np.float32)], FITS),
@@ -524,6 +526,90 @@ def test_a_network_is_refused_for_what_it_is(name):
     make, sentence = NETWORKS[name]
     with pytest.raises(GraphError, match=sentence):
         check_graph(make())
+
+
+def axis_with(**more):
+    """An operator whose attribute holds more than the number that it says."""
+    made = node("Gather", "observation", "index", axis=0)
+    made.attribute[0].MergeFrom(onnx.AttributeProto(**more))
+    return model([made], constant("index", [0])).SerializeToString()
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"type": onnx.AttributeProto.UNDEFINED},
+        {"f": 1.0},
+        {"s": b"x"},
+        {"t": constant("x", [1])},
+        {"floats": [1.0]},
+        {"ints": [1]},
+        {"strings": [b"x"]},
+    ],
+    ids=lambda more: next(iter(more)),
+)
+def test_an_attribute_holds_nothing_but_the_value_that_it_says(more):
+    with pytest.raises(GraphError, match="of another kind than it says"):
+        check_graph(axis_with(**more))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"g": onnx.GraphProto()},
+        {"graphs": [onnx.GraphProto()]},
+        {"tensors": [constant("x", [1])]},
+        {"tp": onnx.TypeProto()},
+        {"type_protos": [onnx.TypeProto()]},
+        {"ref_attr_name": "x"},
+        {"sparse_tensor": onnx.SparseTensorProto()},
+        {"sparse_tensors": [onnx.SparseTensorProto()]},
+    ],
+    ids=lambda more: next(iter(more)),
+)
+def test_no_attribute_holds_a_network_or_what_only_networks_need(more):
+    with pytest.raises(GraphError, match="holds a network within its operator Gather"):
+        check_graph(axis_with(**more))
+
+
+def entry(number, content):
+    """One field of a message as it is written: a text, a message, or a whole number."""
+    if isinstance(content, int):
+        return varint(number << 3) + varint(content)
+    return varint(number << 3 | 2) + varint(len(content)) + content
+
+
+def attribute(*more):
+    axis = helper.make_attribute("axis", 0).SerializeToString() + b"".join(more)
+    return node("Gather", "observation", "index").SerializeToString() + entry(5, axis)
+
+
+TENSOR, RELU = constant("t", [1]).SerializeToString(), node("Relu", "observation").SerializeToString()
+TWICE = {
+    "type-of-a-tensor": (5, TENSOR + entry(2, 7)),
+    "bytes-of-a-tensor": (5, TENSOR + entry(9, bytes(8))),
+    "name-of-a-tensor": (5, TENSOR + entry(8, b"u")),
+    "place-of-a-tensor": (5, TENSOR + 2 * entry(14, 0)),
+    "operator": (1, RELU + entry(4, b"Relu")),
+    "domain": (1, RELU + 2 * entry(7, b"")),
+    "kind-of-an-attribute": (1, attribute(entry(20, 2))),
+    "number-of-an-attribute": (1, attribute(entry(3, 0))),
+    "name-of-an-attribute": (1, attribute(entry(1, b"axis"))),
+    "name-of-an-input": (11, 2 * entry(1, b"x")),
+    "type-of-an-input": (11, 2 * entry(2, b"")),
+    "tensor-of-an-input": (11, entry(2, 2 * entry(1, b""))),
+    "shape-of-an-input": (11, entry(2, entry(1, 2 * entry(2, b"")))),
+    "side-of-an-input": (11, entry(2, entry(1, entry(2, entry(1, 2 * entry(1, 1)))))),
+}
+
+
+@pytest.mark.parametrize("name", TWICE)
+def test_nothing_stands_twice_of_which_a_reader_takes_one(name):
+    made = model([])
+    graph = made.graph.SerializeToString() + entry(*TWICE[name])
+    made.ClearField("graph")
+    with pytest.raises(GraphError, match="an entry comes twice"):
+        check_graph(made.SerializeToString() + entry(7, graph))
 
 
 def test_a_network_may_list_its_numbers_and_average_what_is_measured():
