@@ -420,6 +420,10 @@ def test_the_page_tells_what_passes_as_trained_and_not_as_calibrated(flowing):
     page, shares = flowing("docs/results.md"), found["shares_of_seed_2"]
     further = {f"{name}, its tail" for name in found["further_trainings"]["trainings"]}
     assert f"Eight further trainings and {len(shares['means'])} other shares" in page and len(further) == 8
+    limits = [row["foot_force_limit"] for row in found["further_trainings"]["trainings"].values()]
+    high = [limit for limit in limits if limit > 2.5]
+    told = f"Six of them punish only what exceeds {min(high)} to {max(high)} body weights"
+    assert told in page and len(high) == 6
     softer = [row for row in shares["means"] if further & set(row["shares"])]
     upright = [row for row in softer if not row["falls"] and "held_raw_m_s" in row]
     assert f"hold up to {max(row['held_raw_m_s'] for row in upright):.2f} m/s" in page
@@ -433,6 +437,8 @@ def test_the_page_tells_what_passes_as_trained_and_not_as_calibrated(flowing):
     assert best["runs"] == 12 and f"{told} 100 m in {best['time_100m_s'][0]:.2f} s" in page
     held = [row["held_raw_m_s"] for row in shares["calibrated"]]
     foot = [row["worst"]["foot force"] for row in shares["calibrated"]]
+    calibrated = {tuple(row["shares"].items()) for row in shares["calibrated"]}
+    assert len(calibrated) == 6 and calibrated <= {tuple(row["shares"].items()) for row in others}
     assert len(held) == 12 and {row["runs"] for row in shares["calibrated"]} == {22}
     told = f"hold {min(held):.1f} to {max(held):.1f} m/s over 22 runs, and all press with"
     assert f"{told} {min(foot):.2f} to {max(foot):.2f} body weights" in page
