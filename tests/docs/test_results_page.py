@@ -466,6 +466,24 @@ def test_the_page_tells_what_the_fastest_calibrated_policy_can_and_cannot(flowin
     assert f"{beyond:.0f} cm beyond the lane" in page and not lap["lane_kept"]
 
 
+def test_the_page_tells_what_braking_softly_at_speed_brings(flowing):
+    found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    page, softly = flowing("docs/results.md"), found["braking_softly_at_speed"]
+    race, sprints, lap = softly["race"], softly["randomized"], softly["lap"]
+    told = f"{race['power_W_kg']} W/kg instead of {found['shares_of_seed_2']['calibrated'][0]['power_W_kg']}"
+    assert f"{told} and in the end with {race['deceleration_m_s2']} m/s² instead of 5, holds" in page
+    assert race["held_raw_m_s"] == race["held_self_paced_m_s"] and race["runs"] == 22
+    assert f"holds {race['held_raw_m_s']:.2f} m/s raw and self-paced, runs the 100 m in" in page
+    foot = race["worst"]["foot force"]
+    assert f"in {race['time_100m_s'][0]:.2f} s and presses with {foot:.2f} body weights, the worst" in page
+    assert race["failed"] == ["speed lost with another policy clock"]
+    assert race["worst"]["speed lost with another policy clock"] == 1.0, "not every trial ended"
+    assert {turn["command_speed_m_s"] for turn in softly["turning"]["falls"]} == {12.0}
+    assert f"keeps its lane in takes {lap['time_s']:.1f} s" in page and lap["lane_kept"]
+    told = f"{sprints['upright']} of {sprints['trials']} randomized sprints stay upright, at"
+    assert f"{told} {sprints['held_median_m_s']:.2f} m/s in the median. So `sprint` stays." in page
+
+
 def test_the_page_tells_what_braking_from_its_own_speed_does_to_sprint(flowing):
     found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
     page, told = flowing("docs/results.md"), found["sprint_braking_from_its_speed"]
