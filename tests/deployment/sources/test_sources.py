@@ -311,6 +311,16 @@ def test_keys_with_a_sequence_of_their_own_do_nothing(terminal, keys):
     assert command.request == Request.NONE and not command.velocity.any()
 
 
+@pytest.mark.parametrize("content", [b"\xe9", b"\xf8", b"\xc3", b"\xa9"])
+def test_bytes_that_are_no_text_do_not_end_the_keyboard(terminal, content):
+    """A letter in Latin-1, Alt in eight bits, half letters: after them no Esc was heard any more."""
+    master, source = terminal
+    os.write(master, content)
+    assert source.read(view(1.0)).request == Request.NONE
+    os.write(master, b"\x1b")
+    assert source.read(view(1.1)).request == Request.STOP
+
+
 def test_a_terminal_that_is_gone_silences_the_keyboard(terminal):
     master, source = terminal
     assert source.read(view(1.0)) is not None

@@ -62,11 +62,11 @@ class KeyboardSource(OperatorSource):
         """Take the keys pressed since the last look; None once the terminal is gone."""
         while not self._gone and select.select([self._descriptor], [], [], 0.0)[0]:
             try:
-                keys = os.read(self._descriptor, 64).decode(errors="ignore")
+                content = os.read(self._descriptor, 64)
             except OSError:
-                keys = ""
-            self._gone = keys == ""
-            self._press(keys)
+                content = b""
+            self._gone = content == b""  # bytes that are no text, as of half a letter, are no end
+            self._press(content.decode(errors="ignore"))
         return None if self._gone else self._wish
 
     def close(self) -> None:
