@@ -83,6 +83,18 @@ def test_a_termination_signal_that_comes_again_later_counts_and_a_hangup_does_no
         assert count() == 2
 
 
+def test_termination_signals_that_come_again_and_again_stop_the_robot(monkeypatch):
+    """Of a signal every half a second each put off the moment at which the next would count."""
+    moment = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: moment[0])
+    monkeypatch.setattr("sprintlab.cli.interruptions.time", clock)
+    with counted_interruptions() as count:
+        for counted in (1, 1, 2):
+            os.kill(os.getpid(), signal.SIGTERM)
+            assert count() == counted
+            moment[0] += 0.5
+
+
 class Found:
     """The numbers of a run, or of a simulated robot."""
 

@@ -54,7 +54,7 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
 
     A hangup (a closed terminal, a lost connection) counts too where nothing came before it: shells and
     systems tell of it several times, and of a session's end by a termination signal as well. Such a signal
-    is a new request a second after any other. Where a hangup is ignored (``nohup``) it stays so.
+    is a new request a second after the last. Where a hangup is ignored (``nohup``) it stays so.
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed before and its exception was lost, as in a callback of Python's
@@ -65,10 +65,11 @@ def counted_interruptions() -> Generator[Callable[[], int]]:
 
     def note(number: int, _: object) -> None:
         nonlocal last
-        before, last = last, time.monotonic()
-        same = number != signal.SIGINT and (number == HANGUP or last - before < _REPEATED)
+        now = time.monotonic()
+        same = number != signal.SIGINT and (number == HANGUP or now - last < _REPEATED)
         if not (received and same):
             received.append(number)
+            last = now  # of those that counted: who asks again and again is heard
 
     with handled_by(note, [signal.SIGINT, *terminations()]):
         if _asked:
