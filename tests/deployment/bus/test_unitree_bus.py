@@ -112,8 +112,9 @@ def test_a_change_of_mode_or_status_goes_at_once(ends, state_at, command_at):
     interface.send(command_at(2, 2, JointMode.DAMPING))
     modes = [endpoint.receive_command().mode, endpoint.receive_command().mode]
     assert modes == [JointMode.SERVO, JointMode.DAMPING]
-    endpoint.publish(state_at(1))
-    assert endpoint.publish(state_at(2, status=int(RobotStatus.WATCHDOG_EXPIRED)))
+    endpoint.publish(state_at(9))
+    assert endpoint.publish(state_at(10, status=int(RobotStatus.WATCHDOG_EXPIRED)))
+    assert endpoint.publish(state_at(1, status=int(RobotStatus.WATCHDOG_EXPIRED)))  # its clock began anew
 
 
 def test_every_state_is_answered(ends, state_at, command_at):
@@ -198,6 +199,20 @@ def test_a_state_that_is_not_judged_does_not_hide_a_stranger(ends, state_at, com
         endpoint.publish(state_at(moment))
         state = interface.receive()
     assert state.session == SESSION
+
+
+def test_a_stranger_is_still_told_of_when_a_controller_judges_no_state_for_30_ms(ends, state_at, command_at):
+    """Longer ends the run by itself (``state-stale``)."""
+    interface, endpoint = ends
+    interface.send(command_at(1, 100))
+    stranger_sends(interface, encode_command(command_at(1, 1)))
+    for moment in range(102, 132, 2):
+        endpoint._last = None
+        endpoint.publish(state_at(100))  # the same once more: it is dropped
+        interface.receive()
+        interface.send(command_at(moment, moment))
+    endpoint.publish(state_at(132))
+    assert interface.receive().session not in (0, SESSION)
 
 
 def test_a_stranger_who_speaks_for_the_robot_too_does_not_hide(ends, state_at, command_at):
