@@ -91,10 +91,8 @@ def moment(monkeypatch):
     return now
 
 
-def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(moment):
-    """Nor where its controller was stopped after it: its last servo commands were still to be read."""
-    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
-    endpoint = Commands(command(1, JointMode.DAMPING), command(2))
+def living(moment, world, endpoint):
+    """A function that lets a robot in real time live for so many seconds, and tells its status then."""
     run = loop._RealTime(world, endpoint, loop.PaceOptions())
 
     def live(seconds):
@@ -103,6 +101,14 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(momen
         world.step()
         return world.robot.state(0).status
 
+    return live
+
+
+def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(moment):
+    """Nor where its controller was stopped after it: its last servo commands were still to be read."""
+    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
+    endpoint = Commands(command(1, JointMode.DAMPING), command(2))
+    live = living(moment, world, endpoint)
     assert live(0.001) == RobotStatus.READY
     endpoint.waiting = [command(number) for number in range(3, 20)]
     assert live(5.0) == RobotStatus.WATCHDOG_EXPIRED
@@ -117,14 +123,7 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(momen
 def test_what_was_on_its_way_to_a_robot_that_was_stopped_is_not_done_when_it_comes(moment, answered, late):
     """Sockets keep commands, too, and threads of a network take them only once the robot goes on."""
     world, endpoint = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), Commands()
-    run = loop._RealTime(world, endpoint, loop.PaceOptions())
-
-    def live(seconds):
-        moment[0] += seconds
-        run.exchange(lambda: False)
-        world.step()
-        return world.robot.state(0).status
-
+    live = living(moment, world, endpoint)
     live(0.001)
     live(5.0)
     for _ in range(round(late / 0.001)):
@@ -133,6 +132,17 @@ def test_what_was_on_its_way_to_a_robot_that_was_stopped_is_not_done_when_it_com
     endpoint.waiting.insert(0, command(1, JointMode.DAMPING, state_sequence=answered))
     assert live(0.001) == RobotStatus.WATCHDOG_EXPIRED
     assert (world.robot.accepted, world.robot.dropped) == (0, 19)
+
+
+def test_after_a_standstill_an_answer_to_a_newer_state_is_heard_at_once(moment):
+    """A busy machine makes many short standstills: a controller that goes on would not be heard for long."""
+    world, endpoint = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), Commands()
+    live = living(moment, world, endpoint)
+    live(5.0)
+    live(0.001)
+    endpoint.waiting = [command(1, JointMode.DAMPING, state_sequence=2), command(2, state_sequence=2)]
+    assert live(0.001) == RobotStatus.READY
+    assert (world.robot.accepted, world.robot.dropped) == (2, 0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.003])

@@ -254,7 +254,9 @@ class _RealTime(_Run):
 
         The state that it answers tells, or, where a bus does not carry that, the time.
         """
-        return 0 < command.state_sequence <= self._sent_before or time.monotonic() < self._deaf_until
+        if command.state_sequence > 0:
+            return command.state_sequence <= self._sent_before
+        return time.monotonic() < self._deaf_until
 
 
 class _LockStep(_Run):
