@@ -24,6 +24,7 @@ _MOST_NUMBERS = 12_000_000  # in one array, whatever their size: each becomes on
 _MOST_TEXTS = 10_000  # in one array
 _MOST_MEMBERS = 10_000
 _LARGEST_TABLE = 1 << 20  # bytes that say what the members are
+_END, _COUNT, _COUNT_ELSEWHERE = 22, 10, 0xFFFF  # size of a zip file's last record, in it its members' count
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _DAMAGED = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, TypeError, OverflowError,
@@ -48,16 +49,15 @@ def read_arrays(
         limit: most bytes that the file, and all arrays that are taken from it, may have.
 
     Raises:
-        SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, or with a table
-            of contents of more than 1 MB or an array of more than twelve million elements.
+        SprintlabError: missing, no regular file, no archive, damaged, larger than ``limit``, with a table of
+            contents of more than 1 MB or of other members, or an array of more than twelve million elements.
     """
     content = _Content(read_bytes(path, limit, what="archive"))
     try:
         with zipfile.ZipFile(content) as archive:
             content.opened = True
-            if len(archive.infolist()) > _MOST_MEMBERS:
-                raise ValueError("too many members")
-            found = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            members = _members(archive, content)
+            found = {entry.filename.removesuffix(".npy"): entry for entry in members}
             taken = {name: entry for name, entry in found.items() if names is None or name in names}
             if any(entry.compress_type not in _PACKINGS for entry in taken.values()):
                 raise ValueError("NumPy packs no member like that")
@@ -103,6 +103,24 @@ class _Content(io.BytesIO):
         if not self.opened and size is not None and size > _LARGEST_TABLE:
             raise ValueError("its table of contents is too long")
         return super().read(size)
+
+
+def _members(archive: zipfile.ZipFile, content: _Content) -> list[zipfile.ZipInfo]:
+    """What the table of contents lists, if that is what is there.
+
+    No checksum covers the table. A wrong bit in it hides an array, whose absence may mean something: without
+    their names, joints bear a robot's. But each name stands beside its member too, and a count at the end.
+    """
+    members = archive.infolist()
+    if len(members) > _MOST_MEMBERS:
+        raise ValueError("too many members")
+    end = len(content.getbuffer()) - len(archive.comment) - _END
+    (count,) = struct.unpack_from("<H", content.getbuffer(), end + _COUNT)
+    if count not in (len(members), _COUNT_ELSEWHERE):
+        raise ValueError("its table of contents lists other members than it counts")
+    for entry in members:
+        archive.open(entry).close()  # compares both names
+    return members
 
 
 def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
