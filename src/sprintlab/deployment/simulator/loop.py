@@ -202,15 +202,10 @@ class _Run:
             self._commands += 1
             if command.state_sequence <= self._sent:  # else it answers another robot's, or none
                 self._answered = max(self._answered, command.state_sequence)
-            if self._is_old(command):
-                self._world.robot.dropped += 1
-            else:
-                self._world.hand_over(command)
+            self._take(command)
 
-    def _is_old(self, command: JointCommand) -> bool:
-        """Whether a command is of before a standstill; in lock-step no time passes without commands."""
-        del command
-        return False
+    def _take(self, command: JointCommand) -> None:
+        self._world.hand_over(command)
 
 
 class _RealTime(_Run):
@@ -248,6 +243,12 @@ class _RealTime(_Run):
             if self._endpoint.receive_command() is None:
                 return
             self._world.robot.dropped += 1
+
+    def _take(self, command: JointCommand) -> None:
+        if self._is_old(command):
+            self._world.robot.dropped += 1
+        else:
+            super()._take(command)
 
     def _is_old(self, command: JointCommand) -> bool:
         """Whether a command is of before the last standstill: what was on its way comes only now.

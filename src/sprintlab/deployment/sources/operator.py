@@ -7,7 +7,7 @@ import numpy as np
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 from sprintlab.deployment.sources.slew import Slewed, SlewLimits
 
-_GRAVITY = (Request.NONE, Request.PASSIVE, Request.RUN, Request.STAND, Request.LIE_DOWN, Request.STOP)
+_BY_SEVERITY = (Request.NONE, Request.PASSIVE, Request.RUN, Request.STAND, Request.LIE_DOWN, Request.STOP)
 
 
 class OperatorSource:
@@ -27,8 +27,8 @@ class OperatorSource:
         raise NotImplementedError
 
     def _ask(self, request: Request) -> None:
-        """Note a request; of several in one look the gravest counts: nothing takes a stop back."""
-        self._request = max(self._request, request, key=_GRAVITY.index)
+        """Note a request; of several in one look the most severe counts: nothing takes a stop back."""
+        self._request = max(self._request, request, key=_BY_SEVERITY.index)
 
     def read(self, view: SourceView) -> OperatorCommand | None:
         """The present wish; None once the device is gone."""
