@@ -16,6 +16,11 @@ from sprintlab.evaluation.robustness import CAUSES, wilson_interval
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def looked_at(name):
+    """What one look recorded of its trainings."""
+    return json.loads((ROOT / f"results/{name}-looks/trainings.json").read_text(encoding="utf-8"))
+
+
 @pytest.fixture(scope="module")
 def result_tables(load_script):
     return load_script("tools/result_tables.py")
@@ -93,7 +98,7 @@ def test_the_figure_has_every_look_after_the_policies_with_trials_of_their_own(s
 
 
 def test_what_the_page_says_of_the_later_trainings_is_in_them(flowing):
-    found = json.loads((ROOT / "results/second-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("second")
     page, policies = flowing("docs/results.md"), found["policies"]
     shipped, audited = (
         found["penalty_factors"]["policies"][name]
@@ -162,7 +167,7 @@ def test_the_page_tells_where_the_front_ends(flowing, speed_realism):
         f"of {len(later)} points {known[0]} have a cost of transport, {known[1]} a stride and {known[2]}"
         in page
     )
-    later = json.loads((ROOT / "results/third-looks/trainings.json").read_text(encoding="utf-8"))["policies"]
+    later = looked_at("third")["policies"]
     assert all(row["stand"]["feet_airborne"] == 0.0 for row in later.values())
     assert set(later) < set(found) and len(found) == 28 and "Twenty-seven trainings and `sprint`" in page
 
@@ -242,7 +247,7 @@ def listed(values):
 
 
 def test_the_page_tells_what_the_mean_of_two_networks_does(flowing):
-    found = json.loads((ROOT / "results/fourth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fourth")
     (race,), randomized = found["races"]["average"], found["randomized_sprints"]
     page = flowing("docs/results.md")
     assert not race["failed"] and race["falls"] == race["not_stopped"] == 0
@@ -260,7 +265,7 @@ def test_the_page_tells_what_the_mean_of_two_networks_does(flowing):
 
 
 def test_the_page_tells_what_stops_the_faster_policies(flowing):
-    found = json.loads((ROOT / "results/fifth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fifth")
     page, policies = flowing("docs/results.md"), found["policies"]
     (fast,), (slower,) = found["races"]["fast"], found["races"]["slower"]
     assert load_policy(ROOT / "results/fifth-looks/fast.onnx").contract.robot_name == "bp2"
@@ -277,10 +282,7 @@ def test_the_page_tells_what_stops_the_faster_policies(flowing):
 
 
 def test_the_page_tells_what_other_seeds_of_the_recipe_give(flowing):
-    found, later = (
-        json.loads((ROOT / f"results/{looks}-looks/trainings.json").read_text(encoding="utf-8"))
-        for looks in ("ninth", "tenth")
-    )
+    found, later = (looked_at(looks) for looks in ("ninth", "tenth"))
     page, seeds = flowing("docs/results.md"), found["seeds"] | later["seeds"]
     practised = found["braking_practised"]["policies"]
     shipped = json.loads((ROOT / "results/sprint/result.json").read_text(encoding="utf-8"))
@@ -294,7 +296,7 @@ def test_the_page_tells_what_other_seeds_of_the_recipe_give(flowing):
 
 
 def test_the_page_tells_what_each_term_left_out_does(flowing):
-    found = json.loads((ROOT / "results/tenth-looks/trainings.json").read_text(encoding="utf-8"))["left_out"]
+    found = looked_at("tenth")["left_out"]
     page = flowing("docs/results.md")
     named = {"no-progress": "reward for progress", "no-power": "electrical power"}
     named |= {"no-shock": "foot force and gear torque"}
@@ -309,7 +311,7 @@ def test_the_page_tells_what_each_term_left_out_does(flowing):
 def test_the_page_tells_what_each_setting_changed_does(flowing):
     levers, page = {}, flowing("docs/results.md")
     for looks in ("eleventh", "twelfth"):
-        found = json.loads((ROOT / f"results/{looks}-looks/trainings.json").read_text(encoding="utf-8"))
+        found = looked_at(looks)
         for lever, row in found["left_out"]["levers"].items():
             levers.setdefault(lever, {**row, "seeds": {}})["seeds"].update(row["seeds"])
     named = {"no-yaw": "fine tracking of the yaw rate", "no-ramps": "ramps (ACS alone)"}
@@ -348,7 +350,7 @@ def test_the_page_tells_what_a_battery_in_the_recipe_does(flowing, result_tables
     told = f"give {harder[-1]:.1f} to {harder[0]:.1f} m/s**, {harder[2]:.2f} in the median. Seed 4 passes"
     assert told in page and "seed 4" in rows[13]
     assert [row.endswith("| passed |") for row in rows[10:]] == [False, False, False, True, False]
-    later = json.loads((ROOT / "results/twelfth-looks/trainings.json").read_text(encoding="utf-8"))
+    later = looked_at("twelfth")
     means = later["other_means"]["means"]
     held, failed = ([mean[key] for mean in means] for key in ("held_raw_m_s", "failed"))
     assert f"hold {min(held):.1f} to {max(held):.1f} m/s and fail two to five" in page and len(means) == 9
@@ -356,7 +358,7 @@ def test_the_page_tells_what_a_battery_in_the_recipe_does(flowing, result_tables
 
 
 def test_the_page_tells_how_the_fastest_of_the_recipes_with_a_battery_fails(flowing):
-    found = json.loads((ROOT / "results/thirteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("thirteenth")
     page, variants = flowing("docs/results.md"), found["second_halves"]["variants"]
     fastest = max(variants["stiff bus"]["means"], key=lambda row: row["held_raw_m_s"])
     worst = fastest["worst"]["foot force"]
@@ -383,7 +385,7 @@ def test_the_page_tells_how_the_fastest_of_the_recipes_with_a_battery_fails(flow
 
 
 def test_the_page_tells_what_a_fifth_training_and_other_shares_bring(flowing):
-    found = json.loads((ROOT / "results/fourteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fourteenth")
     page, shares = flowing("docs/results.md"), found["shares_of_seed_2"]
     fifth = found["fifth_trainings"]["means"]
     assert all(row["failed"] for row in fifth) and {row["seed"] for row in fifth} == {1, 2, 3, 12}
@@ -400,7 +402,7 @@ def test_the_page_tells_what_a_fifth_training_and_other_shares_bring(flowing):
 
 
 def test_the_page_tells_why_no_mean_of_a_fifth_training_is_shipped(flowing):
-    found = json.loads((ROOT / "results/fourteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fourteenth")
     page, (calibrated,) = flowing("docs/results.md"), found["shares_of_seed_2"]["calibrated"]
     assert f"another one holds {calibrated['held_raw_m_s']:.2f} m/s, stops and keeps its lane" in page
     assert "foot force" in calibrated["failed"] and not calibrated["not_stopped"]
@@ -416,7 +418,7 @@ def test_the_page_tells_why_no_mean_of_a_fifth_training_is_shipped(flowing):
 
 
 def test_the_page_tells_what_passes_as_trained_and_not_as_calibrated(flowing):
-    found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fifteenth")
     page, shares = flowing("docs/results.md"), found["shares_of_seed_2"]
     further = {f"{name}, its tail" for name in found["further_trainings"]["trainings"]}
     assert f"Eight further trainings and {len(shares['means'])} other shares" in page and len(further) == 8
@@ -448,7 +450,7 @@ def test_the_page_tells_what_passes_as_trained_and_not_as_calibrated(flowing):
 
 
 def test_the_page_tells_what_the_fastest_calibrated_policy_can_and_cannot(flowing):
-    found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fifteenth")
     page, whole = flowing("docs/results.md"), found["fastest_calibrated_whole"]
     upright = whole["randomized"]["upright"]
     told = f"{upright} of {whole['randomized']['trials']} randomized sprints stay upright, at"
@@ -467,7 +469,7 @@ def test_the_page_tells_what_the_fastest_calibrated_policy_can_and_cannot(flowin
 
 
 def test_the_page_tells_what_braking_softly_at_speed_brings(flowing):
-    found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fifteenth")
     page, softly = flowing("docs/results.md"), found["braking_softly_at_speed"]
     race, sprints, lap = softly["race"], softly["randomized"], softly["lap"]
     told = f"{race['power_W_kg']} W/kg instead of {found['shares_of_seed_2']['calibrated'][0]['power_W_kg']}"
@@ -485,7 +487,7 @@ def test_the_page_tells_what_braking_softly_at_speed_brings(flowing):
 
 
 def test_the_page_tells_what_braking_from_its_own_speed_does_to_sprint(flowing):
-    found = json.loads((ROOT / "results/fifteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("fifteenth")
     page, told = flowing("docs/results.md"), found["sprint_braking_from_its_speed"]
     sprints = told["randomized"]
     assert f"0.5 m/s above the estimated speed: {sprints['upright']};" in page and sprints["trials"] == 1000
@@ -501,7 +503,8 @@ def test_the_page_tells_how_many_randomized_sprints_fall_and_that_no_other_pace_
     assert f"**{100 * found['upright'] / found['trials']:.1f} %** of {found['trials']} upright" in page
     assert f"median **{found['held_speed_quantiles_m_s']['0.5']:.2f}** m/s" in page
     assert f"Its {fallen} falls of {found['trials']} come" in page
-    looks = json.loads((ROOT / "results/thirteenth-looks/trainings.json").read_text(encoding="utf-8"))
+    assert f"all {fallen} falls of {found['trials']} come as it brakes" in page
+    looks = looked_at("thirteenth")
     paces = looks["paces_of_sprint"]
     softer = [paces[f"{power} W/kg, lead 2 m/s"] for power in (24, 20)]
     upright = " and ".join(str(row["randomized"]["upright"]) for row in softer)
@@ -530,7 +533,7 @@ def test_the_page_tells_what_other_clocks_cost(flowing):
 
 
 def test_the_page_tells_what_the_recipe_gives_another_robot(flowing):
-    found = json.loads((ROOT / "results/eleventh-looks/trainings.json").read_text(encoding="utf-8"))
+    found = looked_at("eleventh")
     dog = found["other_robot"]["go1"]
     told = f"give {dog['held_raw_m_s']:.2f} m/s asked for {dog['command_m_s']}"
     assert told in flowing("docs/robot.md") and dog["failed"] == ["foot force"]
