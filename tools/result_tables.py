@@ -18,21 +18,6 @@ from sprintlab.evaluation.results import AuditItem
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 DEFAULT_POLICY = "sprint"
-SHIPPED_SEED = 12
-"""Seed of the trainings from which ``recipes/sprint.py`` made the default policy."""
-BATTERY_SHARES = {"first": 0.1, "second, its tail": 0.3, "fourth, its tail": 0.6}
-"""In the mean, where only the first two trainings have a battery: those of the fastest policy."""
-HARDER_LIMITS = "stiff bus, harder limits, more for speed"
-"""Variant of the last two trainings that ``results/fourteenth-looks`` has from five seeds."""
-_SEED_HEAD = (
-    "",
-    "held, raw",
-    "held, self-paced",
-    "100 m, raw / self-paced",
-    "foot force",
-    "gear torque",
-    "audit",
-)
 README_ROWS = re.compile(r"(\| the paper, BP2, as reported \| treadmill[^\n]*\n).*?(\| Margolis)", re.DOTALL)
 """Our rows stand between the paper's last row and the first of its peers."""
 Row = dict[str, Any]
@@ -68,9 +53,6 @@ def tables() -> dict[str, str]:
         "policy_audit": policy_audit(races),
         "robustness": robustness(sprints),
         "second_engine": second_engine(engines),
-        "second_looks": second_looks(_read("second-looks/trainings.json")),
-        "training_seeds": training_seeds(races[DEFAULT_POLICY]),
-        "battery_seeds": battery_seeds(),
         "reward_departures": reward_departures(),
     }
 
@@ -173,100 +155,6 @@ def second_engine(engines: Sequence[Row]) -> str:
     return _table(head, rows)
 
 
-def second_looks(trainings: Row) -> str:
-    """Speed, estimate and stop of trainings that are not shipped."""
-    head = (
-        "",
-        '<div style="min-width: 12rem">what</div>',
-        "speed at a command of 10 m/s",
-        "at 12",
-        "bias of the estimate at 10",
-        "at 12",
-        "stance at 12",
-        "self-paced from 12: left after 5 s",
-    )
-    rows = []
-    for name, row in trainings.items():
-        trials = {(trial["self_paced"], trial["command_m_s"]): trial for trial in row["trials"]}
-        ten, twelve, paced = trials[False, 10.0], trials[False, 12.0], trials[True, 12.0]
-        cells = (
-            name,
-            row["what"],
-            _speed(ten["speed_m_s"]),
-            _speed(twelve["speed_m_s"]),
-            f"{ten['estimate_bias_m_s']:+.2f}",
-            f"{twelve['estimate_bias_m_s']:+.2f}",
-            f"{twelve['stance_ms']:.0f} ms",
-            _speed(abs(paced["speed_after_1_to_6_s_m_s"][4])),
-        )
-        rows.append(cells)
-    return _table(head, rows)
-
-
-def training_seeds(shipped: Row) -> str:
-    """The recipe of the default policy from five seeds, the fastest first.
-
-    Args:
-        shipped: what ``sprintlab race`` printed of the one that is shipped.
-    """
-    other = {f"seed {seed}": row for name in ("ninth", "tenth") for seed, row in _look(name)["seeds"].items()}
-    rows = [(f"seed {SHIPPED_SEED}, shipped", *_seed_cells(_race_as_seed(shipped)))]
-    rows += [
-        (name, *_seed_cells(row))
-        for name, row in sorted(other.items(), key=lambda each: -each[1]["held_raw_m_s"])
-    ]
-    return _table(_SEED_HEAD, rows)
-
-
-def battery_seeds() -> str:
-    """The recipe from the same five seeds with a battery in all four trainings, or in the first two."""
-    looks = [_look(name) for name in ("eleventh", "twelfth", "thirteenth")]
-    throughout = {seed: row for look in looks for seed, row in look["with_battery"]["seeds"].items()}
-    groups = (
-        (throughout, "in all four"),
-        (_first_half(looks[-1], "stiff bus"), "in the first two"),
-        (_first_half(_look("fourteenth"), HARDER_LIMITS), "in the first two, harder limits after"),
-    )
-    rows = [
-        (f"seed {seed}, {where}", *_seed_cells(row))
-        for found, where in groups
-        for seed, row in sorted(found.items(), key=lambda each: -each[1]["held_raw_m_s"])
-    ]
-    return _table(_SEED_HEAD, rows)
-
-
-def _first_half(look: Row, variant: str) -> dict[str, Row]:
-    """By seed: the race of the fixed mean of trainings of which only the first two had a battery."""
-    means = look["second_halves"]["variants"][variant]["means"]
-    return {str(row["seed"]): row for row in means if row["shares"] == BATTERY_SHARES}
-
-
-def _race_as_seed(race: Row) -> Row:
-    """The numbers of a race under the names that the looks have."""
-    worst = {item["name"]: item["value"] for item in race["audit"]["items"]}
-    return {
-        "held_raw_m_s": race["held_speed_m_s"],
-        "held_self_paced_m_s": race["self_paced"]["held_speed_m_s"],
-        "time_100m_s": [race["sprint_time_s"], race["sprint_time_self_paced_s"]],
-        "worst": worst,
-        "failed": [item["name"] for item in race["audit"]["items"] if not item["passed"]],
-    }
-
-
-def _seed_cells(row: Row) -> tuple[str, ...]:
-    worst = row.get("worst", {})
-    foot = worst.get("foot force", row.get("foot_force_body_weights"))
-    gear = worst.get("gear torque", row.get("gear_torque_peak"))
-    return (
-        _speed(row["held_raw_m_s"]),
-        _speed(row["held_self_paced_m_s"]),
-        " / ".join(_cell(time) for time in row["time_100m_s"]) + " s",
-        f"{_cell(foot, 1)} body weights",
-        f"{_cell(gear, 1)} x peak",
-        f"fails {', '.join(row['failed'])}" if row["failed"] else "passed",
-    )
-
-
 def readme_rows() -> str:
     """The rows of the default policy for the README's table, an engine each, between its two marks."""
     engines = next(row for row in _second_engine() if row["policy"] == DEFAULT_POLICY)
@@ -318,10 +206,6 @@ def upright(row: Row) -> str:
 
 def _second_engine() -> list[Row]:
     return list(_read("second_engine/speeds.json").values())
-
-
-def _look(name: str) -> Row:
-    return json.loads((RESULTS / f"{name}-looks/trainings.json").read_text(encoding="utf-8"))
 
 
 def _read(name: str) -> dict[str, Row]:

@@ -10,24 +10,18 @@ import tyro
 from sprintlab.cli.status import exit_status
 from sprintlab.core.errors import printable_stderr
 from studies.paper.compare import Compare
-from studies.paper.draw import Figures
 from studies.paper.network import Network
-from studies.paper.own_motor import OwnMotor
 from studies.paper.page import Page
 from studies.paper.plan import Plan
-from studies.paper.publish import Publish
 from studies.paper.stride import Strides
 from studies.paper.variants import Variants
 
 Command = (
     Annotated[Compare, tyro.conf.subcommand(name="table")]
-    | Annotated[Figures, tyro.conf.subcommand(name="figures")]
-    | Annotated[Publish, tyro.conf.subcommand(name="publish")]
     | Annotated[Network, tyro.conf.subcommand(name="network")]
     | Annotated[Strides, tyro.conf.subcommand(name="stride")]
     | Annotated[Plan, tyro.conf.subcommand(name="plan")]
     | Annotated[Variants, tyro.conf.subcommand(name="variants")]
-    | Annotated[OwnMotor, tyro.conf.subcommand(name="own-motor")]
     | Annotated[Page, tyro.conf.subcommand(name="page")]
 )
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from studies.paper.own_motor import OwnMotorRecord
 from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD
 from studies.paper.statistics import Interval
 from studies.paper.table import MethodRow, velocity_text
@@ -26,16 +25,12 @@ class Evidence:
         literal: the same of the trainings with the paper's preset.
         variants: speeds of the kept policies on other editions, in Drake, with flux weakening.
         comparators: names of other papers' methods.
-        own_motors: method to its kept policy with the motor that it was trained with, and the real one.
-        literal_own_motors: the same of the trainings with the paper's preset.
     """
 
     rows: Rows
     literal: Rows
     variants: Speeds
     comparators: tuple[str, ...]
-    own_motors: Mapping[str, OwnMotorRecord]
-    literal_own_motors: Mapping[str, OwnMotorRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,10 +116,7 @@ def answers(evidence: Evidence) -> list[Answer]:
 
 
 def _d_axis(known: Evidence) -> str:
-    text = comparison(known.rows, "simplified-dc") + _asked_for(known.own_motors)
-    text += _to_the_letter(known, "simplified-dc", _asked_for(known.literal_own_motors))
-    if known.own_motors or known.literal_own_motors:
-        text += " Where a policy asks for none, the motor model cannot matter."
+    text = comparison(known.rows, "simplified-dc") + _to_the_letter(known, "simplified-dc")
     for name in ("bp2-weak", "bp2-strong"):
         ours, theirs = (
             known.variants.get(method, {}).get(name, math.nan)
@@ -140,25 +132,11 @@ def _d_axis(known: Evidence) -> str:
     return text
 
 
-def _to_the_letter(known: Evidence, other: str, more: str = "") -> str:
+def _to_the_letter(known: Evidence, other: str) -> str:
     """The same comparison with the paper's reward table; that it is not trained where it is not."""
     if not {REFERENCE_METHOD, other} <= set(known.literal):
         return " With the paper's reward to the letter it is not evaluated yet."
-    return f" With the paper's reward to the letter {comparison(known.literal, other)}{more}"
-
-
-def _asked_for(own_motors: Mapping[str, OwnMotorRecord]) -> str:
-    """What policies that were trained without the limit ask of it; empty where nobody looked."""
-    parts = [
-        f"`{method}` asks for it {100.0 * max(found.impossible.values()):.1f} % of the time"
-        for method, found in own_motors.items()
-    ]
-    if not parts:
-        return ""
-    return (
-        " Torque of hind hips or knees that the real motor cannot give, at the fastest speed and with the "
-        f"motor of its training: {', '.join(parts)}."
-    )
+    return f" With the paper's reward to the letter {comparison(known.literal, other)}"
 
 
 def _scheduling(known: Evidence) -> str:
