@@ -72,6 +72,14 @@ def test_a_sticking_foot_would_need_less_damping() -> None:
     assert FootContact().damping_ratio > 1.2 * sticking
 
 
+def test_a_sticking_foot_settles_without_ringing() -> None:
+    """Near critical damping for what a leg weighs along the ground: a fifth to a half of ``MASS``."""
+    foot = FootContact()
+    for share in (0.2, 0.5):
+        critical = 2.0 * math.sqrt(foot.tangential_stiffness * share * MASS)
+        assert 0.7 < foot.tangential_damping(MASS) / critical < 1.2
+
+
 @pytest.mark.parametrize("timestep", [0.00025, 0.001, 0.0025])
 @pytest.mark.parametrize("restitution", [0.2, 0.6])
 def test_the_step_is_stable_under_the_lightest_foot(timestep: float, restitution: float) -> None:

@@ -74,6 +74,18 @@ class FootContact:
         """Damping of the pad [N s/m] under a leg of effective ``mass`` [kg]."""
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
 
+    @property
+    def tangential_stiffness(self) -> float:
+        """Stiffness of the pad's bristles along the ground [N/m]: that of the pad."""
+        return self.stiffness
+
+    def tangential_damping(self, mass: float) -> float:
+        """Damping of the bristles [N s/m]: critical for a quarter of the leg's effective ``mass`` [kg].
+
+        Along the ground a standing leg weighs a fifth (BP2) to a half (Go1) of what it weighs vertically.
+        """
+        return math.sqrt(self.tangential_stiffness * mass)
+
 
 NOMINAL_FOOT = FootContact()
 """Of every published number."""
