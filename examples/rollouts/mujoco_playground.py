@@ -14,4 +14,6 @@ def record(env, policy, steps, path="rollout.npz", seed=0):
         rows.append([np.asarray(part) for part in (data.qvel[6:], data.qfrc_actuator[6:], data.qvel[:3])])
     velocity, torque, base = (np.array(column) for column in zip(*rows, strict=True))
     time = np.arange(1, steps + 1) * env.dt
-    np.savez(path, time=time, joint_velocity=velocity, joint_torque=torque, base_velocity=base)
+    names = np.array([env.mj_model.joint(at).name for at in range(1, env.mj_model.njnt)])
+    moved = {"joint_velocity": velocity, "joint_torque": torque, "base_velocity": base}
+    np.savez(path, time=time, joint_names=names, **moved)

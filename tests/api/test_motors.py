@@ -93,7 +93,7 @@ def test_a_rollout_is_audited(printed, rollout):
     ]  # fmt: skip
     assert found.verdict.sentence in str(found).replace("\n", " ")
     one = sl.audit_rollout(rollout, "bp2", joint="hip")
-    assert one.bus_voltage == 60.0 and np.ndim(one.motor.peak_torque) == 0
+    assert one.motors.bus_voltage == 60.0 and np.ndim(one.motors.motor.peak_torque) == 0
 
 
 def test_a_data_sheet_stands_for_its_motor(tmp_path):

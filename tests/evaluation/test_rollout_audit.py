@@ -1,36 +1,35 @@
-"""Somebody else's rollout against a motor: made so that the right answer is known."""
+"""A recorded rollout against its motors: made so that the right answer is known."""
 
 import json
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+import sprintlab as sl
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.evaluation.rollout_audit import (
-    Rollout,
-    audit_rollout,
-    joint_envelope,
-    load_rollout,
-    rollout_figure,
-)
+from sprintlab.evaluation.rollout_audit import audit_rollout, joint_envelope, rollout_figure
+from sprintlab.evaluation.rollouts import Rollout, load_rollout
 from sprintlab.motors import library_motors, load_library_motor, no_load_speed
+from sprintlab.robots import JointMotors, match_joints, robot_motors
 
 ACTUATOR = load_library_motor(library_motors()[0])
-MOTOR, GEAR, BUS = ACTUATOR.motor, ACTUATOR.gear, ACTUATOR.bus_voltage
+MOTORS = JointMotors(motor=ACTUATOR.motor, gear=ACTUATOR.gear, bus_voltage=ACTUATOR.bus_voltage)
 COUNT = 1000
+LEGS = ("FL", "FR", "RL", "RR")
 
 
 @pytest.fixture
 def rollout():
     """Two joints inside the envelope, a foot that stands 0.1 s of every 0.2 s and slides at 0.05 m/s."""
     time = np.arange(COUNT) / 1000.0
-    top = float(no_load_speed(MOTOR, BUS)) / float(GEAR.ratio)
+    top = float(no_load_speed(MOTORS.motor, MOTORS.bus_voltage)) / float(MOTORS.gear.ratio)
     phase = 2.0 * np.pi * time[:, None] + np.array([0.0, 1.0])
     velocity = 0.9 * top * np.sin(phase)
-    lower, upper = joint_envelope(MOTOR, GEAR, BUS, velocity, "refined")
+    lower, upper = joint_envelope(MOTORS, velocity)
     share = 0.5 + 0.49 * np.cos(3.0 * phase)
     contact = ((np.arange(COUNT) // 100) % 2 == 1).astype(float)[:, None]
     return Rollout(
@@ -45,18 +44,18 @@ def rollout():
 
 
 def test_what_lies_inside_the_envelope_is_possible(rollout):
-    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    verdict = audit_rollout(rollout, MOTORS)
     assert verdict.impossible == 0.0 and "can give every torque" in verdict.sentence
     assert verdict.speed == pytest.approx(3.0)
     assert max(joint.speed_ratio for joint in verdict.joints) == pytest.approx(0.9, abs=1e-3)
 
 
 def test_every_impossible_sample_is_counted(rollout):
-    lower, upper = joint_envelope(MOTOR, GEAR, BUS, rollout.joint_velocity, "refined")
+    lower, upper = joint_envelope(MOTORS, rollout.joint_velocity)
     torque = rollout.joint_torque.copy()
     torque[:140, 1] = upper[:140, 1] + 5.0
     torque[140:200, 1] = lower[140:200, 1] - 2.0
-    verdict = audit_rollout(replace(rollout, joint_torque=torque), MOTOR, GEAR, BUS)
+    verdict = audit_rollout(replace(rollout, joint_torque=torque), MOTORS)
     hip, knee = verdict.joints
     assert (hip.impossible, knee.impossible) == (0.0, pytest.approx(0.2))
     assert verdict.impossible == pytest.approx(0.1) and verdict.impossible_moments == pytest.approx(0.2)
@@ -66,9 +65,9 @@ def test_every_impossible_sample_is_counted(rollout):
 
 def test_torque_that_only_v_d_forbids_is_told_apart(rollout):
     velocity = rollout.joint_velocity
-    _, refined = joint_envelope(MOTOR, GEAR, BUS, velocity, "refined")
-    _, without = joint_envelope(MOTOR, GEAR, BUS, velocity, "simplified-dc")
-    verdict = audit_rollout(replace(rollout, joint_torque=0.5 * (refined + without)), MOTOR, GEAR, BUS)
+    _, refined = joint_envelope(MOTORS, velocity)
+    _, without = joint_envelope(MOTORS, velocity, "simplified-dc")
+    verdict = audit_rollout(replace(rollout, joint_torque=0.5 * (refined + without)), MOTORS)
     for joint in verdict.joints:
         assert joint.v_d_only == joint.impossible
     assert verdict.impossible > 0.0
@@ -78,50 +77,148 @@ def test_over_speed_is_counted(rollout):
     fast = replace(
         rollout, joint_velocity=rollout.joint_velocity * 2.0, joint_torque=0.0 * rollout.joint_torque
     )
-    verdict = audit_rollout(fast, MOTOR, GEAR, BUS)
+    verdict = audit_rollout(fast, MOTORS)
     share = np.mean(np.abs(1.8 * np.sin(2.0 * np.pi * rollout.time)) > 1.0)
     assert verdict.joints[0].over_speed == pytest.approx(share)
 
 
 def test_stances_and_slip(rollout):
-    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS, policy_rate=20.0)
+    verdict = audit_rollout(rollout, MOTORS, policy_rate=20.0)
     assert verdict.stance == pytest.approx(0.1)
     assert verdict.stance_periods == pytest.approx(2.0)
     assert verdict.slip == pytest.approx(0.005)
 
 
+def robot_rollout(seed=0):
+    """A go1 in its own joint order, each joint with another share of impossible torque."""
+    motors = robot_motors("go1")
+    generator = np.random.default_rng(seed)
+    velocity = generator.uniform(-15.0, 15.0, (400, 12))
+    _, upper = joint_envelope(motors, velocity)
+    torque = 0.5 * upper
+    for joint in range(12):
+        torque[: 20 * joint, joint] = upper[: 20 * joint, joint] + 1.0 + joint
+    return Rollout(
+        time=0.002 * np.arange(400), joint_velocity=velocity, joint_torque=torque, joint_names=motors.names
+    )
+
+
+def in_order(rollout, order, names):
+    columns = {name: getattr(rollout, name)[:, order] for name in ("joint_velocity", "joint_torque")}
+    return replace(rollout, joint_names=tuple(names[at] for at in order), **columns)
+
+
+UNITREE = [f"{leg}_{joint}_joint" for leg in LEGS for joint in ("hip", "thigh", "calf")]
+ANYMAL = [f"{leg}_{joint}" for leg in ("LF", "RF", "LH", "RH") for joint in ("HAA", "HFE", "KFE")]
+TYPE_MAJOR = [3 * leg + joint for joint in range(3) for leg in range(4)]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    order=st.one_of(st.just(list(range(12))), st.just(TYPE_MAJOR), st.permutations(range(12))),
+    names=st.sampled_from([list(robot_motors("go1").names), UNITREE, ANYMAL]),
+)
+def test_every_order_of_joints_gives_the_same_verdict_per_joint(order, names):
+    rollout, motors = robot_rollout(), robot_motors("go1")
+    expected = audit_rollout(rollout, motors)
+    verdict = audit_rollout(in_order(rollout, order, names), motors)
+    by_name = {joint.name: joint for joint in verdict.joints}
+    for at, joint in enumerate(expected.joints):
+        assert by_name[names[at]] == replace(joint, name=names[at])
+    worst = max(verdict.joints, key=lambda joint: joint.impossible)
+    assert worst.name == names[11] and worst.impossible == pytest.approx(220 / 400)
+    assert verdict.impossible == pytest.approx(expected.impossible)
+
+
+def test_hips_alone_may_be_of_either_convention():
+    joints = robot_motors("go1").names
+    assert match_joints(["RR_calf_joint", "FL_thigh_joint"], joints) == [11, 1]
+    assert match_joints(["FL_hip"], joints) == [1]  # the robot's own name
+    with pytest.raises(InvalidValueError, match="abduction or a flexion"):
+        match_joints(["FL_hip_joint"], joints)
+
+
+def saved(path, rollout, **changes):
+    """The rollout as NPZ; ``None`` leaves an array out."""
+    fields = ("time", "joint_velocity", "joint_torque", "joint_names", "base_velocity", "foot_contact",
+              "foot_velocity", "foot_names")  # fmt: skip
+    arrays = {name: getattr(rollout, name) for name in fields} | changes
+    np.savez(
+        path, **{name: values for name, values in arrays.items() if np.size(values) and values is not None}
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["FL_hip"] * 2 + UNITREE[2:], "FL_hip"),
+        (["arm_0", *UNITREE[1:]], "arm_0, FL_thigh_joint.*FL_abad, FL_hip, FL_knee"),
+        (UNITREE[:11], "11 names"),
+    ],
+    ids=["repeated", "unknown", "too-few"],
+)
+def test_names_that_fit_no_motor_are_refused_with_both_lists(tmp_path, names, message):
+    path = saved(tmp_path / "a.npz", robot_rollout(), joint_names=np.array(names))
+    with pytest.raises(InvalidValueError, match=message):
+        sl.audit_rollout(path, "go1")
+
+
+def test_without_names_the_assumed_order_is_printed(tmp_path):
+    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout(), joint_names=None), "go1")
+    assert "assumed order of joints: FL_abad, FL_hip, FL_knee, FR_abad" in str(found).replace("\n", " ")
+    assert found.to_dict()["assumed_order"] == robot_motors("go1").names
+    named = sl.audit_rollout(saved(tmp_path / "b.npz", robot_rollout()), "go1")
+    assert named.verdict == found.verdict and "assumed" not in str(named)
+
+
+def test_a_gear_of_the_callers_replaces_the_robots(tmp_path):
+    found = sl.audit_rollout(saved(tmp_path / "a.npz", robot_rollout()), "go1", gear_ratio=20.0)
+    assert found.verdict.joints[0].over_speed > 0.3
+
+
+def test_a_foot_that_never_touches_is_named(rollout, tmp_path):
+    contact = np.repeat(rollout.foot_contact, 4, axis=1) * [1, 1, 1, 0]
+    path = saved(tmp_path / "a.npz", rollout, foot_contact=contact, foot_velocity=None, foot_names=LEGS)
+    assert "never on the ground: RR\n" in str(sl.audit_rollout(path, ACTUATOR.name))
+    path = saved(tmp_path / "a.npz", rollout, foot_contact=0.0 * contact, foot_velocity=None)
+    printed = str(sl.audit_rollout(path, ACTUATOR.name))
+    assert "never on the ground: foot 0, foot 1, foot 2, foot 3\n" in printed
+    assert "no foot both touches down and lifts off" in printed
+    path = saved(tmp_path / "a.npz", rollout, foot_contact=None, foot_velocity=None)
+    assert "foot_contact was not recorded" in str(sl.audit_rollout(path, ACTUATOR.name))
+
+
 def write_csv(path, rollout):
-    names = ["time"]
-    columns = [rollout.time[:, None], rollout.joint_velocity, rollout.joint_torque, rollout.base_velocity]
-    names += [f"joint_velocity_{name}" for name in rollout.names]
-    names += [f"joint_torque_{name}" for name in rollout.names]
-    names += [
-        "base_velocity_x",
-        "base_velocity_y",
-        "foot_contact_FL",
-        "foot_velocity_FL_x",
-        "foot_velocity_FL_y",
-    ]
-    columns += [rollout.foot_contact, rollout.foot_velocity.reshape(COUNT, -1)]
-    np.savetxt(path, np.hstack(columns), delimiter=",", header=",".join(names), comments="")
+    """The tables in opposite orders: columns belong together by name."""
+    columns = {"time": rollout.time}
+    for at, name in enumerate(rollout.joint_names):
+        columns[f"joint_velocity_{name}"] = rollout.joint_velocity[:, at]
+    for at, name in reversed(list(enumerate(rollout.joint_names))):
+        columns[f"joint_torque_{name}"] = rollout.joint_torque[:, at]
+    columns["base_velocity_x"], columns["base_velocity_y"] = rollout.base_velocity.T
+    columns["foot_velocity_FL_y"], columns["foot_velocity_FL_x"] = rollout.foot_velocity[:, 0, ::-1].T
+    columns["foot_contact_FL"] = rollout.foot_contact[:, 0]
+    table = np.stack(list(columns.values()), axis=1)
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
 
 
 def test_csv_npz_and_arrays_give_one_answer(rollout, tmp_path):
     write_csv(tmp_path / "run.csv", rollout)
-    fields = ("time", "joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity")
-    arrays = {name: getattr(rollout, name) for name in fields}
-    np.savez(tmp_path / "run.npz", joint_names=np.array(rollout.names), **arrays)
-    expected = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    saved(tmp_path / "run.npz", rollout)
+    expected = audit_rollout(rollout, MOTORS)
     for name in ("run.csv", "run.npz"):
-        verdict = audit_rollout(load_rollout(tmp_path / name), MOTOR, GEAR, BUS)
+        verdict = audit_rollout(load_rollout(tmp_path / name), MOTORS)
         assert verdict.sentence == expected.sentence
         assert verdict.slip == pytest.approx(expected.slip)
         assert [joint.name for joint in verdict.joints] == ["hip", "knee"]
+    assert load_rollout(tmp_path / "run.csv").foot_names == ("FL",)
 
 
 def test_the_command_answers_and_draws(rollout, tmp_path, capsys):
     write_csv(tmp_path / "run.csv", rollout)
-    arguments = ["audit", str(tmp_path / "run.csv"), "--motor", ACTUATOR.name, "--bus-voltage", str(BUS / 2)]
+    voltage = str(MOTORS.bus_voltage / 2)
+    arguments = ["audit", str(tmp_path / "run.csv"), "--motor", ACTUATOR.name, "--bus-voltage", voltage]
     assert main([*arguments, "--figure", str(tmp_path / "run.svg"), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert 0.0 < answer["impossible"] < 1.0 and "impossible torque" in answer["sentence"]
@@ -130,9 +227,14 @@ def test_the_command_answers_and_draws(rollout, tmp_path, capsys):
     assert "The policy asks for impossible torque" in capsys.readouterr().out
 
 
-def test_the_picture_has_a_panel_a_joint(rollout):
-    figure = rollout_figure(rollout, MOTOR, GEAR, BUS)
+def test_the_picture_has_one_panel_per_joint(rollout):
+    figure = rollout_figure(rollout, MOTORS)
     assert [axis.get_title("left") for axis in figure.axes] == ["hip", "knee"]
+    many = replace(
+        rollout, joint_names=(), **dict.fromkeys(("joint_velocity", "joint_torque"), np.zeros((COUNT, 49)))
+    )
+    with pytest.raises(InvalidValueError, match="joints of a figure = 49 is not allowed"):
+        rollout_figure(many, MOTORS)
 
 
 @pytest.mark.parametrize(
@@ -141,87 +243,22 @@ def test_the_picture_has_a_panel_a_joint(rollout):
         ("time,joint_velocity_0\n0,1\n1,2\n", "joint_torque must be among them"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,1\n0,1,1\n", "rising"),
         ("time,joint_velocity_0,joint_torque_0\n0,1,nan\n1,1,1\n", "finite"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,1\n", "needs 3 numbers"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,x\n", "is not a table of numbers"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1_0,1\n", "line 3, column joint_velocity_0: '1_0'"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n\n1,1e400,1\n", "line 4, column joint_velocity_0"),
-        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n１,1,1\n", "line 3, column time: '１' is no"),
-        ("time,joint_velocity_0,time,joint_torque_0\n0,1,9,1\n1,1,8,1\n", "one of them twice"),
-        ("time\n", "no header and two samples"),
-        ("time,joint_velocity_0,joint_torque_0\r0,1,1\r1,1,1\r", "no CSV file"),
-        (f"time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,{' ' * 200_000}1\n", "no CSV file"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1\n1,1,1\n", "table of numbers"),
+        ("time,joint_velocity_0,joint_torque_0\n0,1,1\n1,1,x\n", "table of numbers"),
+        ("time,joint_velocity_0,time,joint_torque_0\n0,1,9,1\n1,1,8,1\n", "3 of them different"),
+        ("time,joint_velocity_a,joint_torque_b\n0,1,1\n1,1,1\n", "the names of joint_velocity: a"),
+        ("time,joint_velocity_0,joint_torque_0,foot_contact_FL,foot_velocity_FL_x\n0,1,1,1,1\n1,1,1,1,1\n",
+         "columns _x and _y"),
+        ("", "no header and two samples"),
     ],
-    ids=[
-        "no-torque",
-        "time",
-        "nan",
-        "short-row",
-        "text",
-        "underscore",
-        "huge",
-        "full-width",
-        "twice",
-        "header",
-        "carriage-returns",
-        "long-cell",
-    ],
-)
+    ids=["no-torque", "time", "nan", "short-row", "text", "twice", "other-names", "half-a-foot", "empty"],
+)  # fmt: skip
 def test_unusable_recordings_are_refused(tmp_path, text, message):
     (tmp_path / "run.csv").write_text(text)
     with pytest.raises(SprintlabError, match=message):
         load_rollout(tmp_path / "run.csv")
-
-
-def test_a_csv_of_any_size_takes_little_memory(tmp_path, monkeypatch):
-    """As texts the cells of the largest CSV, let alone of half a gigabyte, took all of the memory."""
-    path = tmp_path / "run.csv"
-    path.write_text("time,joint_velocity_0,joint_torque_0\n" + "\n" * 1_000_000 + "1,1,1\n" * 300_000)
-    tracemalloc.start()
-    try:
-        with pytest.raises(InvalidValueError, match="300000 samples"):
-            load_rollout(path)
-        assert tracemalloc.get_traced_memory()[1] < 60_000_000
-    finally:
-        tracemalloc.stop()
-    path.write_text(",".join(["time"] * 2001) + "\n")
-    with pytest.raises(SprintlabError, match="more than 2000 columns"):
-        load_rollout(path)
-    with path.open("wb") as file:
-        file.truncate((32 << 20) + 1)
-    with pytest.raises(SprintlabError, match="larger than 32 MB"):
-        load_rollout(path)
-
-
-def test_another_kind_of_file_is_refused(tmp_path):
     with pytest.raises(SprintlabError, match=r"\.csv, \.npz or \.mcap"):
         load_rollout(tmp_path / "run.pkl")
-
-
-def test_as_many_motors_as_joints(rollout, robot):
-    with pytest.raises(InvalidValueError, match="12 motors"):
-        audit_rollout(rollout, robot.motors, robot.gear, 60.0)
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"joint_torque": np.full((9, 2), 1.7e308)}, "joint_torque = 'a larger number'"),
-        ({"joint_velocity": np.full((9, 2), np.longdouble(10) ** 4000)}, "NaN or infinity"),
-        ({"time": np.array([*range(7), np.inf, np.inf])}, "time = 'NaN or infinity'"),
-        ({"joint_names": ["one"]}, "one for each of 2"),
-        ({"joint_names": ["one", "x" * 100_000]}, "at most 100 characters"),
-        ({"joint_velocity": np.zeros((9, 201)), "joint_torque": np.zeros((9, 201))}, "at most 200"),
-        ({"foot_contact": np.eye(9), "foot_velocity": np.zeros((9, 2, 2))}, "samples, feet"),
-        ({"foot_contact": np.zeros((9, 201))}, "at most 200 feet"),
-    ],
-    ids=["torque", "longdouble", "time", "too-few-names", "long-name", "joints", "other-feet", "many-feet"],
-)
-def test_what_no_robot_records_is_refused(tmp_path, change, match, recwarn):
-    sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
-    np.savez(tmp_path / "a.npz", **(sound | change))
-    with pytest.raises(InvalidValueError, match=match):
-        load_rollout(tmp_path / "a.npz")
-    assert not recwarn.list
 
 
 @pytest.mark.parametrize(
@@ -229,29 +266,22 @@ def test_what_no_robot_records_is_refused(tmp_path, change, match, recwarn):
     [
         {"time": np.float64(1.0)},
         {"joint_names": np.array("hip")},
+        {"joint_torque": np.array([["1", "1"]] * 9)},
         {"joint_velocity": np.ones((9, 2, 2)), "joint_torque": np.ones((9, 2, 2))},
         {"joint_velocity": np.ones((9, 0)), "joint_torque": np.ones((9, 0))},
-        {"base_velocity": np.ones((9, 0))},
-        {"base_velocity": np.ones((9, 2, 2))},
+        {"base_velocity": np.ones((9, 1))},
         {"foot_contact": np.ones((9, 0))},
-        {"foot_contact": np.ones((9, 1)), "foot_velocity": np.ones((9, 1, 0))},
+        {"foot_contact": np.ones((9, 1)), "foot_velocity": np.ones((9, 2, 2))},
         {"foot_velocity": np.ones((9, 2))},
     ],
 )
 def test_tables_of_another_shape_are_refused(tmp_path, capsys, change):
-    """Some of them ended in a traceback, others were worked out as if they were none."""
+    """Some of them ended in a traceback."""
     sound = {"time": np.arange(9.0), "joint_velocity": np.ones((9, 2)), "joint_torque": np.ones((9, 2))}
     np.savez(tmp_path / "a.npz", **(sound | change))
-    assert main(["audit", str(tmp_path / "a.npz"), "--motor", library_motors()[0]]) == 2
+    assert main(["audit", str(tmp_path / "a.npz"), "--motor", ACTUATOR.name]) == 2
     said = capsys.readouterr().err
     assert "is not allowed" in said and said.count("\n") == 1
-
-
-def test_columns_of_feet_that_fit_no_foot_are_refused(tmp_path):
-    head = "time,joint_velocity_0,joint_torque_0,foot_velocity_x"
-    (tmp_path / "a.csv").write_text(f"{head}\n0,1,1,1\n1,1,1,1\n")
-    with pytest.raises(SprintlabError, match="not as many for every foot"):
-        load_rollout(tmp_path / "a.csv")
 
 
 def test_time_may_be_that_of_the_calendar(tmp_path):
@@ -262,19 +292,7 @@ def test_time_may_be_that_of_the_calendar(tmp_path):
     assert rollout.time[-1] - rollout.time[0] == pytest.approx(0.016, abs=1e-6)
 
 
-def test_what_would_take_minutes_and_all_memory_is_refused(tmp_path):
-    """Small when packed: eight million bytes would become as many numbers, and twenty arrays of them."""
-    bytes_ = np.zeros((400_001, 20), "u1")
-    np.savez_compressed(
-        tmp_path / "a.npz", time=np.arange(400_001), joint_velocity=bytes_, joint_torque=bytes_
-    )
-    with pytest.raises(SprintlabError, match="8000020 numbers"):
-        load_rollout(tmp_path / "a.npz")
-    with pytest.raises(SprintlabError, match="8000020 numbers"):  # a log's columns come without an archive
-        Rollout(time=np.arange(400_001.0), joint_velocity=bytes_, joint_torque=bytes_)
-
-
-def test_the_way_of_many_short_stances_is_that_of_each():
+def test_slip_is_that_of_each_whole_stance():
     """Stances of one sample and of three, one cut off at either end."""
     contact = np.array([1, 0, 1, 0, 1, 1, 1, 0, 0, 1.0])[:, None]
     rollout = Rollout(
@@ -284,13 +302,5 @@ def test_the_way_of_many_short_stances_is_that_of_each():
         foot_contact=contact,
         foot_velocity=np.arange(10.0)[:, None, None] * np.array([1.0, 0.0]),
     )
-    verdict = audit_rollout(rollout, MOTOR, GEAR, BUS)
+    verdict = audit_rollout(rollout, MOTORS)
     assert (verdict.slip, verdict.stance) == pytest.approx(((2 + 4 + 5 + 6) / 2, 2.0))
-
-
-def test_a_picture_of_more_joints_than_anybody_looks_at_is_refused():
-    """Two samples of 200 joints, a file of a kilobyte, were drawn for half a minute."""
-    velocity = np.zeros((2, 200))
-    many = Rollout(time=np.array([0.0, 1.0]), joint_velocity=velocity, joint_torque=velocity)
-    with pytest.raises(InvalidValueError, match="joints of a figure = 200 is not allowed"):
-        rollout_figure(many, MOTOR, GEAR, BUS)

@@ -12,11 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sprintlab.evaluation.rollout_audit import audit_rollout, load_rollout
-from sprintlab.robots import load_robot
+from sprintlab.evaluation.rollout_audit import audit_rollout
+from sprintlab.evaluation.rollouts import load_rollout
+from sprintlab.robots import robot_motors
 
 FOLDER = Path(__file__).parents[2] / "examples" / "rollouts"
 JOINTS = 12
+UNITREE = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 
 
 def recorder(name):
@@ -32,8 +34,8 @@ def test_a_recorder_has_fewer_than_thirty_lines(name):
 
 
 def judged(path):
-    rollout, robot = load_rollout(path), load_robot("go1")
-    return rollout, audit_rollout(rollout, robot.motors, robot.gear, float(robot.bus_voltage))
+    rollout = load_rollout(path)
+    return rollout, audit_rollout(rollout, robot_motors("go1"))
 
 
 def test_isaac_lab_against_a_stub(tmp_path):
@@ -42,13 +44,13 @@ def test_isaac_lab_against_a_stub(tmp_path):
         joint_vel=rows[0],
         applied_torque=rows[1],
         root_lin_vel_b=np.ones((1, 3)),
-        joint_names=list("abcdefghijkl"),
+        joint_names=sorted(UNITREE, key=lambda name: name.split("_")[1]),  # type by type, as Isaac Lab
     )
     env = SimpleNamespace(scene={"robot": SimpleNamespace(data=data)}, step_dt=0.02)
     env.unwrapped, env.reset, env.step = env, lambda: ("first", {}), lambda action: (action, 0, 0, 0, {})
     recorder("isaac_lab")(env, lambda observation: observation, 5, tmp_path / "run.npz")
     rollout, _ = judged(tmp_path / "run.npz")
-    assert rollout.names == tuple("abcdefghijkl")
+    assert rollout.names[:4] == ("FL_calf_joint", "FR_calf_joint", "RL_calf_joint", "RR_calf_joint")
     assert np.array_equal(rollout.joint_torque, np.repeat(rows[1], 5, axis=0))
     assert rollout.time == pytest.approx(0.02 * np.arange(1, 6))
 
@@ -58,7 +60,9 @@ def test_mujoco_playground_against_a_stub(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", jax)
     values = np.arange(18.0)
     state = SimpleNamespace(obs=0, data=SimpleNamespace(qvel=values, qfrc_actuator=2.0 * values))
-    env = SimpleNamespace(reset=lambda key: state, step=lambda state, action: state, dt=0.02)
+    joints = [SimpleNamespace(name=name) for name in ["freejoint", *UNITREE]]
+    model = SimpleNamespace(joint=joints.__getitem__, njnt=len(joints))
+    env = SimpleNamespace(reset=lambda key: state, step=lambda state, action: state, dt=0.02, mj_model=model)
     recorder("mujoco_playground")(env, lambda observation: observation, 4, tmp_path / "run.npz")
     rollout, _ = judged(tmp_path / "run.npz")
     assert np.array_equal(rollout.joint_velocity[0], values[6:])

@@ -14,12 +14,14 @@ from sprintlab.api.motors import chosen_motor
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
+from sprintlab.core.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sprintlab.evaluation.rollout_audit import Rollout, RolloutVerdict
-    from sprintlab.motors import Gear, PmsmParameters
+    from sprintlab.evaluation.rollout_audit import RolloutVerdict
+    from sprintlab.evaluation.rollouts import Rollout
+    from sprintlab.robots import JointMotors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -30,16 +32,18 @@ class AuditedRollout(Drawn):
     """The recording."""
     verdict: RolloutVerdict
     """Shares, powers and stances."""
-    motor: PmsmParameters
-    """One motor, or one per joint."""
-    gear: Gear
-    """Likewise."""
-    bus_voltage: float
-    """[V]"""
+    motors: JointMotors
+    """One motor, or one per joint in the order of the recording's columns."""
+    assumed_order: tuple[str, ...] = ()
+    """Joints that the columns were taken for, where the recording names none."""
 
     def to_dict(self) -> dict[str, Any]:
-        """The verdict, and what it says in one sentence."""
-        return {"sentence": self.verdict.sentence, **asdict(self.verdict)}
+        """The verdict, what it says in one sentence, and the order of joints that was assumed, if one was."""
+        return {
+            "sentence": self.verdict.sentence,
+            "assumed_order": self.assumed_order,
+            **asdict(self.verdict),
+        }
 
     def tables(self) -> Iterator[RenderableType]:
         """One row per joint, then the whole robot and the sentence."""
@@ -66,22 +70,35 @@ class AuditedRollout(Drawn):
                 f"{joint.copper_loss:.0f} W",
             )
         yield table
-        yield "power and heat: of the torque that the motor can give; heat: copper loss\n"
-        for text, value in (
-            ("mean forward speed", verdict.speed and f"{verdict.speed:.2f} m/s"),
-            ("slip of a foot in one stance", verdict.slip is not None and f"{1000 * verdict.slip:.1f} mm"),
-            ("median stance", verdict.stance is not None and f"{1000 * verdict.stance:.0f} ms"),
-            ("policy periods in it", verdict.stance_periods is not None and f"{verdict.stance_periods:.1f}"),
-        ):
-            if value:
-                yield f"{text}: {value}"
+        yield "power and heat: of the torque that the motor can give; heat: copper loss"
+        if self.assumed_order:
+            yield f"joint_names was not recorded; assumed order of joints: {', '.join(self.assumed_order)}"
+        if verdict.speed is not None:
+            yield f"mean forward speed: {verdict.speed:.2f} m/s"
+        yield from self._feet()
         yield Text(verdict.sentence, style="bold")
+
+    def _feet(self) -> Iterator[str]:
+        """Stance and slip, or why there is neither."""
+        verdict = self.verdict
+        if self.rollout.foot_contact is None:
+            yield "stance and slip: foot_contact was not recorded"
+            return
+        if verdict.unused_feet:
+            yield f"never on the ground: {', '.join(verdict.unused_feet)}"
+        if verdict.stance is None or verdict.stance_periods is None:
+            yield "stance and slip: no foot both touches down and lifts off"
+            return
+        yield f"median stance: {1000 * verdict.stance:.0f} ms"
+        yield f"policy periods in it: {verdict.stance_periods:.1f}"
+        if verdict.slip is not None:
+            yield f"slip of a foot in one stance: {1000 * verdict.slip:.1f} mm"
 
     def plot(self) -> Figure:
         """Torque over speed of every joint, with its envelope."""
         from sprintlab.evaluation.rollout_audit import rollout_figure
 
-        return in_notebook(rollout_figure(self.rollout, self.motor, self.gear, self.bus_voltage))
+        return in_notebook(rollout_figure(self.rollout, self.motors))
 
 
 @checked
@@ -97,7 +114,8 @@ def audit_rollout(
 ) -> AuditedRollout:
     """How much of a policy's torque its motors cannot give: any simulator's rollout against a motor.
 
-    Reads CSV and NPZ (columns: docs/check-your-policy.md) and the logs of `sprintlab run` (MCAP).
+    Reads CSV and NPZ (columns: docs/check-your-policy.md) and the logs of `sprintlab run` (MCAP). A robot's
+    motors are matched to the recording's joint names, in any order.
 
     Args:
         rollout: the recording.
@@ -107,46 +125,58 @@ def audit_rollout(
         bus_voltage: [V]; the robot's or actuator's when left out.
         gear_ratio: the robot's or actuator's when left out; 1 for a motor file.
         gear_efficiency: likewise.
-        policy_rate: decisions of the policy a second, for the stances [Hz].
+        policy_rate: decisions of the policy per second, for the stances [Hz].
 
     Raises:
-        SprintlabError: the recording or the motor cannot be used.
+        SprintlabError: the recording or the motor cannot be used, or its joint names fit no motor.
     """
     from sprintlab.evaluation.rollout_audit import audit_rollout as audit
     from sprintlab.motors.voltage import check_bus_voltage
-    from sprintlab.robots import load_robot, robot_names
+    from sprintlab.robots import JointMotors, robot_motors, robot_names
 
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
     check_range("policy_rate", policy_rate, 1.0, 10_000.0, "Hz")
-    recorded = read_rollout(Path(rollout))
-    robot = load_robot(motor) if motor in robot_names() else None
-    if robot is not None and not recorded.joint_names and len(robot.joint_names) == len(recorded.names):
-        recorded = replace(recorded, joint_names=robot.joint_names)
-    if robot is not None and joint is None:
-        motors, gear, voltage = robot.motors, robot.gear, bus_voltage or float(robot.bus_voltage)
+    recorded, assumed = read_rollout(Path(rollout)), ()
+    if motor in robot_names() and joint is None:
+        motors = robot_motors(motor)
+        given = {"ratio": gear_ratio, "efficiency": gear_efficiency}
+        gear = replace(motors.gear, **{name: value for name, value in given.items() if value is not None})
+        motors = replace(motors, gear=gear, bus_voltage=bus_voltage or motors.bus_voltage)
+        if not recorded.joint_names:
+            if len(recorded.names) != len(motors.names):
+                allowed = (
+                    f"needed: {len(recorded.names)} columns cannot be those of {', '.join(motors.names)}"
+                )
+                raise InvalidValueError("joint_names", None, allowed)
+            recorded = replace(recorded, joint_names=motors.names)
+            assumed = motors.names
     else:
         drive = chosen_motor(motor, joint or "", bus_voltage, gear_ratio, gear_efficiency).drive
-        motors, gear, voltage = drive.motor, drive.gear, drive.bus_voltage
-    verdict = audit(recorded, motors, gear, voltage, policy_rate)
-    return AuditedRollout(rollout=recorded, verdict=verdict, motor=motors, gear=gear, bus_voltage=voltage)
+        motors = JointMotors(motor=drive.motor, gear=drive.gear, bus_voltage=drive.bus_voltage)
+    verdict = audit(recorded, motors, policy_rate)
+    motors = motors.ordered(recorded.names)
+    return AuditedRollout(rollout=recorded, verdict=verdict, motors=motors, assumed_order=assumed)
 
 
 def read_rollout(path: Path) -> Rollout:
-    """A rollout from CSV, NPZ or the log of a run (MCAP).
+    """A rollout from CSV, NPZ or the log of a run (MCAP), whose joints are its robot's.
 
     Raises:
         SprintlabError: as ``load_rollout`` and ``read_log``.
     """
-    from sprintlab.evaluation.rollout_audit import Rollout, load_rollout
+    from sprintlab.evaluation.rollouts import Rollout, load_rollout
+    from sprintlab.robots import load_robot, robot_names
 
     if path.suffix.lower() != ".mcap":
         return load_rollout(path)
     from sprintlab.deployment.log import read_log
 
     record = read_log(path)
+    robot = record.facts["robot"]
     return Rollout(
         time=record.state_time,
         joint_velocity=record.column("states", "joint_velocity"),
         joint_torque=record.column("states", "joint_torque"),
+        joint_names=load_robot(robot).joint_names if robot in robot_names() else (),
     )

@@ -25,6 +25,9 @@ from sprintlab.robots.foot import friction_ratio as friction_ratio
 from sprintlab.robots.foot import pair_parameters as pair_parameters
 from sprintlab.robots.foot import set_foot_contact as set_foot_contact
 from sprintlab.robots.foot import set_friction as set_friction
+from sprintlab.robots.joint_motors import JointMotors as JointMotors
+from sprintlab.robots.joint_motors import match_joints as match_joints
+from sprintlab.robots.joint_motors import robot_motors as robot_motors
 from sprintlab.robots.loader import load_robot as load_robot
 from sprintlab.robots.loader import load_robot_file as load_robot_file
 from sprintlab.robots.loader import parameter_table as parameter_table

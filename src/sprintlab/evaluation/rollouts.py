@@ -1,0 +1,175 @@
+"""A recorded rollout of any simulator or robot, and its files (CSV, NPZ)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.core.archives import read_arrays
+from sprintlab.core.array_types import FloatArray
+from sprintlab.core.checks import check_finite
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import read_bytes
+from sprintlab.robots.joint_motors import check_unique
+
+LARGEST_CSV = 256 << 20
+"""Largest rollout in CSV that is read [bytes]."""
+_TABLES = ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollout:
+    """What was recorded, SI units, one row per sample.
+
+    Attributes:
+        time: ``(T,)`` [s], rising.
+        joint_velocity: ``(T, n)`` [rad/s].
+        joint_torque: ``(T, n)`` what the simulator put on the joints [N m].
+        joint_names: one per column; empty where they were not recorded.
+        base_velocity: ``(T, 2)`` or ``(T, 3)``, forward first [m/s]; ``None`` where it was not recorded.
+        foot_contact: ``(T, feet)``, nonzero on the ground; ``None`` where it was not recorded.
+        foot_velocity: ``(T, feet, 2 or 3)`` of the feet over the ground [m/s]; ``None`` likewise.
+        foot_names: one per foot; ``foot 0``, ... when left out.
+
+    Raises:
+        InvalidValueError: fewer than two samples, shapes that do not fit, time that does not rise, numbers
+            that are not finite, or names that are repeated or not as many as the columns.
+    """
+
+    time: FloatArray
+    joint_velocity: FloatArray
+    joint_torque: FloatArray
+    joint_names: tuple[str, ...] = ()
+    base_velocity: FloatArray | None = None
+    foot_contact: FloatArray | None = None
+    foot_velocity: FloatArray | None = None
+    foot_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("time", *_TABLES):
+            if (values := getattr(self, name)) is not None:
+                check_finite(name, values)
+        if self.time.ndim != 1 or len(self.time) < 2 or not np.all(np.diff(self.time) > 0.0):
+            raise InvalidValueError("time", f"{np.size(self.time)} samples", "at least two, rising [s]")
+        self._check_shapes()
+        joints, feet = self.joint_velocity.shape[1], _columns(self.foot_contact)
+        for names, field, count in (
+            (self.joint_names, "joint_names", joints),
+            (self.foot_names, "foot_names", feet),
+        ):
+            if names and len(names) != count:
+                raise InvalidValueError(field, f"{len(names)} names", f"one for each of {count}")
+            check_unique(names)
+
+    def _check_shapes(self) -> None:
+        samples, joints = len(self.time), _columns(self.joint_velocity)
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(
+            ("joint_velocity", "joint_torque"), (samples, joints)
+        )
+        shapes["base_velocity"] = (samples, max(2, min(_columns(self.base_velocity), 3)))
+        shapes["foot_contact"] = (samples, feet := _columns(self.foot_contact))
+        if self.foot_velocity is not None:
+            shapes["foot_velocity"] = (samples, feet, 3 if self.foot_velocity.shape[-1] == 3 else 2)
+        for name, shape in shapes.items():
+            values = getattr(self, name)
+            if values is not None and (values.shape != shape or not values.size):
+                raise InvalidValueError(name, f"shape {values.shape}", f"must have shape {shape}, none empty")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints, one per column; ``joint 0``, ... where they were not recorded."""
+        return self.joint_names or tuple(f"joint {at}" for at in range(self.joint_velocity.shape[1]))
+
+
+def _columns(values: FloatArray | None) -> int:
+    return 0 if values is None or values.ndim < 2 else values.shape[1]
+
+
+def load_rollout(path: str | Path) -> Rollout:
+    """Read a rollout from CSV or NPZ.
+
+    NPZ: the arrays of ``Rollout`` by name. CSV: a header with ``time`` and, for every table, columns whose
+    names begin with the table's, e.g. ``joint_velocity_FL_hip``; feet have ``foot_velocity_FL_x`` and
+    ``foot_velocity_FL_y``. Columns belong together by name, in any order; ``joint_velocity_0`` has no name.
+
+    Raises:
+        SprintlabError: missing, too large, damaged, or another kind of file.
+        InvalidValueError: a table is missing, or holds what ``Rollout`` refuses.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".npz":
+        found = read_arrays(path, ("time", *_TABLES, "joint_names", "foot_names"), wanted="no rollout (NPZ)")
+        names = {
+            name: tuple(map(str, found.pop(name).ravel()))
+            for name in ("joint_names", "foot_names")
+            if name in found
+        }
+        return _rollout(found, **names)
+    if path.suffix.lower() == ".csv":
+        return _from_csv(path)
+    raise SprintlabError(f"{path}: a rollout is a .csv, .npz or .mcap file")
+
+
+def _rollout(
+    arrays: Mapping[str, Any], joint_names: tuple[str, ...] = (), foot_names: tuple[str, ...] = ()
+) -> Rollout:
+    needed = ("time", "joint_velocity", "joint_torque")
+    if missing := [name for name in needed if name not in arrays]:
+        given = ", ".join(sorted(arrays)) or "none"
+        raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
+    if texts := [name for name, values in arrays.items() if np.asarray(values).dtype.kind not in "biuf"]:
+        raise InvalidValueError(texts[0], "text", "numbers only")
+    numbers: dict[str, Any] = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
+    return Rollout(joint_names=joint_names, foot_names=foot_names, **numbers)
+
+
+def _from_csv(path: Path) -> Rollout:
+    lines = read_bytes(path, LARGEST_CSV, what="rollout").decode("utf-8-sig", "replace").splitlines()
+    if len(lines) < 3:
+        raise SprintlabError(f"{path} holds no header and two samples")
+    header = [name.strip() for name in lines[0].split(",")]
+    try:
+        table = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise SprintlabError(f"{path} is not a table of numbers under one line of names: {error}") from error
+    if table.shape[1] != len(header) or len(set(header)) < len(header):
+        names = f"{len(header)} names, {len(set(header))} of them different"
+        raise SprintlabError(f"{path}: {names}, over {table.shape[1]} columns")
+    columns = dict(zip(header, table.T, strict=True))
+    tables = {
+        name: {
+            head.removeprefix(f"{name}_"): at for head, at in columns.items() if head.startswith(f"{name}_")
+        }
+        for name in _TABLES
+    }
+    joints = _same_names(tables, "joint_velocity", "joint_torque")
+    arrays = {name: np.stack(list(found.values()), axis=1) for name, found in tables.items() if found}
+    arrays |= {"time": columns["time"]} if "time" in columns else {}
+    feet = tuple(tables["foot_contact"])
+    if "foot_velocity" in arrays:
+        arrays["foot_velocity"] = _foot_velocity(path, tables["foot_velocity"], feet)
+    named = all(not name.isdigit() for name in joints)
+    return _rollout(arrays, joint_names=joints if named else (), foot_names=feet)
+
+
+def _same_names(tables: dict[str, dict[str, FloatArray]], first: str, second: str) -> tuple[str, ...]:
+    """Bring the second table's columns into the order of the first's; returns the names."""
+    one, other = tables[first], tables[second]
+    if one and other and set(one) != set(other):
+        raise InvalidValueError(second, ", ".join(other), f"the names of {first}: {', '.join(one)}")
+    tables[second] = {name: other[name] for name in one if name in other}
+    return tuple(one)
+
+
+def _foot_velocity(path: Path, found: dict[str, FloatArray], feet: Sequence[str]) -> FloatArray:
+    """``(T, feet, 2)`` from columns named ``FL_x``, ``FL_y``, in the feet's order."""
+    try:
+        return np.stack([np.stack([found[f"{f}_{axis}"] for axis in "xy"], axis=-1) for f in feet], axis=1)
+    except (KeyError, ValueError) as error:
+        raise SprintlabError(
+            f"{path}: foot_velocity needs columns _x and _y for every foot of foot_contact"
+        ) from error
