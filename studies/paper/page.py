@@ -1,164 +1,365 @@
-"""``python -m studies.paper page``: the study's page, whole, from the committed results."""
+"""``python -m studies.paper page``: the study's page and figure, whole, from the committed records."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import indent
-from typing import TYPE_CHECKING
 
-from studies.paper.plan import PAPER_PRESET, RESULTS
+from sprintlab.core.files import atomic_write_bytes, atomic_write_text
+from studies.paper.figure import speeds_figure
+from studies.paper.paper import PAPER_TABLE, REFERENCE_METHOD, REPORTED
+from studies.paper.plan import LITERAL_ACS, NO_SATURATION, OTHERS, PRESETS, RESULTS, study_trainings
+from studies.paper.record import Run, read_runs
+from studies.paper.statistics import Interval, difference, improvement, interquartile_mean
 
-if TYPE_CHECKING:
-    from studies.paper.answers import Evidence
-    from studies.paper.record import EvaluationRecord
+Runs = Mapping[tuple[str, str], Sequence[Run]]
+"""(preset, method) to its runs."""
+SAME_SPEED = 0.2
+"""Methods whose speeds differ by no more than this, with 95 % confidence, are equal [m/s]."""
+PRESET_NAMES = {"sprintlab": "our reward", "paper": "the paper's reward"}
 
-    Grouped = dict[str, list[EvaluationRecord]]
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """One claim of the paper: ``sprint`` is faster than a method that lacks one part of it.
+
+    Attributes:
+        question: as the page asks it.
+        part: what the other method lacks, for the table.
+        other: the method without it.
+    """
+
+    question: str
+    part: str
+    other: str
+
+
+CLAIMS = (
+    Claim(question="Does the d-axis voltage in the motor model pay?", part="d-axis", other="simplified-dc"),
+    Claim(question="Does any torque-speed envelope pay?", part="envelope", other="no-envelope"),
+    Claim(question="Does adaptive command scheduling pay?", part="ACS", other="uniform-commands"),
+    Claim(
+        question="Does a fixed acceleration of the command fail?",
+        part="not fixed",
+        other="fixed-acceleration",
+    ),
+    Claim(question="Does saturation in the motor model pay?", part="saturation", other=NO_SATURATION),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """Write the study's page from the results that there are; what is not trained is left out by name.
+    """Write the study's page from the committed records.
 
     Attributes:
-        results: folder of the committed results, with the paper's preset in a folder of its own.
-        out: the page.
+        results: folder of the records.
+        output: the page.
+        figure: its figure; the dark one gets ``-dark`` before its ending.
     """
 
     results: Path = RESULTS
-    out: Path = Path("docs/study.md")
+    output: Path = Path("docs/study.md")
+    figure: Path = Path("docs/figures/study.png")
 
     def run(self) -> int:
-        """Read, write.
+        """Read, draw, write.
 
         Raises:
-            SprintlabError: the results are no folder, one is damaged, or the disk refuses.
+            SprintlabError: a record is damaged, or the disk refuses.
         """
-        from sprintlab.core.files import atomic_write_text, check_writable_file
-        from sprintlab.core.reading import check_folder
-
-        check_folder(self.results)  # without it the page would lose its results
-        check_writable_file(self.out)
-        atomic_write_text(self.out, page_text(self.results))
-        print(self.out)
+        runs = grouped(read_runs(self.results))
+        for suffix, image in speeds_figure(runs).items():
+            atomic_write_bytes(self.figure.with_stem(self.figure.stem + suffix), image)
+        atomic_write_text(self.output, page_text(runs, f"figures/{self.figure.name}"))
+        print(self.output)
         return 0
 
 
-def page_text(results: Path) -> str:
-    """The whole page in Markdown; errors as in ``read_evaluation``.
+def grouped(runs: Sequence[Run]) -> Runs:
+    """Runs by preset and method, in the paper's order."""
+    found: dict[tuple[str, str], list[Run]] = {}
+    order = [*PAPER_TABLE, NO_SATURATION, LITERAL_ACS, *OTHERS]
+    known = sorted({run.method for run in runs}, key=lambda name: (name not in order, *_place(order, name)))
+    for preset in PRESETS:
+        for method in known:
+            chosen = [run for run in runs if (run.preset, run.method) == (preset, method)]
+            if chosen:
+                found[preset, method] = sorted(chosen, key=lambda run: run.seed)
+    return found
+
+
+def _place(order: Sequence[str], name: str) -> tuple[int, str]:
+    return (order.index(name) if name in order else len(order)), name
+
+
+def verdict(gain: Interval, faster: Interval) -> str:
+    """What the seeds say of ``sprint`` against another method.
 
     Args:
-        results: folder of the committed results.
+        gain: difference of the interquartile means [m/s].
+        faster: probability that a seed of ``sprint`` is the faster one.
     """
-    from studies.paper.answers import answers, confirmed
-    from studies.paper.pages import result_tables
+    if not math.isfinite(gain.low) or not math.isfinite(faster.low):
+        return "open"
+    if gain.low >= -SAME_SPEED and gain.high <= SAME_SPEED:
+        return f"equal within {SAME_SPEED:g} m/s"
+    return "confirmed" if faster.low > 0.5 else "refuted" if faster.high < 0.5 else "open"
 
-    grouped, literal = _grouped(results), _grouped(results / PAPER_PRESET)
-    known = evidence(results, grouped, literal)
-    main, *others = result_tables(grouped)
-    titled = [f"**{item.question}** {item.text}" for item in answers(known)]
+
+def page_text(runs: Runs, figure: str) -> str:
+    """The whole page in Markdown."""
+    dark = figure.replace(".png", "-dark.png")
     parts = [
         "# The study of the six methods",
-        confirmed(known.rows),
-        *titled,
-        _remarks(grouped),
-        _missing(known),
-        REPEAT,
+        "<!-- Written by `python -m studies.paper page`. -->",
+        _lead(runs),
+        verdict_table(runs),
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{dark}">'
+        f'<img alt="Speed held while running, every seed of every method" src="{figure}"></picture>',
+        "Every dot is a seed, the bar is the interquartile mean, the cross is what the paper reports.",
+        "## The answers",
+        *[_answer(runs, claim) for claim in CLAIMS],
+        "## The paper's Table II and ours",
+        method_table(runs, "sprintlab"),
+        _NOTE,
+        "## The paper's Table III and ours",
+        reported_table(runs),
+        "## Details",
+        _folded("The six methods with the paper's reward table", method_table(runs, "paper")),
+        _folded("Methods of other papers", method_table(runs, "sprintlab", others=True)),
+        _folded("Median policies on the weak and strong edition and in Drake", variants_table(runs)),
+        _folded("Every seed", seed_table(runs)),
+        _folded("How to repeat it", _REPEAT),
     ]
-    if grouped:
-        parts += ["## Methods", main.markdown()]
-    parts += ["## The paper's Table III and ours", reported_table(known)]
-    if literal:
-        parts.append(_folded("The paper's reward table to the letter", result_tables(literal)[0].markdown()))
-    if known.variants:
-        parts.append(_folded("Other editions, Drake, flux weakening", variants_table(known)))
-    parts += [_folded(table.title, table.markdown()) for table in others if table.rows]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-REMARKS = Path(__file__).parent / "remarks.md"
-REPEAT = (
-    "All numbers, settings and one policy of each method (its median seed's, where that is left): "
-    "`studies/paper/results`. How to train, evaluate and draw it again: `studies/paper/README.md`."
-)
+_NOTE = """Speeds in m/s, raw command. *Running*: the most that is held where nine of ten trials stay upright.
+*Stopping*: the most that is held up to the first command from which fewer than nine of ten come to rest.
+Brackets: 95 % bootstrap interval of the interquartile mean over seeds. J (over that of `sprint`), 100 m and
+audit: at the fastest command that the policy completes. The robot is a surrogate: compare orders and ratios,
+not speeds."""
+_REPEAT = """```sh
+# the trainings that are missing, as commands
+python -m studies.paper plan runs/study
+# evaluate what is there, then the median policies elsewhere, then write this page
+python -m studies.paper evaluate runs/study
+python -m studies.paper variants runs/study
+python -m studies.paper page
+```
+
+Every run is one file of a few kB in `studies/paper/results`; delete those of an earlier training before you
+evaluate new ones."""
 
 
-def evidence(results: Path, grouped: Grouped, literal: Grouped) -> Evidence:
-    """What the answers are made from."""
-    from sprintlab.training.methods import COMPARATORS
-    from studies.paper.answers import Evidence
-    from studies.paper.runs import find_runs
-    from studies.paper.table import method_rows
-    from studies.paper.variants import variant_speeds
+def _lead(runs: Runs) -> str:
+    """Question and answer in a few sentences."""
+    found = [row[-1] for row in _verdicts(runs)]
+    trainings = study_trainings()
+    missing = sum(
+        each.seed not in {run.seed for run in runs.get((each.preset, each.method), ())} for each in trainings
+    )
+    bound = sum(run.ended_at_stopping for group in runs.values() for run in group)
+    decided = len(found) - found.count("open")
+    text = f"""The paper says that each part of its method makes the robot faster: the refined motor model,
+its saturation, and adaptive command scheduling (ACS). On our surrogate robot, {decided} of {len(found)}
+comparisons are decided."""
+    if missing:
+        text += f"\n{missing} of {len(trainings)} trainings are still missing, so the others stay open."
+    if bound:
+        text += f"\nThe search ended at stopping in {bound} runs, whose running speed is a lower bound."
+    days = sorted(run.date[:10] for group in runs.values() for run in group)
+    return text + (f"\nEvaluated from {days[0]} to {days[-1]}." if days else "")
 
-    kept = find_runs(results) if grouped else []
-    return Evidence(
-        rows={row.method: row for row in method_rows(grouped)},
-        literal={row.method: row for row in method_rows(literal)},
-        variants=variant_speeds(kept),
-        comparators=tuple(COMPARATORS),
+
+def _verdicts(runs: Runs) -> list[tuple[str, ...]]:
+    rows = []
+    for claim in CLAIMS:
+        for preset in PRESETS:
+            ours, theirs = _speeds(runs, preset, REFERENCE_METHOD), _speeds(runs, preset, claim.other)
+            if not ours or not theirs:
+                continue
+            gain, faster = difference(ours, theirs), improvement(ours, theirs)
+            seeds = f"{len(ours)} and {len(theirs)}"
+            cells = (interquartile_mean(ours).text(1), interquartile_mean(theirs).text(1), gain.text(1))
+            name = f"{claim.part}: `{claim.other}`"
+            rows.append((name, PRESET_NAMES[preset], *cells, faster.text(2), seeds, verdict(gain, faster)))
+    return rows
+
+
+def verdict_table(runs: Runs) -> str:
+    """One row per claim and reward table."""
+    head = (
+        "`sprint` is faster than",
+        "with",
+        "`sprint` [m/s]",
+        "the other [m/s]",
+        "difference",
+        "a seed of `sprint` is the faster",
+        "seeds",
+        "verdict",
+    )
+    return markdown_table(head, [(*row[:-1], f"**{row[-1]}**") for row in _verdicts(runs)])
+
+
+def _answer(runs: Runs, claim: Claim) -> str:
+    """Three sentences that stand alone."""
+    ours, theirs = (_speeds(runs, "sprintlab", name) for name in (REFERENCE_METHOD, claim.other))
+    if not ours or not theirs:
+        return f"**{claim.question}** Open: `{claim.other}` is not trained yet."
+    found = verdict(difference(ours, theirs), improvement(ours, theirs))
+    ours_text, theirs_text = (f"{interquartile_mean(each).center:.1f}" for each in (ours, theirs))
+    held = (
+        f"With our reward `sprint` holds {ours_text} m/s and `{claim.other}` {theirs_text} m/s "
+        f"(interquartile means of {len(ours)} and {len(theirs)} seeds)."
+    )
+    literal = _literal(runs, claim)
+    paper = PAPER_TABLE.get(claim.other)
+    if paper is None:
+        reported = "The paper does not report it alone."
+    elif paper.max_velocity is None:
+        reported = "In the paper that method collapses."
+    else:
+        best = PAPER_TABLE[REFERENCE_METHOD].max_velocity
+        reported = f"The paper reports {best:g} and {paper.max_velocity:g} m/s."
+    return " ".join(
+        part for part in (f"**{claim.question}** {found.capitalize()}.", held, literal, reported) if part
     )
 
 
-def reported_table(known: Evidence) -> str:
-    """The paper's Table III, reported numbers marked, and our row below; in Markdown."""
-    from studies.paper.pages import markdown_table
-    from studies.paper.paper import REFERENCE_METHOD, REPORTED
+def _literal(runs: Runs, claim: Claim) -> str:
+    ours, theirs = (_speeds(runs, "paper", name) for name in (REFERENCE_METHOD, claim.other))
+    if not ours or not theirs:
+        return ""
+    means = [f"{interquartile_mean(each).center:.1f}" for each in (ours, theirs)]
+    return f"With the paper's reward it is {means[0]} and {means[1]} m/s."
 
+
+def method_table(runs: Runs, preset: str, others: bool = False) -> str:
+    """The paper's Table II with our columns; ``others``: the methods that it does not have."""
+    head = (
+        "method",
+        "paper",
+        "running",
+        "stopping",
+        "paper: J_norm",
+        "J_norm",
+        "100 m [s]",
+        "seeds",
+        "audit passed",
+    )
+    reference = _costs(runs.get((preset, REFERENCE_METHOD), ()))
+    rows = []
+    for (where, method), group in runs.items():
+        if where != preset or (method in PAPER_TABLE) == others:
+            continue
+        paper = PAPER_TABLE.get(method)
+        cost = _costs(group) / reference if reference else math.nan
+        times = [run.fastest.sprint_time for run in group if run.fastest and run.fastest.sprint_time]
+        rows.append(
+            (
+                f"`{method}`",
+                _reported(paper.max_velocity if paper else math.nan, 1),
+                interquartile_mean([run.running for run in group]).text(1),
+                interquartile_mean([run.stopping for run in group]).text(1),
+                _reported(paper.normalized_cost if paper else math.nan, 2),
+                _reported(cost, 2),
+                _reported(interquartile_mean(times).center, 1),
+                str(len(group)),
+                f"{sum(run.audit_passed for run in group)} of {len(group)}",
+            )
+        )
+    return markdown_table(head, rows) if rows else ""
+
+
+def reported_table(runs: Runs) -> str:
+    """The paper's Table III as reported, and our row."""
     rows = [
-        [name, *("-" if speed is None else f"{speed:g}" for speed in speeds), "reported"]
+        (name, *("-" if speed is None else f"{speed:g}" for speed in speeds), "reported")
         for name, *speeds in REPORTED
     ]
-    ours = known.rows.get(REFERENCE_METHOD)
-    if ours is not None:
-        speed = ours.most_held.text(2)
-        rows.append([f"surrogate of BP2, `{REFERENCE_METHOD}`", speed, "-", "measured by us"])
+    ours = _speeds(runs, "sprintlab", REFERENCE_METHOD)
+    if ours:
+        rows.append(
+            ("surrogate of BP2, `sprint`", interquartile_mean(ours).text(1), "-", "ours, simulated only")
+        )
     return markdown_table(("robot", "simulation [m/s]", "outdoors [m/s]", ""), rows)
 
 
-def variants_table(known: Evidence) -> str:
-    """The most that the kept policy of each method holds in every variant, in Markdown."""
-    from sprintlab.evaluation.quantities import number
-    from studies.paper.pages import markdown_table
-    from studies.paper.variants import VARIANTS
-
+def variants_table(runs: Runs) -> str:
+    """Running speeds of the policies that ran elsewhere, too."""
+    names = ("bp2-weak", "bp2-strong", "drake")
     rows = [
-        [method, *(number(speeds.get(name, float("nan")), 2) for name in VARIANTS)]
-        for method, speeds in known.variants.items()
+        (
+            f"`{method}`, {PRESET_NAMES[preset]}",
+            str(run.seed),
+            f"{run.running:.1f}",
+            *(_reported(run.variants.get(name, math.nan), 1) for name in names),
+        )
+        for (preset, method), group in runs.items()
+        for run in group
+        if run.variants
     ]
-    note = "The most that the kept policy holds, raw command [m/s]; trained on the nominal robot."
-    columns = ("method", *(variant.title for variant in VARIANTS.values()))
-    return f"{markdown_table(columns, rows)}\n\n{note}"
+    head = ("policy", "seed", "nominal [m/s]", "weak [m/s]", "strong [m/s]", "Drake [m/s]")
+    return markdown_table(head, rows) if rows else ""
 
 
-def _remarks(grouped: Grouped) -> str:
-    """What the numbers mean, in the words of whoever looked at them; none where there are no numbers."""
-    return REMARKS.read_text(encoding="utf-8").strip() if grouped else ""
+def seed_table(runs: Runs) -> str:
+    """One row per run."""
+    head = (
+        "method",
+        "reward",
+        "seed",
+        "running",
+        "stopping",
+        "J",
+        "stride [Hz]",
+        "100 m [s]",
+        "audit: failed",
+    )
+    rows = [
+        (
+            f"`{method}`",
+            PRESET_NAMES[preset],
+            str(run.seed),
+            f"{run.running:.2f}",
+            f"{run.stopping:.2f}",
+            *_details(run),
+        )
+        for (preset, method), group in runs.items()
+        for run in group
+    ]
+    return markdown_table(head, rows)
 
 
-def _grouped(folder: Path) -> Grouped:
-    """Records by method, the paper's first; methods without any are left out."""
-    from studies.paper.runs import by_method, committed_records, find_runs
-
-    if not folder.is_dir() or not any(folder.glob("*/seed-*/evaluation.json")):
-        return {}
-    grouped = by_method(committed_records(find_runs(folder)))
-    return {method: records for method, records in grouped.items() if records}
+def _details(run: Run) -> tuple[str, ...]:
+    if run.fastest is None:
+        return ("-",) * 4
+    numbers = (run.fastest.angular_cost, run.fastest.stride_frequency, run.fastest.sprint_time)
+    cells = (_reported(math.nan if value is None else value, 1) for value in numbers)
+    return (*cells, ", ".join(run.fastest.audit_failed) or "passed")
 
 
-def _missing(known: Evidence) -> str:
-    """Names of the study's methods that have no row yet."""
-    from studies.paper.plan import study_trainings
+def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; cells are text."""
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [columns, ["---"] * len(columns), *rows])
 
-    trainings = study_trainings()
-    lacking: dict[str, list[str]] = {}
-    for rows, preset in ((known.rows, "sprintlab"), (known.literal, PAPER_PRESET)):
-        names = dict.fromkeys(each.method for each in trainings if each.preset == preset)
-        lacking[preset] = [f"`{name}`" for name in names if name not in rows]
-    parts = [f"with preset `{preset}` {', '.join(names)}" for preset, names in lacking.items() if names]
-    return f"Not evaluated yet: {'; '.join(parts)}." if parts else ""
+
+def _speeds(runs: Runs, preset: str, method: str) -> list[float]:
+    return [run.running for run in runs.get((preset, method), ())]
+
+
+def _costs(group: Sequence[Run]) -> float:
+    costs = [run.fastest.angular_cost for run in group if run.fastest and run.fastest.angular_cost]
+    return interquartile_mean(costs).center
+
+
+def _reported(value: float | None, digits: int) -> str:
+    return "collapse" if value is None else f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
 
 def _folded(title: str, body: str) -> str:
     """A part that a reader opens."""
-    return f'??? info "{title}"\n\n{indent(body, "    ")}'
+    return f"<details><summary>{title}</summary>\n\n{body}\n\n</details>" if body else ""

@@ -65,6 +65,19 @@ def improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
     return Interval(center=center) if min(a.size, b.size) < 2 else _bootstrapped(center, (a, b), _faster)
 
 
+def difference(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
+    """Interquartile mean of ours minus that of theirs, with its bootstrap interval."""
+    if not ours or not theirs:
+        return Interval(center=math.nan)
+    a, b = np.asarray(ours, dtype=float), np.asarray(theirs, dtype=float)
+    center = float(_apart(a, b))
+    return Interval(center=center) if min(a.size, b.size) < 2 else _bootstrapped(center, (a, b), _apart)
+
+
+def _apart(ours: Any, theirs: Any, axis: int = -1) -> Any:
+    return _middle(ours, axis=axis) - _middle(theirs, axis=axis)
+
+
 def _middle(values: Any, axis: int = -1) -> Any:
     from scipy import stats  # takes a second: where it is used
 

@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 class Sweep:
     """Train methods x seeds x settings, several at a time; start it again and it goes on.
 
-    Every run gets <out>/<method>/seed-<k>/ with checkpoint.pt, log.jsonl, curve.csv, run.json, policy.onnx:
-    what "python -m studies.paper table <out>" evaluates. With --vary there is a folder of that kind for each
-    combination.
+    Every run gets <out>/<method>/seed-<k>/ with checkpoint.pt, log.jsonl, curve.csv, run.json, policy.onnx.
+    With --vary there is a folder of that kind for each combination.
 
     Attributes:
         out: folder of the sweep.
