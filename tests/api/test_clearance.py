@@ -4,32 +4,20 @@ from types import SimpleNamespace
 
 import pytest
 
-from sprintlab.api.clearance import HARMFUL, ClearanceError, require_clearance
+from sprintlab.api import clearance
+from sprintlab.api.clearance import (
+    HARMFUL,
+    TRIED_SPEEDS,
+    ClearanceError,
+    cleared_speed,
+    objections,
+    require_clearance,
+    stored_speed,
+)
 from sprintlab.control import load_policy, shipped_policy
-from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.bus import leaves_this_machine
+from sprintlab.control.policy import shipped_policies
 from sprintlab.evaluation.audit import audit_trials
 from sprintlab.robots import load_robot
-
-
-@pytest.mark.parametrize(
-    ("address", "leaves"),
-    [
-        ("shm://bp2", False),
-        ("zenoh://bp2", False),
-        ("zenoh://bp2@127.0.0.1:7447", False),
-        ("zenoh://bp2@[::1]:7447", False),
-        ("zenoh://bp2@localhost:7447", False),
-        ("zenoh://bp2@192.0.2.7:7447", True),
-        ("zenoh://bp2@robot.lab:7447", True),
-        ("unitree://go2", False),
-        ("unitree://go2@:7", False),
-        ("unitree://go2@lo:7", False),
-        ("unitree://go2@enp2s0", True),
-    ],
-)
-def test_what_leaves_this_machine(address, leaves):
-    assert leaves_this_machine(address) == leaves
 
 
 def judged(monkeypatch, *, failed=(), fall_time=None):
@@ -41,7 +29,7 @@ def judged(monkeypatch, *, failed=(), fall_time=None):
         audit=SimpleNamespace(failed=items), fall_time=fall_time, fall_reason="tilt" if fall_time else ""
     )
     monkeypatch.setattr("sprintlab.evaluation.trial.run_trial", lambda *_: trial)
-    require_clearance("fast", None, None, 5.0, self_paced=False, despite=None)
+    require_clearance("fast", None, None, 5.0, self_paced=False)
 
 
 @pytest.mark.parametrize("item", HARMFUL)
@@ -81,14 +69,29 @@ TRIAL = SimpleNamespace(
 )
 
 
-def test_only_the_policy_s_own_name_lets_it_drive_all_the_same():
-    require_clearance("fast", None, None, 5.0, self_paced=False, despite="fast")
-    with pytest.raises(SprintlabError, match="names 'slow', but the policy is 'fast'"):
-        require_clearance("fast", None, None, 5.0, self_paced=False, despite="slow")
+def test_the_highest_speed_that_passes_is_found(monkeypatch):
+    monkeypatch.setattr(clearance, "objections", lambda p, r, speed, **_: ["falls"] if speed > 4.5 else [])
+    assert cleared_speed(None, None, self_paced=True) == 4.0
+    monkeypatch.setattr(clearance, "objections", lambda *_, **__: ["falls"])
+    assert cleared_speed(None, None, self_paced=True) == 0.0
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_stored_speed_is_one_that_was_tried(name):
+    """A policy that changed has none: ``python tools/cleared_speeds.py`` stores it."""
+    assert stored_speed(load_policy(shipped_policy(name))) in (None, 0.0, *TRIED_SPEEDS)
+
+
+def test_a_stored_speed_passes():
+    policy = load_policy(shipped_policy("go2-sprint"))
+    speed = stored_speed(policy)
+    if not speed:
+        pytest.skip("none is stored")
+    assert not objections(policy, load_robot("go2"), speed, self_paced=True)
 
 
 def test_a_real_trial_is_judged():
     """The Go1's policy hits the ground too hard, even at 2 m/s."""
     policy = load_policy(shipped_policy("go1-sprint"))
     with pytest.raises(ClearanceError, match="foot force 4"):
-        require_clearance("go1-sprint", policy, load_robot("go1"), 2.0, self_paced=False, despite=None)
+        require_clearance("go1-sprint", policy, load_robot("go1"), 2.0, self_paced=False)

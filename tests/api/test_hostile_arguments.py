@@ -26,7 +26,7 @@ VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, "\ud800", [[
         (sl.envelope, "trajectory"), (sl.actuators, "name"), (sl.doctor, "folder"), (sl.train, "settings"),
         (sl.RobotRun, "policy"), (sl.RobotRun, "options"), (sl.RobotRun, "robot"), (sl.RobotRun, "source"),
         (sl.RobotRun, "log"), (sl.RobotSimulation, "bus"), (sl.RobotSimulation, "pace"),
-        (sl.RobotSimulation, "options"), (sl.RobotSimulation, "robot"), (sl.RobotSimulation, "bus_config"),
+        (sl.RobotSimulation, "options"), (sl.RobotSimulation, "robot"),
     ],
 )  # fmt: skip
 def test_an_argument_of_another_kind_is_told_in_one_sentence(function, name, value, tmp_path, monkeypatch):

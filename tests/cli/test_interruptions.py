@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -124,39 +123,10 @@ class Leaving:
 @pytest.mark.usefixtures("hanging_up")
 @pytest.mark.parametrize("command", ["run", "robot-sim"])
 def test_who_asks_again_while_a_run_leaves_is_told_its_numbers_all_the_same(command, monkeypatch, capsys):
-    """Over zenoh that takes two seconds where the other end stands still."""
     monkeypatch.setattr("sprintlab.cli.run.RobotRun", Leaving)
     monkeypatch.setattr("sprintlab.cli.robot_sim.RobotSimulation", Leaving)
     assert main([command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"duration": 1.0}
-
-
-LEFT = """
-import sys, time
-from sprintlab.cli.status import exit_status
-from sprintlab.core.leaving import leave
-
-def work():
-    leave(lambda: time.sleep(60.0), 0.01)
-    print("numbers", flush=True)
-    return 1
-
-sys.exit(exit_status("sprintlab", work))
-"""
-
-
-@pytest.mark.usefixtures("hanging_up")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_who_asks_while_a_process_ends_sees_no_traceback_and_its_status(number):
-    """A session of zenoh takes ten seconds to close where the other end stands still."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen([sys.executable, "-c", LEFT], text=True, **pipes)
-    assert process.stdout is not None and process.stdout.readline() == "numbers\n"
-    time.sleep(0.3)
-    process.send_signal(number)
-    process.send_signal(number)
-    assert process.communicate(timeout=30)[1] == ""
-    assert process.returncode == 1
 
 
 def test_a_run_that_shall_outlive_its_terminal_does():

@@ -1,9 +1,12 @@
 """``sprintlab run``: what it refuses, and that it says so before it touches a robot."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
 from sprintlab import control
+from sprintlab.api.robot_runs import RobotRun
 from sprintlab.deployment.bus import open_endpoint
 from sprintlab.deployment.controller import run_loop
 
@@ -27,7 +30,7 @@ def assert_refused(outcome, *words):
         (("no-such-policy",), ("no-such-policy", "there is: ")),
         (("missing.onnx",), ("missing.onnx", "No such file")),
         (("sprint", "shm://nobody-is-here"), ("no robot named 'nobody-is-here'",)),
-        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, zenoh, unitree")),
+        (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, unitree")),
         (("sprint", "bp2"), ("an address like shm://bp2",)),
         (("--robot", "bp3"), ("bp3",)),
         (("--source", "telepathy"), ("telepathy", "choose one of sprint")),
@@ -62,19 +65,47 @@ def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
     assert opened == ["go1-sprint.onnx"]
 
 
+BEYOND = "unitree://go2@no-such-interface"
+
+
 def test_beyond_this_machine_a_policy_is_audited_before_the_bus_is_opened(call, monkeypatch):
+    pytest.importorskip("cyclonedds")
     asked = []
     monkeypatch.setattr(
-        "sprintlab.api.clearance.require_clearance", lambda name, *_, **how: asked.append((name, how))
+        "sprintlab.api.clearance.require_clearance", lambda *what, **how: asked.append((what[-1], how))
     )
-    address = "zenoh://nobody@192.0.2.7:7447"
-    outcome = call(
-        "run", "sprint", address, "--no-log", "--source", "sprint-raw", "--despite-audit", "sprint"
-    )
-    assert outcome.status == 2 and "is not this machine" in outcome.err
-    assert asked == [("sprint", {"self_paced": False, "despite": "sprint"})]
-    call("run", "sprint", "shm://nobody-is-here", "--no-log")
-    assert len(asked) == 1
+    words = ("run", "sprint", BEYOND, "--no-log", "--top-speed", "3")
+    outcome = call(*words, "--source", "sprint-raw")
+    assert outcome.status == 2 and "cannot join DDS domain" in outcome.err
+    call(*words, "--despite-audit", "sprint")
+    call("run", "sprint", "shm://nobody-is-here", "--no-log", "--top-speed", "3")
+    assert asked == [(3.0, {"self_paced": False})]
+
+
+def test_to_insist_on_a_policy_takes_its_own_name(call):
+    outcome = call("run", "sprint", BEYOND, "--despite-audit", "slow")
+    assert_refused(outcome, "--despite-audit names 'slow', but the policy is 'sprint'")
+
+
+@pytest.mark.parametrize(
+    ("stored", "said"),
+    [(3.0, "top speed: 3 m/s, the highest at which sprint passes"), (0.0, "top speed: 1 m/s, although")],
+)
+def test_without_a_top_speed_it_is_one_at_which_the_policy_passes(monkeypatch, stored, said):
+    monkeypatch.setattr("sprintlab.api.clearance.stored_speed", lambda policy: stored)
+    remarks = []
+    with (
+        contextlib.closing(open_endpoint("shm://default-speed-of-a-test")),
+        RobotRun("sprint", "shm://default-speed-of-a-test", log=False, remark=remarks.append) as run,
+    ):
+        assert run._controller._limiter.limits.forward == (stored or 1.0)
+    assert any(remark.startswith(said) for remark in remarks)
+
+
+def test_beyond_this_machine_a_policy_that_passes_nowhere_is_refused(call, monkeypatch):
+    monkeypatch.setattr("sprintlab.api.clearance.stored_speed", lambda policy: 0.0)
+    outcome = call("run", "sprint", BEYOND, "--no-log")
+    assert_refused(outcome, "at no speed from 1 m/s on", "give --top-speed and --despite-audit sprint")
 
 
 def test_a_log_that_exists_is_not_overwritten(call, tmp_path):

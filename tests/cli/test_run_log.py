@@ -17,10 +17,10 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 def test_a_run_is_logged_into_a_file_of_its_own(monkeypatch):
     monkeypatch.setattr(robot_runs, "find_spec", lambda name: object())
-    path = log_path(True, "zenoh://bp2@10.0.0.7:7447")
+    path = log_path(True, "unitree://go2@10.0.0.7")
     assert path is not None
     assert path.parent == Path("runs")
-    assert path.match("bp2-10-0-0-7-7447-????????-??????.mcap")
+    assert path.match("go2-10-0-0-7-????????-??????.mcap")
 
 
 def test_a_file_that_was_asked_for_is_taken():

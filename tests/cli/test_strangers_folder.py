@@ -1,7 +1,6 @@
 """A command that is started in a stranger's folder runs no Python that lies there."""
 
 import os
-import platform
 import re
 import subprocess
 import sys
@@ -11,38 +10,7 @@ import pytest
 from packaging.requirements import Requirement
 
 import sprintlab
-from sprintlab.cli.status import exit_status
 from sprintlab.core.reading import read_toml
-
-COMMAND = """
-import multiprocessing, subprocess, sys
-from sprintlab.cli.status import exit_status
-
-def work():
-    for how in (["-c", "import struct"], ["-m", "struct"]):
-        subprocess.run([sys.executable, *how])
-    process = multiprocessing.get_context("spawn").Process(target=print)
-    process.start()
-    process.join()
-    return process.exitcode
-
-if __name__ == "__main__":
-    sys.exit(exit_status("command", work))
-"""
-
-
-@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 cannot be told where not to look")
-def test_processes_of_a_command_import_nothing_from_the_folder_it_is_started_in(tmp_path: Path) -> None:
-    (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "command.py").write_text(COMMAND)
-    strange = tmp_path / "strange"
-    strange.mkdir()
-    for module in ("struct", "multiprocessing"):
-        (strange / f"{module}.py").write_text(f"open('{module} ran', 'w').close()")
-    done = subprocess.run([sys.executable, tmp_path / "own" / "command.py"], cwd=strange, check=False)
-    assert sorted(path.name for path in strange.iterdir()) == ["multiprocessing.py", "struct.py"]
-    assert done.returncode == 0
-
 
 SCRIPT = """
 import os, sys
@@ -89,27 +57,6 @@ def work():
 
 sys.exit(exit_status("command", work))
 """
-
-
-def test_the_matplotlibrc_in_the_working_folder_is_not_read(tmp_path: Path) -> None:
-    """Its usetex ended figures in a traceback, or ran a stranger's preamble; a pipe was waited for."""
-    (tmp_path / "matplotlibrc").write_text("text.usetex: True\n")
-    assert subprocess.run([sys.executable, "-c", DRAWS], cwd=tmp_path, check=False).returncode == 0
-
-
-@pytest.mark.parametrize("place", [".", "tls/{}", "glibc-hwcaps/x86-64-v3"])
-def test_no_command_begins_where_pytorch_would_load_a_strangers_library(
-    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """libcusparseLt.so.0 has $ORIGIN: as its search path; the part behind the colon is the working folder."""
-    monkeypatch.chdir(tmp_path)
-    library = tmp_path / place.format(platform.machine()) / "libcuda.so.1"
-    library.parent.mkdir(parents=True, exist_ok=True)
-    library.symlink_to("nowhere")
-    assert exit_status("command", lambda: 0) == 2
-    assert "libcuda.so.1 in the working folder" in capsys.readouterr().err
-    library.unlink()
-    assert exit_status("command", lambda: 0) == 0
 
 
 def test_no_matplotlib_is_used_that_evaluates_the_settings_in_the_working_folder() -> None:

@@ -132,18 +132,6 @@ def test_a_robot_that_dies_ends_the_run_in_order(bus):
     assert simulated["simulated_time"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_over_zenoh_a_run_goes_as_over_shared_memory():
-    pytest.importorskip("zenoh")
-    address = f"zenoh://run-{os.getpid()}"
-    robot = start_robot(address, "--lock-step", "--end-with-controller")
-    status, run, robot_status, simulated = drive(
-        address, robot, "--lock-step", "--duration", "0.3", "--no-log"
-    )
-    assert (status, robot_status) == (0, 0), run
-    assert run["end"] == "passive" and run["faults"] == {}
-    assert simulated["commands_dropped"] == 0 and simulated["fall_reason"] == ""
-
-
 def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, tmp_path):
     resource = pytest.importorskip("resource")
     pytest.importorskip("mcap")

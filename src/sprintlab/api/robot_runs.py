@@ -16,11 +16,13 @@ from rich.console import RenderableType
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, robot_of, robot_word
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.arguments import check_kind, checked
+from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
     from sprintlab.control import Policy
     from sprintlab.deployment.controller import Controller, LoopOptions, LoopReport
     from sprintlab.deployment.log import McapRunLog
+    from sprintlab.robots import RobotDescription
 
 Remark = Callable[[str], None]
 _ATTENDED = ("keyboard", "gamepad")
@@ -66,7 +68,7 @@ class DrivenRun(Printed):
                 ("deadline misses", f"{report.deadline_misses} of {report.steps}", ""),
                 ("periods skipped", str(report.skipped), ""),
             ]
-        rows.append(("damaged messages", str(report.malformed), ""))
+        rows += [(f"refused: {reason}", str(count), "") for reason, count in report.refused.items()]
         return rows + [(f"fault {name}", str(count), "") for name, count in self.faults.items()]
 
 
@@ -75,12 +77,12 @@ class RobotRun:
 
     Args:
         policy: a policy file, or the name of a policy that comes with the package.
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
+        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
         options: clock and end of the loop; real time when left out.
-        bus_config: for zenoh on a network: a file in zenoh's format with TLS, or user and password.
         robot: name, folder or table; that of the policy's contract when left out.
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
-        top_speed: highest commanded speed [m/s].
+        top_speed: highest commanded speed [m/s]; when left out, the highest at which the policy neither falls
+            nor overloads feet and gears in simulation.
         distance: of a sprint [m].
         log: file for every step (.mcap); True: a new one under ``runs``; False: none.
         despite_audit: name of the policy, to let it drive a robot beyond this machine whatever a simulated
@@ -99,10 +101,9 @@ class RobotRun:
         bus: str = "shm://bp2",
         *,
         options: LoopOptions | None = None,
-        bus_config: Path | None = None,
         robot: RobotChoice = None,
         source: str = "sprint",
-        top_speed: float = 12.0,
+        top_speed: float | None = None,
         distance: float = 100.0,
         log: Path | bool = True,
         despite_audit: str | None = None,
@@ -126,13 +127,17 @@ class RobotRun:
         loaded = load_policy(path)
         described = load_robot(robot_of(loaded, path.name) if robot is None else robot_word(robot))
         check_contract(loaded.contract, described)
+        beyond = leaves_this_machine(bus)
+        if despite_audit not in (None, name):
+            raise SprintlabError(f"--despite-audit names {despite_audit!r}, but the policy is {name!r}")
+        paced, why = source == "sprint", ""
+        if top_speed is None:
+            insisted = despite_audit is not None or not beyond
+            top_speed, why = _default_speed(name, loaded, described, paced, insisted, remark)
+        elif beyond and despite_audit is None:  # a policy that would break a robot that may be real
+            remark(f"auditing {name} at {top_speed:g} m/s in simulation first")
+            require_clearance(name, loaded, described, top_speed, self_paced=paced)
         limits = VelocityLimits(forward=top_speed)
-        if leaves_this_machine(bus):
-            # A policy that would break a robot that may be real.
-            if despite_audit is None:
-                remark(f"auditing {name} at {top_speed:g} m/s in simulation first")
-            paced = source == "sprint"
-            require_clearance(name, loaded, described, top_speed, self_paced=paced, despite=despite_audit)
         with ExitStack() as stack:
             self._source = open_source(source, top_speed=top_speed, distance=distance)
             stack.enter_context(closing(self._source))
@@ -140,11 +145,13 @@ class RobotRun:
             place = log_path(log, bus, remark)
             # The bus before the log: who finds no robot leaves no empty file behind.
             session = self._controller.session
-            self._bus = stack.enter_context(closing(open_bus(bus, session=session, config=bus_config)))
+            self._bus = stack.enter_context(closing(open_bus(bus, session=session)))
             if place is not None:
                 told = {**(facts or {}), **_facts(name, bus)}
                 self._log = _open_log(place, loaded, described.name, told, self.options.lock_step, remark)
                 stack.callback(self._close_log)
+            if why:
+                remark(f"top speed: {top_speed:g} m/s, {why}")
             for text in () if asked.lock_step else lacking(asked.priority, asked.core):
                 remark(f"real time: {text}")
             self._open = stack.pop_all()
@@ -195,6 +202,30 @@ class RobotRun:
         except LogError as error:
             return str(error)
         return None
+
+
+def _default_speed(
+    name: str, policy: Policy, robot: RobotDescription, paced: bool, insisted: bool, remark: Remark
+) -> tuple[float, str]:
+    """The highest speed at which a simulated trial passes [m/s], else the lowest one tried; and why.
+
+    Raises:
+        ClearanceError: no trial passes, and the operator has not insisted.
+    """
+    from sprintlab.api.clearance import TRIED_SPEEDS, ClearanceError, cleared_speed, stored_speed
+
+    speed = stored_speed(policy)
+    if speed is None:
+        remark(f"looking in simulation for the highest speed at which {name} passes its audit")
+        speed = cleared_speed(policy, robot, self_paced=paced)
+    if speed > 0.0:
+        return speed, f"the highest at which {name} passes its audit in simulation"
+    if not insisted:
+        raise ClearanceError(
+            f"{name} passes its audit in simulation at no speed from {TRIED_SPEEDS[-1]:g} m/s on: "
+            f"give --top-speed and --despite-audit {name}"
+        )
+    return TRIED_SPEEDS[-1], f"although {name} passes its audit in simulation at no speed"
 
 
 def log_path(log: Path | bool, bus: str, remark: Remark = lambda text: None) -> Path | None:

@@ -46,11 +46,10 @@ class RobotSimulation:
     """A robot on the bus while a ``with`` block lasts: the 1 kHz plant, with the faults of a real link.
 
     Args:
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
+        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
         robot: name, folder or table; that of the policy sprint when left out.
         options: plant, link, noise and start; the nominal robot's when left out.
         pace: real time or lock-step, and when to end.
-        bus_config: for zenoh on a network: a file in zenoh's format with TLS, or user and password.
         distance: mark whose passing is timed [m].
         truth: file (.npz) for the true motion; ``pace`` must have a duration, of an hour at most.
         priority: of the real-time scheduler, 1 to 99.
@@ -68,7 +67,6 @@ class RobotSimulation:
         robot: RobotChoice = None,
         options: SimulatorOptions | None = None,
         pace: PaceOptions | None = None,
-        bus_config: Path | None = None,
         distance: float = 100.0,
         truth: Path | None = None,
         priority: int = 40,
@@ -91,7 +89,7 @@ class RobotSimulation:
             check_writable_file(truth)
         self._distance, self._truth = distance, truth
         self._priority = priority if real_time and not self.pace.lock_step else None
-        self._endpoint = open_endpoint(bus, config=bus_config)
+        self._endpoint = open_endpoint(bus)
         try:
             self._world = SimulatedWorld(load_robot(robot or default_robot()), options or SimulatorOptions())
         except BaseException:
@@ -108,12 +106,14 @@ class RobotSimulation:
         self,
         stopped: Callable[[], bool] = lambda: False,
         progress: Progress = lambda what, share: None,
+        remark: Callable[[str], None] = lambda text: None,
     ) -> SimulatedRun:
         """Simulate until the end that ``pace`` sets, or until told to stop.
 
         Args:
             stopped: asked at every step.
             progress: told simulated time and distance.
+            remark: told once of each reason for which commands are dropped.
 
         Raises:
             SprintlabError: the controller stopped answering in lock-step, or the motion cannot be written.
@@ -130,6 +130,7 @@ class RobotSimulation:
                 recorder=recorder,
                 stopped=stopped,
                 progress=lambda time, distance: progress(f"{time:.1f} s, {distance:.1f} m", None),
+                remark=remark,
             )
         if recorder is not None and self._truth is not None:
             from sprintlab.evaluation.race_files import save_trajectory
@@ -162,6 +163,7 @@ def _rows(report: SimulatorReport) -> list[tuple[str, str, str]]:
         ("fall", report.fall_reason or "none", ""),
         ("commands accepted", str(report.commands_accepted), ""),
         ("commands dropped", str(report.commands_dropped), ""),
+        *((f"dropped: {reason}", str(count), "") for reason, count in report.drop_reasons.items()),
         ("watchdog trips", str(report.watchdog_trips), ""),
         ("late steps", str(report.late_steps), ""),
         ("time given up", f"{1e3 * report.given_up:.1f}", "ms"),

@@ -26,9 +26,7 @@ class RobotSim(DriveOptions):
     has left.
 
     Attributes:
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
-        bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
-            TLS, or user and password.
+        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left
             out.
         start: lying on the ground with damped joints, or standing.
@@ -55,7 +53,6 @@ class RobotSim(DriveOptions):
     """
 
     bus: tyro.conf.Positional[str] = "shm://bp2"
-    bus_config: Path | None = None
     robot: str | None = None
     start: str = "lying"
     delay: float = 0.0
@@ -90,17 +87,21 @@ class RobotSim(DriveOptions):
                 robot=self.robot,
                 options=self._options(),
                 pace=self._pace(),
-                bus_config=self.bus_config,
                 distance=self.distance,
                 truth=self.truth,
                 priority=self.priority,
                 real_time=not self.no_real_time,
             ) as robot:
-                stderr_console().print(f"the robot is on {self.bus}; Ctrl-C ends it", soft_wrap=True)
+                console = stderr_console()
+
+                def remark(text: str) -> None:
+                    console.print(text, soft_wrap=True, markup=False)
+
+                remark(f"the robot is on {self.bus}; Ctrl-C ends it")
                 # Until the numbers are told: leaving may take seconds, in which somebody may ask once more.
                 interrupted = told.enter_context(counted_interruptions())
                 with progress_bar(quiet=self.json) as report:
-                    found = robot.run(stopped=lambda: interrupted() > 0, progress=report)
+                    found = robot.run(lambda: interrupted() > 0, report, remark)
             show(found, self)
         return 1 if found.report.fall_reason else 0
 

@@ -30,12 +30,11 @@ class Run:
 
     Attributes:
         policy: a policy file, or the name of a policy that comes with the package.
-        bus: address of the robot: shm://NAME, zenoh://NAME[@HOST:PORT] or unitree://NAME[@INTERFACE].
-        bus_config: for zenoh on a network: how both ends recognize each other, a file in zenoh's format with
-            TLS, or user and password.
+        bus: address of the robot: shm://NAME or unitree://NAME[@INTERFACE].
         robot: a robot's name, or a parameter table of one's own (.toml); the policy's when left out.
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
-        top_speed: highest commanded speed [m/s].
+        top_speed: highest commanded speed [m/s]; when left out, the highest at which the policy passes its
+            audit in simulation.
         distance: of a sprint [m].
         log: write every step to this MCAP file; runs/<bus name>-<date>-<time>.mcap when left out.
         no_log: write none.
@@ -51,10 +50,9 @@ class Run:
 
     policy: tyro.conf.Positional[str] = "sprint"
     bus: tyro.conf.Positional[str] = "shm://bp2"
-    bus_config: Path | None = None
     robot: str | None = None
     source: str = "sprint"
-    top_speed: float = 12.0
+    top_speed: float | None = None
     distance: float = 100.0
     log: Path | None = None
     no_log: bool = False
@@ -85,7 +83,6 @@ class Run:
                 self.policy,
                 self.bus,
                 options=options,
-                bus_config=self.bus_config,
                 robot=self.robot,
                 source=self.source,
                 top_speed=self.top_speed,

@@ -19,20 +19,19 @@ Duties of the robot's end, whatever robot it is:
    ``DAMPING`` with the robot description's damping, sets ``RobotStatus.WATCHDOG_EXPIRED``, and *latches*:
    ``SERVO`` commands are dropped until a ``DAMPING`` or ``OFF`` command is accepted, which clears the flag.
 4. It publishes ``RobotState`` at 1 kHz with sequence numbers that rise by one, and reports in ``session``
-   and ``command_sequence`` whose command it accepted last, and which, and in ``command_digest`` what stood
-   in it (``command_digest``): numbers alone could be another's.
-5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires.
-   It drops commands of every other session and counts them in ``foreign_commands``.
+   and ``command_sequence`` whose command it accepted last, and which.
+5. **One controller**: it is bound to the session of the last accepted command until the watchdog expires, and
+   drops commands of every other session.
 """
 
 from __future__ import annotations
 
 import enum
-import hashlib
 import math
 import secrets
 import struct
 import zlib
+from collections import Counter
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -43,7 +42,7 @@ from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 MAGIC = b"SPRT"
 MOST_JOINTS = 32
 """Joints that a message has room for."""
@@ -52,7 +51,7 @@ WATCHDOG_TIMEOUT = 0.05
 
 
 class MessageError(SprintlabError):
-    """A message that is damaged, of another kind or version, or holds values nobody may act on."""
+    """A message that is damaged, of another kind or version, or holds values that no robot may act on."""
 
 
 class JointMode(enum.IntEnum):
@@ -97,9 +96,6 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         command_sequence: of the last accepted command; 0 before the first.
         status: ``RobotStatus`` flags.
         session: of the controller that sent the last accepted command; 0 before the first.
-        foreign_commands: dropped so far because they belonged to another session.
-        command_digest: of the last accepted command's content, as ``command_digest`` makes it; 0 before the
-            first, and of a robot that does not say.
     """
 
     sequence: int
@@ -113,8 +109,6 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     command_sequence: int = 0
     status: int = 0
     session: int = 0
-    foreign_commands: int = 0
-    command_digest: int = 0
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
@@ -188,7 +182,6 @@ COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
 """Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
 and so small that no sum of their products overflows."""
 
-_LITTLE_ENDIAN = np.dtype("<f8")
 _HEADER = "<4sHHQQ"
 _HEADER_FIELDS = 5
 _SCALAR, _PER_JOINT = 0, -1  # sizes of fields that are no arrays, or arrays with a number per joint
@@ -248,13 +241,7 @@ _LAYOUTS = (
     _Layout(
         1,
         RobotState,
-        {
-            "command_sequence": int,
-            "status": int,
-            "session": int,
-            "foreign_commands": int,
-            "command_digest": int,
-        },
+        {"command_sequence": int, "status": int, "session": int},
         {
             "joint_position": _PER_JOINT,
             "joint_velocity": _PER_JOINT,
@@ -316,7 +303,7 @@ def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> Mes
     layout, content = _BY_TYPE[kind], bytes(data)
     joints = layout.joints(len(content))
     if joints is None:
-        raise MessageError(f"{len(content)} bytes came, which no {kind.__name__} has")
+        raise MessageError(f"a {kind.__name__} cannot have {len(content)} bytes")
     magic, version, number = struct.unpack_from("<4sHH", content)
     if (magic, version, number) != (MAGIC, FORMAT_VERSION, layout.kind):
         raise MessageError(
@@ -353,20 +340,7 @@ def check_command(command: JointCommand, joints: int) -> None:
     for field, (least, greatest) in COMMAND_BOUNDS.items():
         value = getattr(command, field)
         if value.shape != (joints,) or not within_bounds(field, value):
-            raise MessageError(
-                f"{field} must be {joints} numbers from {least:g} to {greatest:g}, got {value}"
-            )
-
-
-def command_digest(command: JointCommand) -> int:
-    """A number that tells what a command asks of the joints, not 0: BLAKE2b over its fields, 8 bytes.
-
-    The content is the mode as one byte, then the fields in the order of ``COMMAND_BOUNDS``, doubles in little
-    endian. A checksum would not do: a command of the same checksum takes its writer microseconds.
-    """
-    parts = [getattr(command, field).astype(_LITTLE_ENDIAN, copy=False).tobytes() for field in COMMAND_BOUNDS]
-    digest = hashlib.blake2b(bytes([command.mode]) + b"".join(parts), digest_size=8).digest()
-    return int.from_bytes(digest, "little") or 1
+            raise MessageError(f"{field} is not {joints} numbers from {least:g} to {greatest:g}")
 
 
 MOST_DAMAGED = 16
@@ -377,10 +351,10 @@ class RobotInterface(Protocol):
     """The controller's end of a bus. Nothing here blocks longer than a few microseconds.
 
     Attributes:
-        malformed: messages dropped because ``decode`` refused them.
+        refused: messages that could not be decoded, counted by the reason.
     """
 
-    malformed: int
+    refused: Counter[str]
 
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None until another arrives. Duplicates are passed on.
@@ -405,7 +379,7 @@ class RobotInterface(Protocol):
 class RobotEndpoint(Protocol):
     """The robot's end of a bus; as ``RobotInterface``, seen from the other side."""
 
-    malformed: int
+    refused: Counter[str]
 
     def receive_command(self) -> JointCommand | None:
         """The next command in order of arrival; None until another arrives."""

@@ -212,7 +212,7 @@ def test_the_run_is_the_very_code_of_the_evaluation(whole_life, policy):
 def test_commands_are_numbered_without_gaps(whole_life):
     numbers = np.array([tick.command.sequence for tick in whole_life.ticks])
     assert (np.diff(numbers) == 1).all()
-    assert whole_life.simulated.dropped == 0
+    assert not whole_life.simulated.dropped
 
 
 @pytest.mark.parametrize("request_", [Request.RUN, Request.LIE_DOWN, Request.STOP, Request.PASSIVE])
@@ -248,7 +248,7 @@ def test_an_unfit_robot_is_not_stood_up(lying, changes):
 
 
 def test_a_robot_that_answers_no_more_is_not_stood_up(lying):
-    lying.on_states = changed_states(command_sequence=1, command_digest=0)
+    lying.on_states = changed_states(command_sequence=1)
     lying.run(0.2)
     lying.source.request = Request.STAND
     assert lying.run(0.3).mode == "passive" and {tick.mode for tick in lying.ticks} == {"passive"}

@@ -1,6 +1,8 @@
 """The simulated robot's duties: modes, watchdog, refused commands, sensors."""
 
+from collections import Counter
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -46,7 +48,9 @@ def test_from_power_up_on_the_watchdog_holds_the_joints(standing):
     assert state.status & RobotStatus.WATCHDOG_EXPIRED
     assert state.command_sequence == 0
     assert not standing.accept(command(1))
-    assert standing.dropped == 1
+    assert dict(standing.dropped) == {
+        "the watchdog has expired: only a damping or off command is taken first": 1
+    }
 
 
 def test_a_safe_command_wakes_it_and_silence_of_fifty_milliseconds_ends_that(standing):
@@ -66,6 +70,8 @@ def test_a_safe_command_wakes_it_and_silence_of_fifty_milliseconds_ends_that(sta
 
 class Commands:
     """A robot's end at which commands wait."""
+
+    refused: ClassVar = Counter()
 
     def __init__(self, *waiting):
         self.waiting = list(waiting)
@@ -119,32 +125,6 @@ def test_a_robot_that_was_stopped_does_not_go_on_with_what_was_sent_before(momen
     assert live(0.001) == RobotStatus.READY
 
 
-@pytest.mark.parametrize(("answered", "late"), [(0, 0.003), (0, 0.06), (1, 0.003), (1, 0.4)])
-def test_what_was_on_its_way_to_a_robot_that_was_stopped_is_not_done_when_it_comes(moment, answered, late):
-    """Sockets keep commands, too, and threads of a network take them only once the robot goes on."""
-    world, endpoint = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), Commands()
-    live = living(moment, world, endpoint)
-    live(0.001)
-    live(5.0)
-    for _ in range(round(late / 0.001)):
-        live(0.001)
-    endpoint.waiting = [command(number, state_sequence=answered) for number in range(2, 20)]
-    endpoint.waiting.insert(0, command(1, JointMode.DAMPING, state_sequence=answered))
-    assert live(0.001) == RobotStatus.WATCHDOG_EXPIRED
-    assert (world.robot.accepted, world.robot.dropped) == (0, 19)
-
-
-def test_after_a_standstill_an_answer_to_a_newer_state_is_heard_at_once(moment):
-    """A busy machine makes many short standstills: a controller that goes on would not be heard for long."""
-    world, endpoint = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), Commands()
-    live = living(moment, world, endpoint)
-    live(5.0)
-    live(0.001)
-    endpoint.waiting = [command(1, JointMode.DAMPING, state_sequence=2), command(2, state_sequence=2)]
-    assert live(0.001) == RobotStatus.READY
-    assert (world.robot.accepted, world.robot.dropped) == (2, 0)
-
-
 @pytest.mark.parametrize("delay", [0.0, 0.003])
 def test_a_safe_command_of_before_a_standstill_lets_no_other_in(moment, delay):
     """A run had just begun when the robot was stopped: it woke, and drove on servo commands of 5 s before."""
@@ -160,7 +140,7 @@ def test_a_safe_command_of_before_a_standstill_lets_no_other_in(moment, delay):
         world.step()
         moment[0] += 0.001
         assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
-    assert (world.robot.accepted, world.robot.dropped) == (0, 2)
+    assert (world.robot.accepted, world.robot.dropped.total()) == (0, 2)
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.01])
@@ -175,7 +155,7 @@ def test_of_all_that_waited_while_a_robot_was_stopped_nothing_is_done_later_eith
         world.step()
         moment[0] += 0.001 / speed
         assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
-    assert (world.robot.accepted, world.robot.dropped) == (0, 250)
+    assert (world.robot.accepted, world.robot.dropped.total()) == (0, 250)
 
 
 def test_a_flood_of_commands_does_not_hold_the_robot():
@@ -189,31 +169,6 @@ def test_a_flood_of_commands_does_not_hold_the_robot():
 
     world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
     assert loop._RealTime(world, Flood(), loop.PaceOptions()).exchange(lambda: False)
-
-
-@pytest.mark.parametrize("stopped_at", ["sleep", "receive_command"])
-def test_a_robot_that_was_stopped_as_it_slept_or_read_does_nothing_of_what_waited(
-    monkeypatch, moment, stopped_at
-):
-    """It sleeps for most of a step: there it is when somebody stops it."""
-
-    def stand_still(*_):
-        moment[0] += 5.0
-
-    class Read(Commands):
-        def receive_command(self):
-            if stopped_at == "receive_command" and len(self.waiting) == 1:
-                stand_still()
-            return super().receive_command()
-
-    if stopped_at == "sleep":
-        monkeypatch.setattr(loop.time, "sleep", stand_still)
-    world = SimulatedWorld(ROBOT, SimulatorOptions(start="standing"))
-    endpoint = Read(command(1, JointMode.DAMPING), command(2))
-    loop._RealTime(world, endpoint, loop.PaceOptions()).exchange(lambda: False)
-    world.step()
-    assert world.robot.state(0).status == RobotStatus.WATCHDOG_EXPIRED
-    assert (world.robot.accepted, world.robot.dropped) == (0, 2)
 
 
 def test_a_watchdog_has_nothing_to_take_over_while_the_drives_are_off(standing):
@@ -280,6 +235,28 @@ def test_impossible_commands_are_dropped_and_do_not_feed_the_watchdog(standing, 
         assert not standing.accept(command(sequence, **bad))
         standing.step()
     assert standing.state(0).status & RobotStatus.WATCHDOG_EXPIRED
+
+
+def test_each_reason_for_a_dropped_command_is_told_once_and_counted():
+    """A command that the bus could not decode is one, too."""
+    world, told = SimulatedWorld(ROBOT, SimulatorOptions(start="standing")), []
+
+    class Refusing(Commands):
+        refused: ClassVar = Counter()
+
+        def receive_command(self):
+            self.refused["a LowCmd_ came damaged: its checksum does not fit"] += 1
+            return super().receive_command()
+
+    endpoint = Refusing(*(command(number) for number in range(1, 151)))
+    pace = loop.PaceOptions(duration=0.3, speed_factor=100.0)
+    report = loop.run_simulator(world, endpoint, pace, remark=told.append)
+    assert len(told) == len(set(told)) == len(report.drop_reasons) == 2
+    assert (
+        report.drop_reasons["the watchdog has expired: only a damping or off command is taken first"] == 150
+    )
+    assert report.commands_dropped == sum(report.drop_reasons.values()) > 150
+    assert {f"a command was dropped: {reason}" for reason in report.drop_reasons} == set(told)
 
 
 def test_old_and_duplicated_commands_are_dropped(standing):

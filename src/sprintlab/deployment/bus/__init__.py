@@ -1,4 +1,4 @@
-"""Ways to carry messages between a controller and a robot: shared memory, zenoh, Unitree's DDS messages."""
+"""Ways to carry messages between a controller and a robot: shared memory, Unitree's DDS messages."""
 
 from sprintlab.deployment.bus.address import BusAddress as BusAddress
 from sprintlab.deployment.bus.address import BusError as BusError

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-
-import msgspec
+from collections import Counter
 
 from sprintlab.deployment.interface import (
     MOST_DAMAGED,
@@ -25,13 +24,14 @@ _MOST_FIXES = 4  # that one look takes: ten come a second
 
 
 class BusEnd(ABC):
-    """One end of a bus. What carries the bytes says how they come and go.
+    """One end of a bus.
 
     Attributes:
-        malformed: messages that ``decode`` refused.
+        refused: messages that could not be decoded, counted by the reason.
     """
 
-    malformed: int = 0
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
 
     @abstractmethod
     def _take(self, channel: str) -> bytes | None:
@@ -48,8 +48,8 @@ class BusEnd(ABC):
                 return None
             try:
                 return self._decode(kind, content)
-            except MessageError:
-                self.malformed += 1
+            except MessageError as error:
+                self.refused[str(error)] += 1
         return None
 
     def _encode(self, message: Message) -> bytes:
@@ -57,18 +57,20 @@ class BusEnd(ABC):
         return encode(message)
 
     def _decode(self, kind: type[MessageType], content: bytes) -> MessageType:
-        """The message of these bytes; raises ``MessageError`` where they are none."""
+        """The message of these bytes; raises ``MessageError`` where they hold none."""
         return decode(kind, content)
 
 
 class ControllerEnd(BusEnd):
     """The controller's end of a bus.
 
-    Attributes:
-        session: that the robot was told of: it takes commands of no other.
+    Args:
+        session: of the controller that holds this end.
     """
 
-    session: int = 0
+    def __init__(self, session: int) -> None:
+        super().__init__()
+        self.session = session
 
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None until another arrives."""
@@ -90,13 +92,7 @@ class ControllerEnd(BusEnd):
 
 
 class RobotEnd(BusEnd):
-    """The robot's end of a bus.
-
-    Attributes:
-        foreign: commands dropped because their session was not let in.
-    """
-
-    foreign: int = 0
+    """The robot's end of a bus."""
 
     @property
     def ready(self) -> bool:
@@ -104,29 +100,12 @@ class RobotEnd(BusEnd):
         return True
 
     def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival of the controller that was let in; None if there is none."""
-        for _ in range(MOST_DAMAGED):
-            command = self._next(COMMAND, JointCommand)
-            if command is None or self._admitted(command.session):
-                return command
-            self.foreign += 1
-        return None
+        """The next command in order of arrival; None until another arrives."""
+        return self._next(COMMAND, JointCommand)
 
     def publish(self, state: RobotState) -> bool:
-        """Send a state; the commands that this end dropped count as those that the robot did.
-
-        Returns:
-            Whether it was sent: a bus may carry fewer states than the robot has.
-        """
-        if self.foreign:
-            foreign = state.foreign_commands + self.foreign
-            state = msgspec.structs.replace(state, foreign_commands=foreign)
+        """Send a state; whether it was sent, since a bus may carry fewer states than the robot has."""
         self._put(STATE, self._encode(state))
-        return True
-
-    def _admitted(self, session: int) -> bool:
-        """Whether a controller of this session was let in; a bus that lets nobody in knows none."""
-        del session
         return True
 
     def publish_fix(self, fix: PositionFix) -> None:

@@ -1,4 +1,4 @@
-"""A ring of messages in memory that two processes share: one writes, one reads, nobody waits.
+"""A ring of messages in memory that two processes share: one writes, one reads, neither waits.
 
 Each slot has a stamp beside its bytes, which the writer makes odd before and even after it touches the
 slot (a sequence lock); the reader copies the bytes and believes them only if the stamp was the expected one
@@ -12,7 +12,6 @@ stamp, the message's length in bytes, and room for the longest message, in whole
 from __future__ import annotations
 
 _WORD = 8
-_MOST_MESSAGES = 1 << 62  # twice the count must fit into a stamp
 
 
 def ring_size(slots: int, message_size: int) -> int:
@@ -21,13 +20,12 @@ def ring_size(slots: int, message_size: int) -> int:
 
 
 class _Ring:
-    """What reader and writer know of the layout."""
+    """The layout, as reader and writer share it."""
 
     def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
         self._memory = memory[: ring_size(slots, message_size)]
         self._words = self._memory.cast("Q")
-        self._slots = slots
-        self._size = message_size
+        self._slots, self._size = slots, message_size
         self._words_per_slot = 2 + -(-message_size // _WORD)
 
     def _slot(self, index: int) -> int:
@@ -41,15 +39,7 @@ class _Ring:
 
 
 class RingWriter(_Ring):
-    """The end that writes; ``memory`` must hold zeros, or what an earlier writer left.
-
-    It counts for itself: whatever the memory says later, the next message goes out.
-    """
-
-    def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
-        super().__init__(memory, slots, message_size)
-        written = self._words[0]
-        self._next = written if written < _MOST_MESSAGES else 0
+    """The end that writes; ``memory`` must hold zeros, or what an earlier writer left."""
 
     def write(self, message: bytes) -> None:
         """Put a message in the ring; the oldest one makes room.
@@ -59,8 +49,7 @@ class RingWriter(_Ring):
         """
         if len(message) > self._size:
             raise ValueError(f"a message of {len(message)} bytes; a slot has {self._size}")
-        index = self._next
-        self._next += 1
+        index = self._words[0]
         word = self._slot(index)
         self._words[word] = 2 * index + 1
         self._words[word + 1] = len(message)
@@ -74,14 +63,12 @@ class RingReader(_Ring):
     """The end that reads, from the oldest message that is still there when it comes.
 
     Attributes:
-        lost: messages that were overwritten before they were read.
-        torn: messages that changed while they were copied, and were dropped (they count as lost too).
+        lost: messages that were overwritten before, or changed while, they were read.
     """
 
     def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
         super().__init__(memory, slots, message_size)
         self.lost = 0
-        self.torn = 0
         self._next = self._oldest(self._words[0])
 
     def _oldest(self, written: int) -> int:
@@ -92,21 +79,16 @@ class RingReader(_Ring):
         """The next message, or None if all have been read."""
         for _ in range(self._slots):
             written = self._words[0]
-            if written > _MOST_MESSAGES:
-                return None  # no writer has ever come so far: the memory is damaged
             oldest = self._oldest(written)
             if self._next < oldest:
                 self.lost += oldest - self._next
                 self._next = oldest
-            if self._next > written:  # the writer began anew
-                self._next = oldest
-            if self._next == written:
+            if self._next >= written:
                 return None
             message = self._copy(self._next)
             self._next += 1
             if message is not None:
                 return message
-            self.torn += 1
             self.lost += 1
         return None
 

@@ -1,7 +1,7 @@
 """Unitree's messages over DDS, through Cyclone DDS: topics ``rt/lowcmd`` and ``rt/lowstate``.
 
 The library carries the bytes that ``unitree_messages`` makes, and declares their types to the network. DDS
-lets everybody in: whoever is in the network can drive the robot.
+lets everybody in the network drive the robot.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-import uuid
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
@@ -33,7 +31,7 @@ _TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 _PATIENCE = 3.0  # [s] to find a robot
 _SETTLING = 0.5  # [s] to hear of others
 _LOOK = 0.01  # [s] between two looks at who reads the commands
-_MOST_PUBLISHERS = 100_000  # of a domain that are looked at
+_MOST_PUBLISHERS = 1000  # of a domain that are looked at
 _WAITING = 64  # messages that wait to be read; the oldest make room
 _READING = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(_WAITING))
 _OTHERS = Qos(
@@ -85,29 +83,22 @@ _PACKETS = {
 }
 
 
-def open_interface(address: BusAddress, session: int, config: Path | None) -> UnitreeInterface:
+def open_interface(address: BusAddress, session: int) -> UnitreeInterface:
     """The controller's end.
 
     Raises:
-        BusError: no robot is there, or somebody else sends commands to it.
+        BusError: no robot is there, or another program sends commands to it.
     """
-    _refuse_config(config)
     return UnitreeInterface(address, session)
 
 
-def open_endpoint(address: BusAddress, config: Path | None) -> UnitreeEndpoint:
+def open_endpoint(address: BusAddress) -> UnitreeEndpoint:
     """The robot's end.
 
     Raises:
         BusError: a robot is there already.
     """
-    _refuse_config(config)
     return UnitreeEndpoint(address)
-
-
-def _refuse_config(config: Path | None) -> None:
-    if config is not None:
-        raise BusError("--bus-config is zenoh's; unitree:// cannot keep strangers out")
 
 
 class _DdsEnd(BusEnd):
@@ -115,6 +106,8 @@ class _DdsEnd(BusEnd):
 
     def _join(self, address: BusAddress) -> None:
         self._closed = self._peer_seen = False
+        self._readers: dict[str, Any] = {}
+        self._writers: dict[str, Any] = {}
         self._participant = _participant(address)
         self._waiting: dict[str, list[Any]] = {COMMAND: [], STATE: []}
         self._looked, self._peers = 0.0, 0
@@ -128,13 +121,10 @@ class _DdsEnd(BusEnd):
     def _topic(self, channel: str) -> Any:
         return Topic(self._participant, _TOPICS[channel], _PACKETS[channel])
 
-    def _publishers(self, channel: str) -> set[uuid.UUID]:
-        """Who publishes a channel in this domain."""
-        found = _everybody(BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication))
-        return {sample.key for sample in found if getattr(sample, "topic_name", "") == _TOPICS[channel]}
-
-    _readers: dict[str, Any]
-    _writers: dict[str, Any]
+    def _published(self, channel: str) -> bool:
+        """Whether anybody publishes a channel in this domain."""
+        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=_MOST_PUBLISHERS)
+        return any(getattr(sample, "topic_name", "") == _TOPICS[channel] for sample in found)
 
     def _read_by_others(self) -> bool:
         """Whether anybody reads what this end writes; looked up a hundred times a second."""
@@ -187,16 +177,15 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
     """The controller's end over DDS."""
 
     def __init__(self, address: BusAddress, session: int) -> None:
-        UnitreeControllerEnd.__init__(self, session)
+        super().__init__(session)
         self._lock: ControllerLock | None = None
-        self._readers, self._writers = {}, {}
         self._join(address)
         try:
-            self._greet(address)
+            self._lock = ControllerLock("unitree.{}.{}".format(*_place(address)), address.name)
+            self._find_robot(address)
             self._readers = {STATE: self._reader(STATE, _READING), COMMAND: self._reader(COMMAND, _OTHERS)}
             self._wait_for(self._readers[STATE].get_matched_publications)
-            self._writers = {COMMAND: self._writer(COMMAND)}  # who sees it may count on being heard
-            self._give_way(address)
+            self._writers = {COMMAND: self._writer(COMMAND)}
             self._wait_for(self._writers[COMMAND].get_matched_subscriptions)
         except BaseException:
             self.close()
@@ -215,33 +204,23 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
         return self._read_by_others()
 
     def _wait_for(self, matched: Callable[[], list[int]]) -> None:
-        """Give the network time to connect a reader or a writer; what is missing then, the checks notice."""
+        """Give the network time to connect a reader or a writer; the checks notice what is missing then."""
         deadline = time.monotonic() + _PATIENCE
         while not matched() and time.monotonic() < deadline:
             time.sleep(0.01)
 
-    def _greet(self, address: BusAddress) -> None:
-        """See that a robot is there, and no other controller on this machine or in the network."""
-        self._lock = ControllerLock("unitree.{}.{}".format(*_place(address)), address.name)
+    def _find_robot(self, address: BusAddress) -> None:
+        """See that a robot is there, and no other controller in the network."""
         deadline = time.monotonic() + _PATIENCE
-        while not self._publishers(STATE):
+        while not self._published(STATE):
             if time.monotonic() > deadline:
                 place = f" at {address.place}" if address.place else " on this machine"
                 raise BusError(f"no robot publishes rt/lowstate{place}; start it first, or name its network")
             time.sleep(0.1)
         time.sleep(_SETTLING)
-        self._refuse_others(address, self._publishers(COMMAND))
-
-    def _give_way(self, address: BusAddress) -> None:
-        """Of controllers on several machines that saw nobody in the same moment the lowest key stays."""
-        time.sleep(_SETTLING)
-        key = self._writers[COMMAND].guid
-        self._refuse_others(address, {other for other in self._publishers(COMMAND) if other < key})
-
-    def _refuse_others(self, address: BusAddress, others: set[uuid.UUID]) -> None:
-        if others:
+        if self._published(COMMAND):
             raise BusError(
-                f"another controller drives the robot {address.name!r}: something publishes rt/lowcmd. "
+                f"another controller drives the robot {address.name!r}: a program publishes rt/lowcmd. "
                 "Release the robot's own motion service, or stop the other program"
             )
 
@@ -250,24 +229,14 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
     """The robot's end over DDS."""
 
     def __init__(self, address: BusAddress) -> None:
-        UnitreeRobotEnd.__init__(self)
+        super().__init__()
         self._join(address)
-        self._readers, self._writers = {}, {}
-        try:
-            time.sleep(_SETTLING)
-            self._refuse_others(self._publishers(STATE))
-            self._readers = {COMMAND: self._reader(COMMAND, _READING)}
-            self._writers = {STATE: self._writer(STATE)}
-            time.sleep(_SETTLING)  # of robots that saw nobody in the same moment the lowest key stays
-            key = self._writers[STATE].guid
-            self._refuse_others({other for other in self._publishers(STATE) if other < key})
-        except BaseException:
+        time.sleep(_SETTLING)
+        if self._published(STATE):
             self.close()
-            raise
-
-    def _refuse_others(self, others: set[uuid.UUID]) -> None:
-        if others:
-            raise BusError("a robot is there already: something publishes rt/lowstate")
+            raise BusError("a robot is there already: a program publishes rt/lowstate")
+        self._readers = {COMMAND: self._reader(COMMAND, _READING)}
+        self._writers = {STATE: self._writer(STATE)}
 
     @property
     def ready(self) -> bool:
@@ -276,25 +245,6 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
 
     def _note_author(self, author: int) -> None:
         self._author = author
-
-
-def _everybody(reader: Any) -> Iterator[Any]:
-    """All that the network tells of its publishers.
-
-    They are taken one by one: what a stranger says of himself may be no text, on which the library gives up
-    what it has taken. Qualities of service are not read: in them it may stand beside a topic of ours.
-    """
-    reader._cqos_conv = lambda pointer: None
-    for _ in range(_MOST_PUBLISHERS):
-        try:
-            taken = reader.take(N=1)
-        except DDSException:
-            raise
-        except Exception:  # of no narrower class: a topic or a type whose name is no text, so none of ours
-            continue
-        if not taken:
-            return
-        yield from taken
 
 
 def _place(address: BusAddress) -> tuple[str, int]:

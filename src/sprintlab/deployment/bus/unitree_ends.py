@@ -43,7 +43,6 @@ RESPONSE_TIME = 4_000_000
 _SLACK = 500_000  # [ns] by which a message may come early
 _MILLISECOND = 1_000_000
 _TICKS = 1 << 32
-_LATEST = (1 << 63) // _MILLISECOND  # [ms], after 292 years: a state has 64 bits for its time
 _REMEMBERED = 64  # commands
 _SUSPECTED = 40_000_000  # [ns]: longer than a controller goes without a usable state
 
@@ -68,10 +67,9 @@ class TickNumbers:
         passed = (tick - self._last + _TICKS // 2) % _TICKS - _TICKS // 2
         periods = round(passed * _MILLISECOND / PERIOD)
         if passed <= 0:
-            earlier = max(self._time + passed, 0)  # a clock that was never so early is a stranger's
-            return self._number + min(periods, -(passed < 0)), earlier * _MILLISECOND
+            return self._number + min(periods, -(passed < 0)), max(self._time + passed, 0) * _MILLISECOND
         self._last, self._number = tick, self._number + max(periods, 1)
-        self._time = min(self._time + passed, _LATEST)  # later is a stranger's, too
+        self._time += passed
         return self._number, self._time * _MILLISECOND
 
 
@@ -86,7 +84,7 @@ class UnitreeControllerEnd(ControllerEnd):
     """
 
     def __init__(self, session: int) -> None:
-        self.session = session
+        super().__init__(session)
         self.overheard = 0
         self._numbers = TickNumbers()
         self._sent: deque[tuple[int, int]] = deque([(0, -RESPONSE_TIME)], _REMEMBERED)
@@ -141,7 +139,6 @@ class UnitreeControllerEnd(ControllerEnd):
             timestamp=timestamp,
             command_sequence=answered,
             session=self.session if answered else 0,
-            foreign_commands=self.overheard,
         )
         return found
 
@@ -169,6 +166,7 @@ class UnitreeRobotEnd(RobotEnd):
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self._author = 1
         self._received = self._newest_state = 0
         self._last: RobotState | None = None

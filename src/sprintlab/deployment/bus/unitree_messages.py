@@ -200,11 +200,13 @@ def decode_command(data: bytes, *, sequence: int, session: int, state_sequence: 
     """
     record = from_wire("LowCmd_", data)
     if tuple(record["head"]) != _HEAD or record["level_flag"] != _LOW_LEVEL:
-        raise MessageError("a LowCmd_ came that is no low-level command")
+        raise MessageError("a LowCmd_ came whose head or level flag is not that of a low-level command")
     motors = record["motor_cmd"][MOTOR_OF_JOINT]
     modes = set(motors["mode"].tolist())
-    if modes not in ({SERVO_MODE}, {STOP_MODE}):
-        raise MessageError(f"a LowCmd_ came with motor modes {sorted(modes)}; all must be 1, or all 0")
+    if unknown := modes - {SERVO_MODE, STOP_MODE}:
+        raise MessageError(f"a LowCmd_ asks for motor mode {min(unknown)}; there are 1 (servo) and 0 (stop)")
+    if len(modes) > 1:
+        raise MessageError("a LowCmd_ has some of the twelve motors in mode 1 and others in mode 0")
     stiffness, damping = motors["kp"].astype(float), motors["kd"].astype(float)
     feedforward = motors["tau"] + damping * motors["dq"]
     target = np.where(stiffness == 0.0, 0.0, motors["q"].astype(float))

@@ -78,7 +78,7 @@ class LoopReport:
         wake_up: lateness of each step's beginning.
         compute: from taking the robot's states to the command.
         policy: the policy alone, observation to joint targets.
-        malformed: messages the bus refused.
+        refused: messages that the bus could not decode, counted by the reason.
         duration: by the controller's clock [s].
         end: why the loop ended.
     """
@@ -91,7 +91,7 @@ class LoopReport:
     wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)
     compute: LatencyHistogram = field(default_factory=LatencyHistogram)
     policy: LatencyHistogram = field(default_factory=LatencyHistogram)
-    malformed: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
     duration: float = 0.0
     end: str = ""
 
@@ -105,7 +105,7 @@ class LoopReport:
             "policy_steps": self.policy_steps,
             "deadline_misses": self.deadline_misses,
             "skipped": self.skipped,
-            "malformed": self.malformed,
+            "refused": self.refused,
             "duration": round(self.duration, 3),
             "end": self.end,
             "microseconds": {
@@ -153,7 +153,7 @@ def run_loop(
         with real_time(options.priority, options.core) as grant:
             loop.report.grant = grant
             loop.run(loop.run_real_time)
-    loop.report.malformed = bus.malformed
+    loop.report.refused = dict(bus.refused)
     return loop.report
 
 

@@ -9,12 +9,10 @@ from sprintlab.deployment.interface import (
     JointCommand,
     JointMode,
     RobotState,
-    command_digest,
 )
 from sprintlab.deployment.safety import CommandGuard, LinkAge, implied_torque
 from sprintlab.robots import RobotDescription
 
-_MEMORY = 1024  # commands: a second of them, ten times what a robot may leave unanswered
 _LARGEST_SAG = 0.4  # rad between targets and positions that a motion takes over
 
 
@@ -35,20 +33,11 @@ class CommandWriter:
         self._link = LinkAge()
         self._zeros = np.zeros(len(robot.joint_names))
         self._sequence = 0
-        self._digests: list[tuple[int, int]] = [(0, 0)] * _MEMORY
         self._last: JointCommand | None = None
 
     def has_sent(self, state: RobotState) -> bool:
-        """Whether the command that a robot obeys is one of these, which are numbered 1, 2, 3, …
-
-        Session and numbers can be read on the bus, and another's command may come before ours under the same
-        number: what stood in it tells, as nobody knows it before it was sent.
-        """
-        if state.session != self._session or not 1 <= state.command_sequence <= self._sequence:
-            return False
-        sequence, digest = self._digests[state.command_sequence % _MEMORY]
-        known = sequence == state.command_sequence and state.command_digest != 0
-        return not known or digest == state.command_digest
+        """Whether the command that a robot obeys is one of these, which are numbered 1, 2, 3, …"""
+        return state.session == self._session and 1 <= state.command_sequence <= self._sequence
 
     def off(self, now: int, state: RobotState | None) -> JointCommand:
         """No torque."""
@@ -101,5 +90,4 @@ class CommandWriter:
             state_sequence=state.sequence if state else 0,
             session=self._session,
         )
-        self._digests[self._sequence % _MEMORY] = self._sequence, command_digest(self._last)
         return self._last

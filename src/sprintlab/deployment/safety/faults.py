@@ -106,4 +106,4 @@ RESPONSES: dict[Fault, Response] = {
     Fault.SOURCE_INVALID: Response(_D, 0.021, "a velocity command is not finite, or old"),
     Fault.SOURCE_LOST: Response(_B, 0.222, "the command source is silent for 0.2 s"),
 }
-"""The reaction to every fault; ``docs/safety.md`` prints this table."""
+"""The reaction to every fault; ``docs/deployment.md`` prints this table."""

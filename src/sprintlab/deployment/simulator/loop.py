@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import JointCommand, RobotEndpoint, RobotState
-from sprintlab.deployment.simulator.world import SimulatedWorld
+from sprintlab.deployment.interface import RobotEndpoint, RobotState
+from sprintlab.deployment.simulator.world import STANDSTILL, SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
@@ -18,8 +19,7 @@ _SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two 
 _ASK_AGAIN = 2.0  # [s] without any answer in lock-step: a busy middleware has dropped the state or the answer
 _POLL = 2e-5  # [s] between two looks at the bus in lock-step
 _MOST_COMMANDS = 32  # that one step takes: a flood of them must not hold the robot
-_MOST_WAITING = 4096  # that are passed over at once; no bus keeps as many
-_ECHO = 0.1  # [s] after a standstill: the system's buffers give commands of before to the bus only then
+_MOST_WAITING = 4096  # that are passed over; no bus keeps as many
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,8 @@ class SimulatorReport:
         top_speed: highest mean speed along x over half a second [m/s].
         fall_reason: empty if the robot did not fall.
         commands_accepted: by the robot.
-        commands_dropped: old, duplicated, damaged, or refused by the latched watchdog.
+        commands_dropped: by the robot, or by the bus, which could not decode them.
+        drop_reasons: the same, counted by the reason.
         watchdog_trips: how often the robot's watchdog took over.
         late_steps: steps that began more than one step late (real time only).
         given_up: clock time that the simulation could not make up for [s] (real time only).
@@ -77,6 +78,7 @@ class SimulatorReport:
     fall_reason: str = ""
     commands_accepted: int = 0
     commands_dropped: int = 0
+    drop_reasons: dict[str, int] = field(default_factory=dict)
     watchdog_trips: int = 0
     late_steps: int = 0
     given_up: float = 0.0
@@ -90,9 +92,10 @@ class SimulatorReport:
 class _Observer:
     """Fills the report from the true state of the plant."""
 
-    def __init__(self, world: SimulatedWorld, marks: tuple[float, ...]) -> None:
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, marks: tuple[float, ...]) -> None:
         self.report = SimulatorReport()
-        self._world, self._marks = world, marks
+        self._world, self._endpoint, self._marks = world, endpoint, marks
+        self._told: set[str] = set()
         self._way: list[float] = []
         self._window = round(0.5 * world.robot.plant.options.motor_rate)
 
@@ -106,13 +109,23 @@ class _Observer:
         if len(self._way) > self._window:
             report.top_speed = max(report.top_speed, (position - self._way[-1 - self._window]) / 0.5)
 
+    def _drops(self) -> Counter[str]:
+        return self._world.robot.dropped + self._endpoint.refused
+
+    def new_drop_reasons(self) -> list[str]:
+        """Reasons for dropped commands that have not been returned before."""
+        new = [reason for reason in self._drops() if reason not in self._told]
+        self._told.update(new)
+        return new
+
     def finish(self) -> SimulatorReport:
         robot = self._world.robot
         self.report.simulated_time = self._world.time
         self.report.distance = float(robot.plant.data.qpos[0])
         self.report.fall_reason = robot.fall_reason
         self.report.commands_accepted = robot.accepted
-        self.report.commands_dropped = robot.dropped
+        self.report.drop_reasons = dict(self._drops())
+        self.report.commands_dropped = sum(self.report.drop_reasons.values())
         self.report.watchdog_trips = robot.watchdog_trips
         return self.report
 
@@ -126,6 +139,7 @@ def run_simulator(
     recorder: MotionRecorder | None = None,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[float, float], None] = lambda time, distance: None,
+    remark: Callable[[str], None] = lambda text: None,
 ) -> SimulatorReport:
     """Be a robot on the bus until told to stop.
 
@@ -137,12 +151,13 @@ def run_simulator(
         recorder: takes samples of the true state.
         stopped: asked at every step.
         progress: told simulated time [s] and distance [m] ten times a simulated second.
+        remark: told once of each reason for which commands are dropped.
 
     Raises:
         SprintlabError: in lock-step, the controller no longer answers.
         SimulationError: the simulated state is no longer finite.
     """
-    observer = _Observer(world, marks)
+    observer = _Observer(world, endpoint, marks)
     run = _LockStep(world, endpoint, pace) if pace.lock_step else _RealTime(world, endpoint, pace)
     steps = 0
     while not stopped() and not run.over():
@@ -153,6 +168,8 @@ def run_simulator(
         steps += 1
         if steps % 100 == 0:
             progress(world.time, observer.report.greatest_distance)
+            for reason in observer.new_drop_reasons():
+                remark(f"a command was dropped: {reason}")
     observer.report.late_steps, observer.report.given_up = run.late_steps, run.given_up
     return observer.finish()
 
@@ -200,12 +217,9 @@ class _Run:
             if command is None:
                 return
             self._commands += 1
-            if command.state_sequence <= self._sent:  # else it answers another robot's, or none
+            if command.state_sequence <= self._sent:  # else it answers a robot that was there before
                 self._answered = max(self._answered, command.state_sequence)
-            self._take(command)
-
-    def _take(self, command: JointCommand) -> None:
-        self._world.hand_over(command)
+            self._world.hand_over(command)
 
 
 class _RealTime(_Run):
@@ -214,7 +228,6 @@ class _RealTime(_Run):
     def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
         super().__init__(world, endpoint, pace)
         self._next = time.monotonic()
-        self._sent_before, self._deaf_until = 0, self._next
 
     def exchange(self, stopped: Callable[[], bool]) -> bool:
         """Wait for the next step's moment, publish, collect."""
@@ -226,38 +239,21 @@ class _RealTime(_Run):
             time.sleep(left)
         elif left < -step:
             self.late_steps += 1
-        self._collect()
-        lag = time.monotonic() - self._next  # now: asleep, or as it read, the process may have been stopped
+        lag = time.monotonic() - self._next  # after the sleep, in which the process may have been stopped
         if lag > _GREATEST_LAG:
-            self.given_up += lag
-            self._next += lag
-            self._sent_before, self._deaf_until = self._sent, self._next + _ECHO
-            self._pass_over_commands()
-            self._world.stand_still(lag * self._pace.speed_factor)
+            self._give_up(lag)
+        self._collect()
         self._publish(time.monotonic_ns())
         return True
 
-    def _pass_over_commands(self) -> None:
-        """Read what waits on the bus, and do none of it: old safe commands would let old others in."""
-        for _ in range(_MOST_WAITING):
-            if self._endpoint.receive_command() is None:
-                return
-            self._world.robot.dropped += 1
-
-    def _take(self, command: JointCommand) -> None:
-        if self._is_old(command):
-            self._world.robot.dropped += 1
-        else:
-            super()._take(command)
-
-    def _is_old(self, command: JointCommand) -> bool:
-        """Whether a command is of before the last standstill: what was on its way comes only now.
-
-        The state that it answers tells, or, where a bus does not carry that, the time.
-        """
-        if command.state_sequence > 0:
-            return command.state_sequence <= self._sent_before
-        return time.monotonic() < self._deaf_until
+    def _give_up(self, lag: float) -> None:
+        """Pass over time that cannot be made up for [s], and the commands that came in it: they are old."""
+        self.given_up += lag
+        self._next += lag
+        dropped = self._world.robot.dropped
+        while dropped[STANDSTILL] < _MOST_WAITING and self._endpoint.receive_command() is not None:
+            dropped[STANDSTILL] += 1
+        self._world.stand_still(lag * self._pace.speed_factor)
 
 
 class _LockStep(_Run):

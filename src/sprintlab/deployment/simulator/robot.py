@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from sprintlab.deployment.interface import (
     RobotState,
     RobotStatus,
     check_command,
-    command_digest,
 )
 from sprintlab.deployment.simulator.options import SimulatorOptions
 from sprintlab.motors import DriveOutput
@@ -38,9 +38,7 @@ class SimulatedRobot:
 
     Attributes:
         accepted: commands acted on.
-        dropped: commands refused: old, duplicated, damaged, of another session, or a servo command to a
-            latched watchdog.
-        foreign: of these, the commands of another session.
+        dropped: commands that were not acted on, counted by the reason.
         watchdog_trips: how often the watchdog took over from a controller that drove the joints.
         fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
             or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
@@ -52,7 +50,8 @@ class SimulatedRobot:
 
     def __init__(self, robot: RobotDescription, options: SimulatorOptions) -> None:
         self.plant = Plant(robot, options.plant, options.trial)
-        self.accepted = self.dropped = self.foreign = self.watchdog_trips = 0
+        self.accepted = self.watchdog_trips = 0
+        self.dropped: Counter[str] = Counter()
         self.fall_reason = ""
         self._robot, self._options = robot, options
         self._random = np.random.default_rng(options.seed)
@@ -73,24 +72,29 @@ class SimulatedRobot:
 
     def accept(self, command: JointCommand) -> bool:
         """Act on a command from now on, unless the robot must not; returns whether it does."""
-        try:
-            check_command(command, len(self._robot.joint_names))
-        except MessageError:
-            self.dropped += 1
-            return False
-        last = self._command
-        foreign = last is not None and command.session != last.session
-        if foreign and not self._expired:
-            self.foreign += 1
-            self.dropped += 1
-            return False
-        old = last is not None and not foreign and command.sequence <= last.sequence
-        if old or (self._expired and command.mode == JointMode.SERVO):
-            self.dropped += 1
+        reason = self._refusal(command)
+        if reason:
+            self.dropped[reason] += 1
             return False
         self.accepted += 1
         self._command, self._command_time, self._expired = command, self.time, False
         return True
+
+    def _refusal(self, command: JointCommand) -> str:
+        """Why the robot must not act on a command; empty where it may."""
+        try:
+            check_command(command, len(self._robot.joint_names))
+        except MessageError as error:
+            return str(error)
+        last = self._command
+        if last is not None and command.session != last.session:
+            if not self._expired:
+                return "it is of another controller than the one that drives"
+        elif last is not None and command.sequence <= last.sequence:
+            return "its number is not above that of the last accepted command"
+        if self._expired and command.mode == JointMode.SERVO:
+            return "the watchdog has expired: only a damping or off command is taken first"
+        return ""
 
     def step(self, recorder: MotionRecorder | None = None) -> None:
         """Live for one motor step."""
@@ -129,8 +133,6 @@ class SimulatedRobot:
             command_sequence=0 if self._command is None else self._command.sequence,
             status=int(RobotStatus.WATCHDOG_EXPIRED if self._expired else RobotStatus.READY),
             session=0 if self._command is None else self._command.session,
-            foreign_commands=self.foreign,
-            command_digest=0 if self._command is None else command_digest(self._command),
         )
 
     def fix(self, timestamp: int) -> PositionFix | None:

@@ -9,6 +9,9 @@ from sprintlab.deployment.simulator.robot import SimulatedRobot
 from sprintlab.plant import MotionRecorder
 from sprintlab.robots import RobotDescription
 
+STANDSTILL = "the simulation stood still when it came"
+"""Why commands are dropped that waited longer than the robot's watchdog."""
+
 
 class SimulatedWorld:
     """Robot and links in simulated time. It knows no bus: messages go in and come out.
@@ -44,7 +47,7 @@ class SimulatedWorld:
 
     def stand_still(self, seconds: float) -> None:
         """Note that nothing happened here for so long [s], and that the commands on their way are old."""
-        self.robot.dropped += self._commands.clear()
+        self.robot.dropped[STANDSTILL] += self._commands.clear()
         self.robot.stand_still(seconds)
 
     def messages(self, timestamp: int) -> list[RobotState | PositionFix]:
