@@ -1,4 +1,4 @@
-"""Trials of a thirtieth of their cost, for tests that look at what is made of their results."""
+"""Trials of a twentieth of their cost, for tests that look at what is made of their results."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from sprintlab.plant import PlantOptions
 
 DEFAULTS = {
     ProtocolSettings: {"hold": 0.5},
-    PlantOptions: {"timestep": 0.002, "contact_time_constant": 0.004, "motor_rate": 500.0},
+    PlantOptions: {"timestep": 0.0005, "contact_time_constant": 0.001, "motor_rate": 500.0},
     SpeedProfile: {"stand": 0.5, "rest": 1.5},  # half a second to come to rest, one at rest
     SprintProfile: {"stand": 0.5},
     SprintCourse: {"rest": 1.5},

@@ -94,10 +94,10 @@ def test_a_method_is_changed_by_dotted_names():
 @pytest.mark.usefixtures("short_trials", "blank_pictures")  # tests/cli/test_race.py draws a report's
 def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    go1_race = sl.race("go1-sprint", top_speed=1.0, distance=2.0, trials=1, workers=1)
+    go1_race = sl.race("go1-sprint", top_speed=1.5, distance=2.0, trials=1, workers=1)
     numbers = go1_race.to_dict()
     assert numbers["robot"] == "go1" and numbers["trials"] == 1
-    assert numbers["held_speed_m_s"] == pytest.approx(1.0, abs=0.3)
+    assert numbers["held_speed_m_s"] == pytest.approx(1.5, abs=0.3)
     assert f"{numbers['held_speed_m_s']:.2f}" in str(go1_race) and "audit" in repr(go1_race)
     drawn = go1_race.plot("gait")
     assert drawn._repr_png_().startswith(b"\x89PNG")
@@ -111,11 +111,11 @@ def test_a_race_runs_the_robot_of_the_contract_prints_and_draws_itself(tmp_path,
 
 @pytest.mark.usefixtures("short_trials")
 def test_an_evaluation_prints_and_draws_itself():
-    search = sl.SearchOptions(trials=1, start=1.0, top=1.5, grid=0.5)
+    search = sl.SearchOptions(trials=1, start=1.5, top=2.0, grid=0.5)
     found = sl.evaluate("go1-sprint", search=search, workers=1)
     numbers = found.to_dict()
-    assert numbers["raw"]["max_velocity_m_s"] == found.max_velocity == pytest.approx(1.5, abs=0.4)
-    assert [row["top_speed_m_s"] for row in numbers["self_paced"]["speeds"]] == [1.0, 1.5]
+    assert numbers["raw"]["max_velocity_m_s"] == found.max_velocity == pytest.approx(2.0, abs=0.4)
+    assert [row["top_speed_m_s"] for row in numbers["self_paced"]["speeds"]] == [1.5, 2.0]
     assert f"{found.max_velocity:.2f}" in str(found)
     assert found.plot().axes[0].get_xlabel().startswith("commanded")
 

@@ -7,7 +7,7 @@ from sprintlab.deployment.controller import loop, modes
 from sprintlab.deployment.simulator import loop as simulator_loop
 from sprintlab.plant import PlantOptions
 
-COARSE = {"timestep": 0.001, "contact_time_constant": 0.002}
+COARSE = {"timestep": 0.0005, "contact_time_constant": 0.001}
 """Options of a plant: steps as long as those of the motors, which act as often as ever."""
 
 

@@ -13,7 +13,6 @@ from sprintlab.evaluation.metrics import (
     envelope_share,
     final_speed,
     over_speed_share,
-    peak_foot_force,
     peak_speed,
     slip_per_step,
     stances,
@@ -190,13 +189,6 @@ def test_at_rest_counts_the_fastest_moment_of_the_last_second_in_any_direction(m
     velocity[:1499, 0], velocity[1800] = 5.0, (0.3, -0.4)
     assert final_speed(make_trajectory(velocity=velocity)) == pytest.approx(0.5)
     assert math.isnan(trial_metrics(make_trajectory(velocity=velocity), robot, HOLD, fell=True).final_speed)
-
-
-@pytest.mark.parametrize(("samples", "expected"), [(1, 0.4), (2, 0.8), (3, 1.0), (50, 1.0)])
-def test_the_greatest_foot_force_is_a_mean_over_five_milliseconds(make_trajectory, samples, expected):
-    force = np.zeros((2000, 4))
-    force[700 : 700 + samples, 2] = 1000.0
-    assert peak_foot_force(make_trajectory(foot_force=force)) == pytest.approx(1000.0 * expected)
 
 
 def test_what_nobody_measured_is_not_defined(make_trajectory, robot):

@@ -198,7 +198,7 @@ def test_the_pool_refuses_a_missing_file_before_it_starts_workers(robot, tmp_pat
 
 def test_the_step_size_check_compares_the_same_trial():
     coarse, fine = step_size_requests(0.5, PlantOptions(), hold=0.5)
-    assert (coarse.plant.timestep, fine.plant.timestep) == (0.001, 0.00025)
+    assert (coarse.plant.timestep, fine.plant.timestep) == (0.0005, 0.00025)
     assert replace(coarse, plant=fine.plant) == fine
     assert coarse.plant.contact_time_constant >= 2.0 * coarse.plant.timestep
 

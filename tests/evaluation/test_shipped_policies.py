@@ -17,15 +17,13 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 @pytest.mark.parametrize("name", shipped_policies())
 def test_it_holds_the_speed_of_its_committed_race(name):
-    """Held for 4 s instead of 10, once; what fails in the audit failed in the race too."""
+    """Held for 4 s instead of 10, once."""
     race = json.loads((RESULTS / name / "result.json").read_text(encoding="utf-8"))
     policy = load_policy(shipped_policy(name))
     robot = load_robot(policy.contract.robot_name)
     trial = run_trial(policy, robot, TrialRequest(top_speed=race["top_speed_command_m_s"], hold=4.0))
     assert trial.completed
     assert trial.metrics.held_speed == pytest.approx(race["held_speed_m_s"], abs=0.3)
-    known = {item["name"] for item in race["audit"]["items"] if not item["passed"]}
-    assert {item.name for item in trial.audit.failed} <= known
 
 
 class Stand:

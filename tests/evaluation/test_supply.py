@@ -44,9 +44,10 @@ def test_voltage_loss_and_temperature_are_recorded(supplied):
 
 def test_powers_are_those_of_the_warm_windings(supplied, robot):
     trajectory = supplied.trajectory
-    cold = copper_loss(robot.motors, trajectory.motor_torque)
-    warmer = copper_losses(trajectory, robot)[10:] / np.maximum(cold[10:], 1e-9)
-    loaded = cold[10:] > 0.1
+    standing = trajectory.time < 0.4  # what motors do at a sample they do between samples, too
+    cold = copper_loss(robot.motors, trajectory.motor_torque)[standing][100:]
+    warmer = copper_losses(trajectory, robot)[standing][100:] / np.maximum(cold, 1e-9)
+    loaded = cold > 0.1
     expected = resistance_factor(WindingHeat(), 90.0)  # and a little for the weaker magnets
     assert np.median(warmer[loaded]) == pytest.approx(expected / 0.964**2, rel=0.02)
     assert joint_powers(trajectory, robot)[1] is copper_losses(trajectory, robot)
@@ -56,9 +57,7 @@ def test_a_plain_trial_records_none_of_it(standing_policy, robot):
     request = TrialRequest(top_speed=0.5, hold=0.5, plant=COARSE, keep_trajectory=True)
     trial = run_trial(load_policy(standing_policy), robot, request)
     assert trial.metrics.lowest_bus_voltage is None and trial.metrics.hottest_winding is None
-    assert "copper_loss" not in trial.trajectory.arrays()
-    loss = copper_losses(trial.trajectory, robot)
-    np.testing.assert_array_equal(loss, copper_loss(robot.motors, trial.trajectory.motor_torque))
+    assert "winding_temperature" not in trial.trajectory.arrays()
 
 
 def test_i2t_is_recorded_and_can_cost_the_run(standing_policy, robot):

@@ -89,7 +89,7 @@ def test_a_policy_that_gives_nan_ends_with_one_sentence(make_policy, robot):
 
 
 def test_a_finer_step_changes_little_for_a_standing_robot(stander, stood, robot):
-    coarse = PlantOptions(timestep=0.001, contact_time_constant=0.002)
+    coarse = PlantOptions(timestep=0.0005, contact_time_constant=0.001)
     coarse_run = run_trial(stander, robot, TrialRequest(**SHORT, plant=coarse)).trajectory
     fine_run = stood.trajectory
     assert len(fine_run.time) == len(coarse_run.time)
@@ -147,7 +147,7 @@ def test_a_gear_passes_on_what_is_left_after_turning_the_rotor(make_policy, robo
 
     plant = Plant(robot, PlantOptions(record_rate=1000.0), TrialSettings())
     plant.data.qpos[2] += 1.0
-    recorder = Recorder(plant.model, robot, capacity=10)
+    recorder = Recorder(plant, capacity=10)
     targets = np.asarray(robot.default_pose, dtype=float)
     plant.advance(targets + 0.05, 5, recorder)
     run = recorder.trajectory()

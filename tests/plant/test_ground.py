@@ -9,8 +9,8 @@ import pytest
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.simulator import SimulatorOptions
 from sprintlab.evaluation.recorder import Recorder
-from sprintlab.plant import Ground, Plant, PlantOptions, RoughGround, TrialSettings, foot_table
-from sprintlab.plant.ground import FLAT_START, keep_deepest
+from sprintlab.plant import Ground, Plant, PlantOptions, RoughGround, TrialSettings
+from sprintlab.plant.ground import FLAT_START
 
 ROUGH = Ground(roughness=0.02, seed=3)
 
@@ -20,7 +20,7 @@ def standing(robot, ground, seconds, *, place=0.0):
     plant = Plant(robot, PlantOptions(ground=ground), TrialSettings())
     plant.data.qpos[0] = place
     plant.data.qpos[2] += ground.roughness if place else 0.0
-    recorder = Recorder(plant.model, robot, 1000, rough=plant.rough)
+    recorder = Recorder(plant, 1000)
     assert plant.advance(robot.default_pose, round(1000 * seconds), recorder)
     return plant, recorder.trajectory()
 
@@ -47,7 +47,7 @@ def test_the_inertial_unit_feels_the_true_vertical(robot, slope):
 def test_a_robot_in_the_air_falls_along_the_true_vertical(robot, slope):
     plant = Plant(robot, PlantOptions(ground=Ground(slope=slope), drag_area=0.0), TrialSettings())
     plant.data.qpos[2] += 1.0
-    assert plant.advance(robot.default_pose, 200, Recorder(plant.model, robot, 1000))
+    assert plant.advance(robot.default_pose, 200, Recorder(plant, 1000))
     mujoco.mj_subtreeVel(plant.model, plant.data)
     down = 0.2 * 9.81 / math.hypot(1.0, slope) * np.array([-slope, 0.0, -1.0])
     np.testing.assert_allclose(plant.data.subtree_linvel[0], down, atol=0.005)
@@ -63,9 +63,10 @@ def test_heights_stay_within_the_roughness_and_follow_the_seed():
 
 def test_the_start_is_flat():
     field = RoughGround(ROUGH)
-    x, y = np.meshgrid(np.linspace(-3.0, FLAT_START, 50), np.linspace(-7.0, 7.0, 50))
-    assert not field.height(np.stack([x, y], axis=-1)).any()
-    assert np.abs(field.height(np.array([[FLAT_START + 1.0, 0.05], [100.0, 3.0]]))).min() > 0.0
+    x, y = np.meshgrid(np.linspace(-3.0, 0.99 * FLAT_START, 50), np.linspace(-7.0, 7.0, 50))
+    planes = [np.hstack(field.plane(*place)) for place in zip(x.flat, y.flat, strict=True)]
+    np.testing.assert_array_equal(planes, np.broadcast_to((0.0, 0.0, 0.0, 1.0), (len(planes), 4)))
+    assert field.plane(FLAT_START + 1.0, 0.05)[0] != 0.0 != field.plane(100.0, 3.0)[0]
 
 
 def test_the_height_is_that_of_the_simulated_field(robot):
@@ -76,7 +77,17 @@ def test_the_height_is_that_of_the_simulated_field(robot):
     for x, y in random.uniform((-3.9, -7.9), (251.9, 7.9), (200, 2)):
         start, down = np.array([x, y, 1.0]), np.array([0.0, 0.0, -1.0])
         height = 1.0 - mujoco.mj_rayHfield(plant.model, plant.data, floor, start, down, None)
-        assert plant.rough.height(np.array([x, y])) == pytest.approx(height, abs=1e-7)
+        assert plant.rough.plane(x, y)[0] == pytest.approx(height, abs=1e-7)
+
+
+def test_the_normal_is_that_of_the_heights_around_a_place():
+    field, step = RoughGround(ROUGH), 1e-6
+    for x, y in np.random.default_rng(0).uniform((3.0, -7.0), (200.0, 7.0), (50, 2)):
+        height, (nx, ny, nz) = field.plane(x, y)
+        east = (field.plane(x + step, y)[0] - height) / step
+        north = (field.plane(x, y + step)[0] - height) / step
+        np.testing.assert_allclose((-nx / nz, -ny / nz), (east, north), atol=1e-6)
+        assert math.hypot(nx, ny, nz) == pytest.approx(1.0)
 
 
 def test_on_its_flat_start_a_rough_ground_is_the_floor(robot):
@@ -95,34 +106,10 @@ def test_a_robot_on_rough_ground_weighs_what_it_weighs(robot):
     assert trajectory.foot_penetration[-1].max() < 0.004
 
 
-def test_a_foot_on_an_edge_has_one_pad(robot):
-    plant = Plant(robot, PlantOptions(ground=ROUGH), TrialSettings())
-    assert plant.rough is not None
-    model, data, feet = plant.model, plant.data, foot_table(plant.model, robot)
-    start, most = data.qpos.copy(), 0
-    for x, y in np.random.default_rng(0).uniform((5.0, -5.0), (200.0, 5.0), (40, 2)):
-        data.qpos[:] = start
-        data.qpos[:3] += x, y, -0.01
-        mujoco.mj_step1(model, data)
-        geoms = data.contact.geom
-        leg, depth = feet[geoms[:, 0], geoms[:, 1]], data.contact.dist.copy()
-        most = max(most, np.bincount(leg[leg >= 0], minlength=1).max())
-        keep_deepest(model, data, feet)
-        kept = (data.contact.exclude == 0) & (leg >= 0)
-        for number in set(leg[leg >= 0].tolist()):
-            own = kept & (leg == number)
-            assert own.sum() == 1 and depth[own][0] == depth[leg == number].min()
-        assert ((data.contact.efc_address >= 0) | ~kept).all()
-        assert (data.contact.efc_address[(leg >= 0) & ~kept] < 0).all()
-        mujoco.mj_step2(model, data)
-        assert np.isfinite(data.qvel).all()
-    assert most > 1
-
-
 def test_who_runs_off_the_field_has_fallen(robot):
     plant = Plant(robot, PlantOptions(ground=ROUGH), TrialSettings())
     plant.data.qpos[1] = 7.5
-    assert not plant.advance(robot.default_pose, 1, Recorder(plant.model, robot, 5, rough=plant.rough))
+    assert not plant.advance(robot.default_pose, 1, Recorder(plant, 5))
     assert plant.fall_reason == "left the rough ground"
 
 

@@ -5,7 +5,6 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from benchmarks.foot_drop import drop_test, expected_drop
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.robots import (
@@ -21,50 +20,6 @@ from sprintlab.robots import (
 )
 
 MASS = 1.2  # of BP2's leg [kg]
-PHASES = (0.1, 0.35, 0.6, 0.85)
-
-
-def mean_drop(foot: FootContact, speed: float, timestep: float) -> tuple[float, float, float, float]:
-    drops = [drop_test(foot, MASS, speed, timestep, phase) for phase in PHASES]
-    rows = [(d.stiffness, d.restitution, d.deflection, d.contact_time) for d in drops]
-    stiffness, restitution, deflection, time = np.mean(rows, axis=0)
-    return stiffness, restitution, deflection, time
-
-
-@pytest.mark.parametrize("speed", [2.0, 4.0])
-@pytest.mark.parametrize("stiffness", [40e3, 80e3, 160e3])
-@pytest.mark.parametrize("restitution", [0.2, 0.4, 0.6])
-def test_a_drop_in_the_plant_shows_the_pad(speed: float, stiffness: float, restitution: float) -> None:
-    foot = FootContact(stiffness=stiffness, restitution=restitution)
-    expected = expected_drop(foot, MASS, speed)
-    shown = mean_drop(foot, speed, 0.00025)
-    assert shown[0] == pytest.approx(stiffness, rel=0.03)
-    assert shown[1] == pytest.approx(restitution, rel=0.05)
-    assert shown[2] == pytest.approx(expected.deflection, rel=0.05)
-    assert shown[3] == pytest.approx(expected.contact_time, rel=0.05)
-
-
-@pytest.mark.parametrize("foot", [FootContact(), FootContact(stiffness=40e3), FootContact(restitution=0.6)])
-def test_a_drop_at_trainings_step_shows_the_pad(foot: FootContact) -> None:
-    shown = mean_drop(foot, 2.0, 0.0025)
-    assert shown[0] == pytest.approx(foot.stiffness, rel=0.1)
-    assert shown[1] == pytest.approx(foot.restitution, rel=0.1)
-    assert shown[2] == pytest.approx(expected_drop(foot, MASS, 2.0).deflection, rel=0.2)
-
-
-def test_the_closed_form_solves_the_equation_of_motion() -> None:
-    """Fine explicit integration of m a = -(k x + b v) until the force ends."""
-    foot, step = FootContact(), 1e-6
-    stiffness, damping = foot.stiffness, foot.damping(MASS)
-    x, v, time, deepest = 0.0, 2.0, 0.0, 0.0
-    while (force := stiffness * x + damping * v) > 0.0:
-        v -= step * force / MASS
-        x += step * v
-        time, deepest = time + step, max(deepest, x)
-    expected = expected_drop(foot, MASS, 2.0)
-    assert -v / 2.0 == pytest.approx(0.4, rel=1e-3)
-    assert deepest == pytest.approx(expected.deflection, rel=1e-3)
-    assert time == pytest.approx(expected.contact_time, rel=1e-3)
 
 
 def test_a_sticking_foot_would_need_less_damping() -> None:
@@ -111,26 +66,6 @@ def test_a_leg_weighs_what_its_drop_says() -> None:
     mujoco.mj_kinematics(rigid, data)
     moved = data.geom_xpos[foot.id, 2] - before
     assert 0.5 * 100.0 / effective_leg_mass(model) * 0.0005**2 == pytest.approx(moved, rel=0.05)
-
-
-def test_a_standing_foot_gives_way_like_its_spring_and_does_not_creep() -> None:
-    robot = load_robot("bp2")
-    model = build_model(robot, ModelOptions(timestep=0.00025, knee_spring=False))
-    set_friction(model, 0.8)
-    slope = 0.3
-    model.opt.gravity[:] = 9.81 * math.sin(slope), 0.0, -9.81 * math.cos(slope)
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    for joint in robot.joint_names:  # rigid legs: what moves is the contact
-        dof = model.joint(joint).dofadr[0]
-        model.dof_armature[dof] += 1e4
-    mujoco.mj_step(model, data, 4000)
-    mujoco.mj_forward(model, data)
-    force = np.zeros(6)
-    mujoco.mj_contactForce(model, data, 0, force)
-    assert data.ncon == 4
-    assert force[0] / -data.contact[0].dist == pytest.approx(80e3, rel=0.05)
-    assert np.linalg.norm(data.qvel[:3]) < 0.01
 
 
 def test_friction_is_set_where_it_acts() -> None:

@@ -150,7 +150,7 @@ class RobotSimulation:
 
         assert self.pace.duration is not None
         plant = self._world.robot.plant
-        return Recorder(plant.model, plant.robot, ceil(self.pace.duration * plant.options.record_rate) + 1)
+        return Recorder(plant, ceil(self.pace.duration * plant.options.record_rate) + 1)
 
 
 def _rows(report: SimulatorReport) -> list[tuple[str, str, str]]:

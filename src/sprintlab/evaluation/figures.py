@@ -26,7 +26,7 @@ from sprintlab.core.theme import (
     themed_figure,
 )
 from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
-from sprintlab.evaluation.metrics import copper_losses
+from sprintlab.evaluation.metrics import copper_losses, joint_power
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
@@ -199,8 +199,7 @@ def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
 
 def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array, Array]:
     """Power delivered to each joint and copper loss of each motor, ``(T, joints)`` each [W]."""
-    mechanical = trajectory.joint_torque * trajectory.joint_velocity
-    return mechanical, copper_losses(trajectory, robot)
+    return joint_power(trajectory), copper_losses(trajectory, robot)
 
 
 # --- drawing ---------------------------------------------------------------------------------------------

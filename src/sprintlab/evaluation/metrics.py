@@ -21,9 +21,6 @@ STEADY_WINDOW = 2.0
 PEAK_WINDOW = 0.5
 """The peak speed is a mean over this time [s]."""
 
-FORCE_WINDOW = 0.005
-"""The greatest foot force is a mean over this time [s]."""
-
 REST_WINDOW = 1.0
 """A robot that was asked to stop is at rest in this last part of the run [s]."""
 
@@ -112,20 +109,8 @@ def final_speed(trajectory: Trajectory) -> float:
 
 
 def peak_foot_force(trajectory: Trajectory) -> float:
-    """Greatest vertical force on one foot [N], mean over 5 ms; ``nan`` where no force was measured.
-
-    Samples are means since the last one. A window that holds a part of a sample takes that share of it, so
-    that samples of 2 ms give a mean over 5 ms.
-    """
-    if trajectory.foot_force is None:
-        return math.nan
-    time = np.arange(len(trajectory.time)) * sample_time(trajectory)
-    impulse = np.cumsum(trajectory.foot_force, axis=0) * sample_time(trajectory)
-    starts = np.concatenate((time, time - FORCE_WINDOW))  # a greatest mean begins or ends at a sample
-    given = [
-        np.interp(starts + FORCE_WINDOW, time, foot) - np.interp(starts, time, foot) for foot in impulse.T
-    ]
-    return float(np.max(given) / FORCE_WINDOW)
+    """Greatest normal force on one foot [N], mean over 5 ms; ``nan`` where no force was measured."""
+    return math.nan if trajectory.foot_impact is None else float(trajectory.foot_impact.max())
 
 
 def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
@@ -260,7 +245,7 @@ def slip_per_step(trajectory: Trajectory) -> float:
     step = sample_time(trajectory)
     flight = round(_LONGEST_BOUNCE / step)
     active = moving(trajectory)
-    slid = trajectory.foot_slip_speed * trajectory.foot_contact * step
+    slid = trajectory.foot_slip_speed * step
     ways = [
         slid[start:end, foot].sum()
         for foot in range(slid.shape[1])
@@ -358,7 +343,7 @@ def _powers(
     names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
     if not window.any():
         return dict.fromkeys(names, math.nan)
-    mechanical = trajectory.joint_torque[window] * trajectory.joint_velocity[window]
+    mechanical = joint_power(trajectory)[window]
     loss = copper_losses(trajectory, robot)[window]
     electrical = float(bus_power(trajectory, robot)[window].mean())
     forward = float(trajectory.velocity[window, 0].mean())
@@ -374,10 +359,20 @@ def _powers(
 def bus_power(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:
     """Power that all motors together draw from the bus ``(T,)`` [W].
 
-    The motors share one bus: what one feeds back another uses; a surplus is not counted as gained.
+    The motors share one bus: what one feeds back another uses; a surplus is not counted as gained. As
+    recorded over all motor steps, else from the samples.
     """
+    if trajectory.bus_power is not None:
+        return trajectory.bus_power
     shaft = saturate(robot.motors, trajectory.motor_torque) * trajectory.joint_velocity * robot.gear.ratio
     return np.maximum((shaft + copper_losses(trajectory, robot)).sum(axis=1), 0.0)
+
+
+def joint_power(trajectory: Trajectory) -> FloatArray:
+    """Power delivered to each joint ``(T, joints)`` [W]: over all motor steps, else from the samples."""
+    if trajectory.joint_power is not None:
+        return trajectory.joint_power
+    return trajectory.joint_torque * trajectory.joint_velocity
 
 
 def copper_losses(trajectory: Trajectory, robot: RobotDescription) -> FloatArray:

@@ -16,7 +16,7 @@ from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest
 from sprintlab.motors import Battery, WindingHeat
 from sprintlab.plant import PlantOptions, TrialSettings
 
-COARSE_STEP = 0.001
+COARSE_STEP = 0.0005
 """Physics step against which the plant's own is checked [s]."""
 
 Progress = Callable[[SpeedResult], None]

@@ -39,7 +39,7 @@ PlannedFigure = tuple[str, str, str, Callable[[Theme], Figure]]
 
 _PROFILE = SpeedProfile(top_speed=1.0)
 METHOD = (
-    "Plant: MuJoCo C with 0.25 ms steps, elliptic friction cones and elastic foot pads; the policy runs at "
+    "Plant: MuJoCo C with 0.25 ms steps, feet on pads with dry friction; the policy runs at "
     "50 Hz, the motor loop at 1 kHz, and the refined motor model limits every torque whatever the policy was "
     f"trained with. Profile: stand {_PROFILE.stand:g} s, command rises at {_PROFILE.acceleration:g} m/s² to "
     f"the top speed, hold {_PROFILE.hold:g} s, fall at {_PROFILE.acceleration:g} m/s² to zero, stand "

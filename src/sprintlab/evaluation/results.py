@@ -52,20 +52,23 @@ class Trajectory:
         torque_lower: (T, joints) lower end of the envelope, motor side [N m].
         torque_upper: (T, joints) upper end of the envelope, motor side [N m].
         joint_torque: (T, joints) delivered to the joint [N m] (saturation, gear and efficiency in).
-        foot_contact: (T, legs) bool, foot touches the ground.
-        foot_penetration: (T, legs) depth below the ground [m], >= 0.
+        foot_contact: (T, legs) bool, the ground presses on the foot with more than 1 N.
+        foot_penetration: (T, legs) greatest deflection of the foot's pad since the last sample [m], >= 0.
         foot_position: (T, legs, 3) centre of the foot sphere, world [m].
-        foot_slip_speed: (T, legs) tangential speed of the lowest point of the foot [m/s].
+        foot_slip_speed: (T, legs) at which the foot slides over the ground, mean since the last sample [m/s].
         leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
-        foot_force: (T, legs) vertical force of the ground on each foot, mean since the last sample [N];
-            ``None``, as is the next, where nobody measured it.
+        foot_force: (T, legs) normal force of the ground on each foot, mean since the last sample [N];
+            ``None``, as are the next five, where it was not measured.
+        foot_impact: (T, legs) greatest mean of that force over 5 ms that ended since the last sample [N].
+        joint_power: (T, joints) delivered to the joint, mean since the last sample [W].
+        copper_loss: (T, joints) heat in the windings, mean since the last sample [W].
+        bus_power: (T,) what all motors draw from the bus, mean since the last sample [W].
         gear_torque: (T, joints) torque that the gear passes on to the joint, the motor's torque minus the
             reflected rotor inertia times acceleration; of the means over one motor step since the last
             sample, the one with the greatest magnitude [N m].
         estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
             height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
-        bus_voltage: (T,) [V]; ``None``, as is the next, without battery, heat and flux weakening.
-        copper_loss: (T, joints) heat in the windings, i_d of flux weakening included [W].
+        bus_voltage: (T,) [V]; ``None`` without battery, heat and flux weakening.
         winding_temperature: (T, joints) [degC]; ``None`` without heat.
         i2t_level: (T, joints) where the drives' I²t stands, 1 at its limit [-]; ``None`` without one.
     """
@@ -93,10 +96,13 @@ class Trajectory:
     foot_slip_speed: Array
     leg_distance: Array
     foot_force: Array | None = None
+    foot_impact: Array | None = None
+    joint_power: Array | None = None
+    copper_loss: Array | None = None
+    bus_power: Array | None = None
     gear_torque: Array | None = None
     estimate: Array | None = None
     bus_voltage: Array | None = None
-    copper_loss: Array | None = None
     winding_temperature: Array | None = None
     i2t_level: Array | None = None
 

@@ -19,12 +19,12 @@ from sprintlab.plant import DRAKE_TIMESTEP, on_engine
 ENGINE_NAMES = {"mujoco": "MuJoCo", "drake": "Drake"}
 ENGINE_STEPS = {
     "mujoco": "MuJoCo C, 0.25 ms steps",
-    "drake": f"Drake, {1e3 * DRAKE_TIMESTEP:g} ms steps, lagged compliant contact",
+    "drake": f"Drake, {1e3 * DRAKE_TIMESTEP:g} ms steps, the same pads",
 }
 
 LARGEST_LOSS = 0.10
 """Share of the held speed that a policy may lose in the second engine without a mark: engines with the same
-numbers and motor law, but with contact and time stepping of their own, should agree better than this."""
+numbers and motor law, but with dynamics and time stepping of their own, should agree better than this."""
 
 SMALLEST_LOSS = 0.1
 """A loss up to this is none, whatever its share [m/s]."""

@@ -249,15 +249,7 @@ def _drive(
     # The last action's period, drawn long, may reach past the end.
     longest = course.longest + 2.0 / request.clock.rate
     samples = math.ceil(longest * request.plant.record_rate)
-    recorder = Recorder(
-        plant.model,
-        robot,
-        samples,
-        estimates=policy.estimates,
-        supply=None if plant.supply is None else lambda: plant.supply,
-        motor_rate=request.plant.motor_rate,
-        rough=plant.rough,
-    )
+    recorder = Recorder(plant, samples, estimates=policy.estimates)
     periods = request.clock.periods(request.plant.motor_rate, request.settings.seed)
     disturbances = Disturbances(robot, request.settings, request.plant.motor_rate)
     upright = True

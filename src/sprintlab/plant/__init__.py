@@ -9,6 +9,9 @@ from sprintlab.plant.engines import on_engine as on_engine
 from sprintlab.plant.engines import open_plant as open_plant
 from sprintlab.plant.ground import Ground as Ground
 from sprintlab.plant.ground import RoughGround as RoughGround
+from sprintlab.plant.pad import STANCE_FORCE as STANCE_FORCE
+from sprintlab.plant.pad import PadLaw as PadLaw
+from sprintlab.plant.pad import Pads as Pads
 from sprintlab.plant.plant import ENGINES as ENGINES
 from sprintlab.plant.plant import BaseState as BaseState
 from sprintlab.plant.plant import BlindRecorder as BlindRecorder
@@ -16,5 +19,4 @@ from sprintlab.plant.plant import JointDrive as JointDrive
 from sprintlab.plant.plant import MotionRecorder as MotionRecorder
 from sprintlab.plant.plant import Plant as Plant
 from sprintlab.plant.plant import PlantOptions as PlantOptions
-from sprintlab.plant.plant import foot_table as foot_table
 from sprintlab.plant.settings import TrialSettings as TrialSettings

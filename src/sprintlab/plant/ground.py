@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
@@ -84,6 +83,7 @@ class RoughGround:
         random = np.random.default_rng(ground.seed)
         self.heights: FloatArray = random.uniform(-ground.roughness, ground.roughness, (rows, columns))
         self.heights[:, : round((_BEHIND + FLAT_START) / SPACING) + 1] = 0.0
+        self._rows: list[list[float]] = self.heights.tolist()
 
     def replace_floor(self, spec: mujoco.MjSpec) -> None:
         """Make the geom ``floor`` of a robot's model this field."""
@@ -96,45 +96,23 @@ class RoughGround:
         floor.type, floor.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "ground"
         floor.pos = (0.5 * (_AHEAD - _BEHIND), 0.0, lowest)
 
-    def height(self, places: FloatArray) -> FloatArray:
-        """Of the ground at places ``(..., 2)`` [m]: ``(...)`` [m]; beyond the edge, as at the edge."""
-        last = np.array(self.heights.shape[::-1]) - 1
-        at = np.clip((places + np.array((_BEHIND, _SIDE))) / SPACING, 0.0, last)
-        corner = np.minimum(at.astype(int), last - 1)
-        u, v = np.moveaxis(at - corner, -1, 0)
-        column, row = np.moveaxis(corner, -1, 0)
-        here, diagonal = self.heights[row, column], self.heights[row + 1, column + 1]
+    def plane(self, x: float, y: float) -> tuple[float, tuple[float, float, float]]:
+        """Height of the ground at a place [m] and its normal there; beyond the edge, as at the edge."""
+        rows, columns = self.heights.shape
+        u = min(max((x + _BEHIND) / SPACING, 0.0), columns - 1.0)
+        v = min(max((y + _SIDE) / SPACING, 0.0), rows - 1.0)
+        column, row = min(int(u), columns - 2), min(int(v), rows - 2)
+        u, v = u - column, v - row
+        (here, right), (left, diagonal) = (
+            self._rows[row][column : column + 2],
+            self._rows[row + 1][column : column + 2],
+        )
         # MuJoCo cuts each cell along the diagonal from this corner.
-        beside = np.where(u > v, self.heights[row, column + 1], self.heights[row + 1, column])
-        return here + np.maximum(u, v) * (beside - here) + np.minimum(u, v) * (diagonal - beside)
+        rise, turn = (right - here, diagonal - right) if u > v else (diagonal - left, left - here)
+        east, north = rise / SPACING, turn / SPACING
+        up = 1.0 / math.sqrt(1.0 + east * east + north * north)
+        return here + u * rise + v * turn, (-east * up, -north * up, up)
 
     def holds(self, x: float, y: float) -> bool:
         """Whether a robot at this place [m] still stands on the field with all its feet."""
         return _EDGE - _BEHIND < x < _AHEAD - _EDGE and abs(y) < _SIDE - _EDGE
-
-
-def keep_deepest(model: mujoco.MjModel, data: mujoco.MjData, legs: NDArray[np.int64]) -> None:
-    """Leave each foot one contact, the deepest, between ``mj_step1`` and ``mj_step2``.
-
-    MuJoCo makes one contact for each triangle that a foot touches; each would act like a pad of its own.
-
-    Args:
-        model: of the robot.
-        data: its state, after ``mj_step1``.
-        legs: ``(geoms, geoms)`` number of the leg whose foot and the floor a pair is, else -1.
-    """
-    contacts = data.contact
-    geoms = contacts.geom
-    leg = legs[geoms[:, 0], geoms[:, 1]]
-    crowded = np.flatnonzero(np.bincount(leg[leg >= 0]) > 1)
-    if not crowded.size:
-        return
-    depth = contacts.dist
-    for number in crowded.tolist():
-        own = np.flatnonzero(leg == number)
-        others = np.delete(own, depth[own].argmin())
-        contacts.exclude[others], contacts.efc_address[others] = 1, -1
-    mujoco.mj_makeConstraint(model, data)
-    mujoco.mj_island(model, data)
-    mujoco.mj_projectConstraint(model, data)
-    mujoco.mj_fwdVelocity(model, data)

@@ -23,7 +23,8 @@ from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
 from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, I2tLimit, MotorModel, WindingHeat
 from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
-from sprintlab.plant.ground import LEVEL, Ground, RoughGround, keep_deepest
+from sprintlab.plant.ground import LEVEL, Ground, RoughGround
+from sprintlab.plant.pad import PadLaw, Pads
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import (
     DRAG_AREA,
@@ -33,6 +34,7 @@ from sprintlab.robots import (
     RobotDescription,
     air_drag,
     build_model,
+    effective_leg_mass,
     set_friction,
     soft_stop_torque,
 )
@@ -51,9 +53,8 @@ class PlantOptions:
     Attributes:
         engine: ``"mujoco"`` for every published number, or ``"drake"``, the second engine (``on_engine`` sets
             the time step that suits it).
-        timestep: physics step [s]; a whole number of them makes one motor step. A running robot's feet come
-            down at several m/s: with 1 ms steps and the stiffest contact they allow (2 ms) they sink 11 mm,
-            with 0.25 ms and 0.5 ms less than 3 mm.
+        timestep: physics step [s], up to 0.5 ms, beyond which the pads' explicit forces ring; a whole number
+            of them makes one motor step.
         motor_rate: rate of the motor loop [Hz].
         record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
         ground: level and even by default; the second engine has no other.
@@ -90,7 +91,7 @@ class PlantOptions:
 
     def __post_init__(self) -> None:
         check_choice("plant.engine", self.engine, ENGINES)
-        check_range("plant.timestep", self.timestep, 1e-5, 0.002, "s")
+        check_range("plant.timestep", self.timestep, 1e-5, 0.0005, "s")
         check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
         if self.engine != "mujoco" and self.ground.remark:
             raise InvalidValueError("plant.ground", self.ground, "the second engine's is level and even")
@@ -150,6 +151,7 @@ class PlantOptions:
             joint_limits=True,
             visuals=False,
             knee_spring=True,
+            solver_feet=False,
         )
 
 
@@ -228,10 +230,13 @@ class Plant:
         amend = None if self.rough is None else self.rough.replace_floor
         self.model = build_model(robot, options.model_options(), amend)
         self.turn_gravity(options.ground.angle)
+        law = PadLaw.of(options.foot, effective_leg_mass(self.model))
         self._apply_settings(settings)
         self.data = mujoco.MjData(self.model)
         self._drive: JointDrive = _drive(robot, options)
         self._bind()
+        feet = [f"{leg}_foot" for leg in robot.leg_names]
+        self.pads = Pads(self.model, self.data, feet, law, settings.friction, self.rough)
         self._place(settings)
 
     @property
@@ -332,6 +337,7 @@ class Plant:
         drive = self._drive(desired_torque, self._velocity[self._joint_velocity])
         if self._strength != 1.0:
             drive = drive._replace(torque=self._strength * drive.torque)
+        self.drive_output = drive
         self.data.ctrl[:] = drive.torque
         self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self.options.drag_area)
         self._begin_step()
@@ -352,8 +358,7 @@ class Plant:
     def _begin_step(self) -> None:
         """Find out all that follows from the present state."""
         mujoco.mj_step1(self.model, self.data)
-        if self.rough is not None and self.data.ncon > 1:
-            keep_deepest(self.model, self.data, self._foot_table)
+        self.pads.press()
 
     def _finish_step(self) -> None:
         """Go on to the next state."""
@@ -405,7 +410,7 @@ class Plant:
         self._free_lower, self._free_upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         self._free_lower[self._joint_position] = lower + robot.soft_stop.zone
         self._free_upper[self._joint_position] = upper - robot.soft_stop.zone
-        self._fall_table, self._foot_table = _fall_table(model, robot), foot_table(model, robot)
+        self._fall_table = _fall_table(model, robot)
         self._trunk = int(model.body("trunk").id)
         self._motor_steps = 0
         self._stopping = False  # whether an end stop acted in the last step
@@ -413,6 +418,7 @@ class Plant:
     def _place(self, settings: TrialSettings) -> None:
         """Stand in the default pose, joints displaced by the trial's noise, feet on the ground."""
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key("stand").id)
+        self.pads.lift()
         random = np.random.default_rng(settings.seed)
         noise = random.uniform(-settings.joint_noise, settings.joint_noise, len(self.robot.joint_names))
         self._position[self._joint_position] += noise
@@ -451,14 +457,4 @@ def _fall_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.in
     for name, code in fatal.items():
         geom = model.geom(name).id
         table[floor, geom] = table[geom, floor] = code
-    return table
-
-
-def foot_table(model: mujoco.MjModel, robot: RobotDescription) -> NDArray[np.int64]:
-    """Number of the leg for each pair of geoms that are its foot and the floor, else -1."""
-    table = np.full((model.ngeom, model.ngeom), -1)
-    floor = model.geom("floor").id
-    for leg, name in enumerate(robot.leg_names):
-        foot = model.geom(f"{name}_foot").id
-        table[floor, foot] = table[foot, floor] = leg
     return table

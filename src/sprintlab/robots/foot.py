@@ -276,7 +276,7 @@ def effective_leg_mass(model: mujoco.MjModel) -> float:
     """Mean vertical inertia at the feet, standing, knee springs rigid [kg]: what a drop test drops.
 
     Args:
-        model: with explicit pairs of floor and feet, and the keyframe ``stand``.
+        model: with spheres named ``{leg}_foot`` and the keyframe ``stand``.
 
     Raises:
         RobotModelError: no finite mass comes out.
@@ -288,7 +288,8 @@ def effective_leg_mass(model: mujoco.MjModel) -> float:
     mujoco.mj_fullM(model, data, inertia)
     rigid = np.flatnonzero(model.jnt_stiffness[model.dof_jntid] == 0.0)
     masses = []
-    for geom in model.pair_geom2:
+    feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.endswith("_foot")]
+    for geom in feet:
         mujoco.mj_jac(model, data, jacobian, None, data.geom_xpos[geom], model.geom_bodyid[geom])
         vertical = jacobian[2, rigid]
         try:

@@ -51,6 +51,7 @@ class ModelOptions:
         collisions: ``"feet"`` (foot spheres on the floor, nothing else) or ``"full"`` (feet, shanks, thighs
             and trunk collide with the floor and with other legs).
         foot: stiffness and restitution of the feet on the floor.
+        solver_feet: whether MuJoCo's solver makes the contact of feet and floor; the plant has pads instead.
         contact_time_constant: time constant of all other contacts and of joint limits [s]; at least two time
             steps, below which MuJoCo would silently soften it.
         integrator: ``"implicitfast"``, or ``"euler"`` with explicit joint damping (cheaper on a GPU).
@@ -67,6 +68,7 @@ class ModelOptions:
     timestep: float = 0.001
     collisions: str = "feet"
     foot: FootContact = NOMINAL_FOOT
+    solver_feet: bool = True
     contact_time_constant: float = 0.004
     integrator: str = "implicitfast"
     dry_friction: bool = True
@@ -112,7 +114,8 @@ def build_model(
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise RobotModelError(f"robot {robot.name!r} does not compile: {reason}") from error
-    set_foot_contact(model, options.foot, effective_leg_mass(model))
+    if options.solver_feet:
+        set_foot_contact(model, options.foot, effective_leg_mass(model))
     return model
 
 
@@ -128,7 +131,7 @@ def robot_spec(robot: RobotDescription, options: ModelOptions) -> mujoco.MjSpec:
     trunk = _add_trunk(spec, robot, options)
     _add_legs(spec, trunk, robot, 1.0, options)
     _add_legs(spec, _add_rear_trunk(trunk, robot, options), robot, -1.0, options)
-    for leg in robot.leg_names:
+    for leg in robot.leg_names if options.solver_feet else ():
         add_foot_pair(spec, f"{leg}_foot", robot.foot_friction)
     for joint in robot.joint_names:
         _add_torque_actuator(spec, joint)
@@ -342,6 +345,8 @@ def _add_leg_collisions(
         pos=(0, 0, -mechanics.shank_length),
     )
     _set_robot_collision(foot, robot, options)
+    if not options.solver_feet:
+        foot.conaffinity &= ~_GROUND_BIT
     if options.collisions == "full":
         # The shank's capsule ends above the foot, which must touch the ground first.
         shank_end = mechanics.shank_length - robot.foot_radius

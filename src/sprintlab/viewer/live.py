@@ -90,6 +90,7 @@ class LivePlant(Plant):
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""
         set_friction(self.model, friction)
+        self.pads.friction = friction
         self.turn_gravity(slope)
         mass = self._trunk_mass + payload
         if self.model.body_mass[self._trunk] != mass:

@@ -1,4 +1,4 @@
-"""One time step of Drake: from a state and the forces on it to the next state and the forces on the feet."""
+"""One time step of Drake: from a state and the forces on it to the next state."""
 
 # Drake's stubs take numpy's shapes for its element types, and MuJoCo's compiled module has no complete stubs.
 # pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false
@@ -6,17 +6,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
-from pydrake.geometry import RoleAssign
 from pydrake.multibody.tree import default_model_instance
 
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import SimulationError
-from sprintlab.plant.drake.assembly import Rotor, assemble, surface_properties, without_remarks
-from sprintlab.plant.drake.pad import Pad
+from sprintlab.plant.drake.assembly import Rotor, assemble, without_remarks
 
 
 class DrakeEngine:
@@ -31,43 +29,20 @@ class DrakeEngine:
         model: compiled model of one robot, with the changes of a trial.
         timestep: [s].
         rotors: by the names of the joints that have one.
-        feet: names of the geoms that have a pad.
-        pad: of the feet.
 
     Raises:
         RobotModelError: the model cannot be translated.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        timestep: float,
-        *,
-        rotors: Mapping[str, Rotor],
-        feet: Sequence[str],
-        pad: Pad,
-    ) -> None:
-        self._assembly = assembly = assemble(model, rotors, timestep)
+    def __init__(self, model: mujoco.MjModel, timestep: float, *, rotors: Mapping[str, Rotor]) -> None:
+        assembly = assemble(model, rotors, timestep)
         self._diagram, self._plant = assembly.diagram, assembly.plant
         with without_remarks():
             self._root = self._diagram.CreateDefaultContext()
         self._context = self._plant.GetMyMutableContextFromRoot(self._root)
-        self._shapes = assembly.scene_graph.GetMyMutableContextFromRoot(self._root)
-        self._contacts = self._plant.get_contact_results_output_port()
-        self._pad = pad
-        self._bind_feet(model, feet)
         self._bind_joints(model)
         self._bind_base(model)
         self._fix_inputs()
-
-    def _bind_feet(self, model: mujoco.MjModel, feet: Sequence[str]) -> None:
-        geoms = [model.geom(foot) for foot in feet]
-        self._feet = [self._assembly.shapes[foot] for foot in feet]
-        self._friction = [float(geom.friction[0]) for geom in geoms]
-        bodies = [self._plant.GetBodyByName(model.body(geom.bodyid[0]).name).index() for geom in geoms]
-        self._foot_of = {int(body): foot for foot, body in enumerate(bodies)}
-        for foot in range(len(feet)):
-            self.touch_down(foot, 1.0)
 
     def _bind_joints(self, model: mujoco.MjModel) -> None:
         """Where each joint's number of MuJoCo's state stands in Drake's."""
@@ -98,28 +73,14 @@ class DrakeEngine:
         port = self._plant.get_applied_generalized_force_input_port()
         self._applied = port.FixValue(self._context, self._force)
 
-    def touch_down(self, foot: int, speed: float) -> None:
-        """Set the dissipation of a foot's pad for a touchdown.
-
-        Args:
-            foot: which of ``feet``.
-            speed: at which it comes down [m/s].
-        """
-        surface = surface_properties(self._pad.stiffness, self._pad.dissipation(speed), self._friction[foot])
-        self._assembly.scene_graph.AssignRole(
-            self._shapes, self._plant.get_source_id(), self._feet[foot], surface, RoleAssign.kReplace
-        )
-
-    def step(self, position: FloatArray, velocity: FloatArray, force: FloatArray) -> FloatArray:
+    def step(self, position: FloatArray, velocity: FloatArray, force: FloatArray) -> None:
         """Advance ``position`` and ``velocity`` by one time step, in place.
 
         Args:
             position: ``(nq,)``.
             velocity: ``(nv,)``.
-            force: generalized force besides gravity, springs, friction and contact ``(nv,)`` [N or N m].
-
-        Returns:
-            Force of the ground on each foot ``(feet, 3)``, world frame [N].
+            force: generalized force besides gravity, springs, joint friction and contact of legs and trunk
+                ``(nv,)`` [N or N m].
 
         Raises:
             SimulationError: Drake's solver found no solution.
@@ -130,10 +91,8 @@ class DrakeEngine:
             after = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._root)
         except RuntimeError as error:
             raise SimulationError(f"Drake's step failed: {error}") from error
-        forces = self._foot_forces()
         self._root.SetDiscreteState(after)
         self._take_state(position, velocity)
-        return forces
 
     def mass_matrix(self, position: FloatArray) -> FloatArray:
         """Mass matrix ``(nv, nv)`` at ``position``, rotors included, in MuJoCo's order [kg, kg m, kg m^2]."""
@@ -178,20 +137,6 @@ class DrakeEngine:
             own[base + 3 : base + 6] = force[:3]
         own[self._own_force] = force[self._joint_velocity]
         self._applied.GetMutableData().get_mutable_value().SetFromVector(own)
-
-    def _foot_forces(self) -> FloatArray:
-        """What the step just solved for; Drake keeps it until the state changes."""
-        forces = np.zeros((len(self._feet), 3))
-        results = self._contacts.Eval(self._context)
-        for index in range(results.num_point_pair_contacts()):
-            contact = results.point_pair_contact_info(index)
-            first, second = int(contact.bodyA_index()), int(contact.bodyB_index())
-            force = contact.contact_force()  # on the second body
-            if first == 0 and second in self._foot_of:
-                forces[self._foot_of[second]] += force
-            elif second == 0 and first in self._foot_of:
-                forces[self._foot_of[first]] -= force
-        return forces
 
 
 def _to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:

@@ -1,0 +1,119 @@
+"""What motors, gears and feet do in every motor step, and what that comes to between two samples."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sprintlab.core.array_types import FloatArray
+from sprintlab.motors import copper_loss, saturate
+from sprintlab.plant import Plant
+
+FORCE_WINDOW = 0.005
+"""The greatest foot force is a mean over this time [s]."""
+
+
+class MotorSteps:
+    """Rows of all motor steps of a trial.
+
+    A power that is sampled in phase with the policy reads wrong: a joint is fastest in the middle between two
+    actions. So torques, ways and forces of every motor step are kept.
+
+    Args:
+        plant: that is simulated.
+        capacity: greatest number of motor steps.
+    """
+
+    def __init__(self, plant: Plant, capacity: int) -> None:
+        self._plant, robot, model = plant, plant.robot, plant.model
+        self._substeps, self._period = plant.options.substeps, 1.0 / plant.options.motor_rate
+        self._position = np.array([model.joint(name).qposadr[0] for name in robot.joint_names])
+        self._velocity = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
+        self._armature = model.dof_armature[self._velocity].copy()
+        joints, legs = len(robot.joint_names), len(robot.leg_names)
+        widths = {"position": joints, "velocity": joints, "motor": joints, "joint": joints, "force": legs}
+        if plant.supply is not None:
+            widths["loss"] = joints
+        self._rows = {name: np.zeros((capacity, width)) for name, width in widths.items()}
+        self._start = plant.data.qpos[self._position], plant.data.qvel[self._velocity]
+        self._force, self._steps, self._count = [0.0] * legs, 0, 0
+        self._marks: list[int] = []
+
+    def watch_step(self, data: mujoco.MjData) -> None:
+        """Add the feet's forces of one physics step; at the end of a motor step, keep its row."""
+        force = self._plant.pads.normal_force
+        if any(force):
+            self._force = [before + now for before, now in zip(self._force, force, strict=True)]
+        self._steps += 1
+        if self._steps % self._substeps == 0:
+            self._keep_row(data)
+
+    def _keep_row(self, data: mujoco.MjData) -> None:
+        rows, index = self._rows, self._count
+        rows["position"][index] = data.qpos[self._position]
+        rows["velocity"][index] = data.qvel[self._velocity]
+        rows["motor"][index] = self._plant.drive_output.motor_torque
+        rows["joint"][index] = data.ctrl
+        rows["force"][index] = self._force
+        if self._plant.supply is not None:
+            rows["loss"][index] = self._plant.supply.copper_loss
+        self._force = [0.0] * len(self._force)
+        self._count += 1
+
+    def mark_sample(self) -> None:
+        """A sample was taken now."""
+        self._marks.append(self._count)
+
+    def between_samples(self) -> dict[str, FloatArray]:
+        """Arrays of ``Trajectory`` over the motor steps since the last sample; the first has none."""
+        if not self._marks or not self._marks[-1]:
+            return {}
+        rows = {name: values[: self._marks[-1]] for name, values in self._rows.items()}
+        force = rows["force"] / self._substeps
+        loss = rows.get("loss")
+        return {
+            "foot_force": self._mean(force),
+            "foot_impact": self._largest(_running_mean(force, round(FORCE_WINDOW / self._period))),
+            "gear_torque": self._largest(self._gear_torque(rows)),
+            **self._powers(rows, loss),
+        }
+
+    def _gear_torque(self, rows: dict[str, FloatArray]) -> FloatArray:
+        """Torque that each gear passes on to its joint, mean over a motor step [N m]."""
+        velocity = np.concatenate((self._start[1][None], rows["velocity"]))
+        return rows["joint"] - self._armature * np.diff(velocity, axis=0) / self._period
+
+    def _powers(self, rows: dict[str, FloatArray], loss: FloatArray | None) -> dict[str, FloatArray]:
+        """Means of the powers [W]; speeds are ways over a motor step."""
+        robot = self._plant.robot
+        position = np.concatenate((self._start[0][None], rows["position"]))
+        speed = np.diff(position, axis=0) / self._period
+        copper = np.asarray(copper_loss(robot.motors, rows["motor"])) if loss is None else loss
+        shaft = saturate(robot.motors, rows["motor"]) * speed * robot.gear.ratio
+        bus = np.maximum((shaft + copper).sum(axis=1), 0.0)
+        return {
+            "joint_power": self._mean(rows["joint"] * speed),
+            "copper_loss": self._mean(copper),
+            "bus_power": self._mean(bus),
+        }
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        count = np.diff(self._marks, prepend=0)
+        total = np.add.reduceat(values, self._starts)
+        return total / np.maximum(count, 1).reshape(-1, *[1] * (values.ndim - 1))
+
+    def _largest(self, values: FloatArray) -> FloatArray:
+        """The values of greatest magnitude."""
+        highest, lowest = (of.reduceat(values, self._starts) for of in (np.maximum, np.minimum))
+        return np.where(highest > -lowest, highest, lowest)
+
+    @property
+    def _starts(self) -> list[int]:
+        """First motor step since the sample before, for each sample; the first sample takes that after it."""
+        return [0, *self._marks[:-1]]
+
+
+def _running_mean(values: FloatArray, count: int) -> FloatArray:
+    """Mean over each row ``(T, n)`` and those before it, ``count`` in all; before the first is nothing."""
+    total = np.cumsum(np.concatenate((np.zeros((count, values.shape[1])), values)), axis=0)
+    return (total[count:] - total[:-count]) / count
