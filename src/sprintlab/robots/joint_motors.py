@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.array_types import FloatArray
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import Gear, PmsmParameters
 from sprintlab.robots.description import JOINTS_PER_LEG, RobotDescription
@@ -55,6 +56,22 @@ class JointMotors:
             motor=_chosen(self.motor, chosen),
             gear=_chosen(self.gear, chosen),
         )
+
+    def parameters(self, names: Sequence[str]) -> dict[str, FloatArray]:
+        """Every number of these joints' motors, each ``(joints,)``: for simulators that keep them as arrays.
+
+        Named as the fields of ``PmsmParameters``, and ``gear_ratio``, ``gear_efficiency``, ``bus_voltage``.
+
+        Raises:
+            InvalidValueError: see ``ordered``.
+        """
+        found = self.ordered(names)
+        values = {item.name: getattr(found.motor, item.name) for item in fields(found.motor)}
+        values |= {"gear_ratio": found.gear.ratio, "gear_efficiency": found.gear.efficiency}
+        values["bus_voltage"] = found.bus_voltage
+        return {
+            name: np.array(np.broadcast_to(value, len(names)), dtype=float) for name, value in values.items()
+        }
 
 
 def robot_motors(robot: RobotDescription | str) -> JointMotors:
