@@ -3,20 +3,19 @@
     pip install 'sprintlab[mjlab]'
     python examples/mjlab_go1_refined_motor.py --environments 4096 --iterations 1000 --device cuda:0
 
-Only two configurations of mjlab's task change: the actuators and the command. The Go1's motors are not
-published, so the motor is one of its class: the MIT Mini Cheetah's from the library (`sprintlab motor library
-mit-mini-cheetah` prints its sources), with the rotor inertia and the peak torque of mjlab's Go1. The bus
-voltage puts the hips' no-load speed at the Go1's 30.1 rad/s.
+Only two configurations of mjlab's task change: the actuators and the command. The motors are those of this
+package's `go1` (`sprintlab robot show go1` prints their sources), found by the names of mjlab's joints.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
+from mjlab.actuator import BuiltinPositionActuatorCfg
 from mjlab.asset_zoo.robots.unitree_go1 import go1_constants as go1
 from mjlab.entity import EntityArticulationInfoCfg
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg
@@ -25,29 +24,17 @@ from mjlab.tasks.velocity.config.go1.env_cfgs import unitree_go1_flat_env_cfg
 from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
 
 from sprintlab.integrations.mjlab import AdaptiveVelocityCommandCfg, PmsmActuatorCfg
-from sprintlab.motors import MOTOR_MODELS, Gear, MotorModel, load_library_motor
-
-BUS_VOLTAGE = 19.85  # V
-MOTOR = replace(
-    load_library_motor("mit-mini-cheetah").motor,
-    peak_torque=go1.HIP_ACTUATOR.effort_limit / go1.HIP_GEAR_RATIO,
-    rotor_inertia=go1.ROTOR_INERTIA,
-)
-HIPS = (".*_hip_joint", ".*_thigh_joint")
-CALVES = (".*_calf_joint",)
+from sprintlab.motors import MOTOR_MODELS, MotorModel
+from sprintlab.robots import robot_motors
 
 
-def joints(
-    names: tuple[str, ...], ratio: float, stiffness: float, damping: float, model: MotorModel
-) -> PmsmActuatorCfg:
+def joints(stock: BuiltinPositionActuatorCfg, model: MotorModel) -> PmsmActuatorCfg:
     """One group of joints with mjlab's own gains."""
     return PmsmActuatorCfg(
-        target_names_expr=names,
-        stiffness=stiffness,
-        damping=damping,
-        motor=MOTOR,
-        gear=Gear(ratio=ratio, efficiency=1.0),
-        bus_voltage=BUS_VOLTAGE,
+        target_names_expr=stock.target_names_expr,
+        stiffness=stock.stiffness,
+        damping=stock.damping,
+        motors=robot_motors("go1"),
         model=model,
     )
 
@@ -58,8 +45,8 @@ def task(environments: int, model: MotorModel) -> ManagerBasedRlEnvCfg:
     configuration.scene.num_envs = environments
     configuration.scene.entities["robot"].articulation = EntityArticulationInfoCfg(
         actuators=(
-            joints(HIPS, go1.HIP_GEAR_RATIO, go1.STIFFNESS_HIP, go1.DAMPING_HIP, model),
-            joints(CALVES, go1.KNEE_GEAR_RATIO, go1.STIFFNESS_KNEE, go1.DAMPING_KNEE, model),
+            joints(go1.GO1_HIP_ACTUATOR_CFG, model),
+            joints(go1.GO1_KNEE_ACTUATOR_CFG, model),
         ),
         soft_joint_pos_limit_factor=0.9,
     )

@@ -30,13 +30,13 @@ from numpy.typing import NDArray
 from torque_over_speed import Drives, FloatArray, Walk, draw, impossible_share, table_drives, walked
 
 from sprintlab.integrations.mjlab import PmsmActuatorCfg
-from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.robots import RobotDescription, load_robot, robot_motors
 
 PARTS = {"hip": "abad", "thigh": "hip", "calf": "knee"}  # the model's names of a leg's joints, the table's
 HOME = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}  # [rad]
 GROUPS = (
-    ((".*_hip_joint", ".*_thigh_joint"), "FR_hip", go1.HIP_ACTUATOR),
-    ((".*_calf_joint",), "FR_knee", go1.KNEE_ACTUATOR),
+    ((".*_hip_joint", ".*_thigh_joint"), go1.HIP_ACTUATOR),
+    ((".*_calf_joint",), go1.KNEE_ACTUATOR),
 )
 STIFFNESS, DAMPING = 35.0, 0.5  # [N m/rad], [N m s/rad]
 ACTION_SCALE, POLICY_PERIOD, TIMESTEP = 0.5, 0.02, 0.004  # [rad], [s], [s]
@@ -46,7 +46,7 @@ LAWS = ("position", "dc_motor", "refined")
 def actuators(law: str, robot: RobotDescription) -> tuple[ActuatorCfg, ...]:
     """The policy's PD loop on both kinds of joints, behind one of the laws."""
     found: list[ActuatorCfg] = []
-    for joints, named, limit in GROUPS:
+    for joints, limit in GROUPS:
         own = {
             "target_names_expr": joints,
             "stiffness": STIFFNESS,
@@ -54,8 +54,7 @@ def actuators(law: str, robot: RobotDescription) -> tuple[ActuatorCfg, ...]:
             "armature": limit.reflected_inertia,
         }
         if law == "refined":
-            motor, gear, bus_voltage = table_drives(robot, range(12)).single(robot.joint_names.index(named))
-            found.append(PmsmActuatorCfg(**own, motor=motor, gear=gear, bus_voltage=bus_voltage))
+            found.append(PmsmActuatorCfg(**own, motors=robot_motors(robot)))
         elif law == "dc_motor":
             peak, top = limit.effort_limit, limit.velocity_limit
             found.append(

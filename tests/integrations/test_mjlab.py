@@ -2,9 +2,11 @@
 
 import importlib.util
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -19,7 +21,9 @@ from sprintlab.motors import (
     i2t_decay,
     i2t_drive,
     stack_motors,
+    torque_limits,
 )
+from sprintlab.robots import JointMotors
 
 torch = pytest.importorskip("torch", reason="the mjlab terms need PyTorch: pip install 'sprintlab[mjlab]'")
 if importlib.util.find_spec("mjlab") is None:
@@ -60,14 +64,18 @@ def motor(**changes):
     return PmsmParameters(**{**values, **changes})
 
 
+def motors(one=None, ratio=6.0, **names):
+    return JointMotors(
+        motor=one or motor(), gear=Gear(ratio=ratio, efficiency=0.9), bus_voltage=20.0, **names
+    )
+
+
 def configuration(**changes):
     values = {
         "target_names_expr": (".*",),
         "stiffness": 20.0,
         "damping": 1.0,
-        "motor": motor(),
-        "gear": Gear(ratio=6.0, efficiency=0.9),
-        "bus_voltage": 20.0,
+        "motors": motors(),
     }
     return PmsmActuatorCfg(**{**values, **changes})
 
@@ -131,15 +139,15 @@ def test_models_differ(build):
 
 def test_groups_with_different_motors_fuse_into_one(build):
     strong = motor(peak_torque=8.0, flux_linkage=5e-3)
-    groups = [build(), build(first_joint=2, motor=strong, gear=Gear(ratio=9.0, efficiency=0.9))]
+    groups = [build(), build(first_joint=2, motors=motors(strong, ratio=9.0))]
     fused, remaining = FusedActuatorGroup.process(groups)
     assert remaining == () and len(fused._groups) == 1
     fused.initialize(ENVIRONMENTS, "cpu")
     group = fused._groups[0]
     command = random_command(4)
     torque = group.actuator_type.control_law(group.params, command)
-    motors = stack_motors([motor(), motor(), strong, strong])
-    expected = expected_torque(command, motors, [6.0, 6.0, 9.0, 9.0], 20.0, "refined")
+    four = stack_motors([motor(), motor(), strong, strong])
+    expected = expected_torque(command, four, [6.0, 6.0, 9.0, 9.0], 20.0, "refined")
     assert torque.numpy() == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
@@ -202,22 +210,54 @@ def test_each_model_is_a_type_of_its_own(build):
         actuator_type("brushed")
 
 
-def test_armature_and_effort_limit_follow_from_motor_and_gear():
-    filled = configuration()
-    assert filled.armature == pytest.approx(36.0 * 1e-4)
-    assert filled.effort_limit == pytest.approx(3.95 * 6.0)
-    chosen = configuration(armature=0.5, effort_limit=3.0)
-    assert (chosen.armature, chosen.effort_limit) == (0.5, 3.0)
+def test_each_joint_has_the_motor_of_its_name(build):
+    """In the order of mjlab's joints, not in that of the motors."""
+    strong = motor(peak_torque=8.0, rotor_inertia=3e-4)
+    several = motors(stack_motors([strong, motor()]), np.array([9.0, 6.0]), names=("b", "a"))
+    actuator = build(motors=several)
+    assert actuator.peak_torque[0].tolist() == pytest.approx([3.95, 8.0])
+    assert actuator.force_limit[0].tolist() == pytest.approx([6.0 * 3.95, 9.0 * 8.0])
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body><joint name='a'/><joint name='b'/><geom size='.1'/></body></worldbody>"
+        "</mujoco>"
+    )
+    actuator.edit_spec(spec, ["a", "b"])
+    assert [joint.armature for joint in spec.joints] == pytest.approx([36.0 * 1e-4, 81.0 * 3e-4])
+    chosen = build(effort_limit=3.0)
+    assert chosen.force_limit[0].tolist() == [3.0, 3.0]
+    with pytest.raises(InvalidValueError, match="a, b"):
+        build(motors=replace(several, names=("c", "d")))
+
+
+def test_mjlabs_data_sheet_becomes_a_motor():
+    """Stall torque, no-load speed and, without inductance, the straight line of MuJoCo's own motor."""
+    from mjlab.actuator.builtin_actuator import DcMotorDatasheetParams
+
+    from sprintlab.integrations.mjlab import datasheet_motors
+
+    sheet = DcMotorDatasheetParams(nominal_voltage=24.0, stall_torque=5.0, no_load_speed=180.0)
+    found = datasheet_motors(
+        sheet,
+        pole_pairs=10,
+        q_axis_inductance=1e-4,
+        peak_torque=6.0,
+        rotor_inertia=1e-4,
+        gear=Gear(ratio=6.0, efficiency=1.0),
+    )
+    speed = np.linspace(0.0, 180.0, 7)
+    line = 5.0 * (1.0 - speed / 180.0)
+    _, simple = torque_limits(found.motor, speed, found.bus_voltage, "simplified-dc")
+    _, refined = torque_limits(found.motor, speed, found.bus_voltage)
+    assert simple == pytest.approx(line, abs=1e-9)
+    assert refined[[0, -1]] == pytest.approx(line[[0, -1]], abs=1e-9) and np.all(refined[1:-1] < line[1:-1])
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"model": "brushed"}, "model"),
-        ({"bus_voltage": 0.0}, "bus_voltage"),
-        ({"motor": stack_motors([motor(), motor()])}, "must be one motor"),
+        ({"motors": replace(motors(), bus_voltage=0.0)}, "bus_voltage"),
         ({"i2t": I2tLimit(continuous_current=60.0, time_constant=1.0)}, "must lie below the peak current"),
-        ({"i2t": I2tLimit(continuous_current=np.array([5.0, 6.0]), time_constant=1.0)}, "of one motor"),
     ],
 )
 def test_configurations_that_are_not_allowed(changes, words):

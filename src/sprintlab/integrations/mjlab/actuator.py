@@ -7,8 +7,7 @@ With I²t the level is one more parameter tensor, which the law itself advances:
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, cast
 
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 from mjlab.actuator import ActuatorCmd, IdealPdActuator, IdealPdActuatorCfg
 from mjlab.actuator.actuator import TransmissionType
+from mjlab.actuator.builtin_actuator import DcMotorDatasheetParams
 from mjlab.actuator.pd_actuator import pd_torque
 from mjlab.managers.scene_entity_config import SceneEntityCfg
 
@@ -32,56 +32,43 @@ from sprintlab.motors import (
     i2t_decay,
     i2t_drive,
     i2t_time_constant,
-    reflected_inertia,
+    phase_voltage_limit,
 )
+from sprintlab.robots import JointMotors
 
-_MOTOR_FIELDS = tuple(item.name for item in fields(PmsmParameters))
+_MOTOR_FIELDS = MotorValues._fields
 _OWN_PARAMETERS = (*_MOTOR_FIELDS, "gear_ratio", "gear_efficiency", "bus_voltage")
 _I2T_PARAMETERS = ("continuous_current", "i2t_level", "i2t_decay")  # in the order of ``i2t_drive``
 
 
 @dataclass(kw_only=True)
 class PmsmActuatorCfg(IdealPdActuatorCfg):
-    """A geared permanent-magnet motor behind a PD loop.
+    """Geared permanent-magnet motors behind a PD loop, found by the names of the joints they drive.
 
-    ``armature`` left at ``None`` becomes the rotor's reflected inertia, ``effort_limit`` (on the torque that
-    the PD loop wants) left at infinity the motor's peak torque times the gear ratio. Passive friction stays
+    ``armature`` left at ``None`` becomes each rotor's reflected inertia, ``effort_limit`` (on the torque that
+    the PD loop wants) left at infinity each motor's peak torque times its gear ratio. Passive friction stays
     where mjlab has it: ``frictionloss`` and ``viscous_damping``.
 
     Raises:
-        InvalidValueError: several motors in one group, an unknown model, a bad voltage, or a transmission
-            that is no joint.
+        InvalidValueError: an unknown model, a bad voltage or I²t limit, or a transmission that is no joint;
+            when it is built: joint names that fit no motor.
     """
 
-    motor: PmsmParameters
-    """Parameters of every motor of the group, plain numbers."""
-    gear: Gear
-    """Its gear, plain numbers."""
-    bus_voltage: float
-    """DC bus [V]; see ``randomize_bus_voltage``."""
+    motors: JointMotors
+    """One motor for all joints, or one per joint name, e.g. ``robot_motors("go1")``."""
     model: MotorModel = "refined"
     """Which voltage limit holds: one of ``MOTOR_MODELS``."""
     i2t: I2tLimit | None = None
-    """How the drive cuts overloads back, plain numbers; ``None``: the peak current may flow for ever."""
+    """How the drives cut overloads back, plain numbers; ``None``: the peak current may flow for ever."""
 
     def __post_init__(self) -> None:
-        """Check what mjlab does not, and fill in what follows from motor and gear."""
+        """Check what mjlab does not."""
         check_choice("model", self.model, MOTOR_MODELS)
-        check_positive("bus_voltage", self.bus_voltage, "V")
-        for name, value in (("motor", self.motor.peak_torque), ("gear", self.gear.ratio)):
-            if np.ndim(value) > 0:
-                raise InvalidValueError(name, value, "must be one motor: give each kind a group of its own")
-        if self.i2t is not None and np.ndim(i2t_time_constant(self.i2t, self.motor)) > 0:
-            raise InvalidValueError(
-                "i2t", self.i2t, "must be of one motor: give each kind a group of its own"
-            )
+        check_positive("bus_voltage", self.motors.bus_voltage, "V")
+        if self.i2t is not None:
+            i2t_time_constant(self.i2t, self.motors.motor)
         if self.transmission_type != TransmissionType.JOINT:
             raise InvalidValueError("transmission_type", self.transmission_type.value, "must be joint")
-        if self.armature is None:
-            self.armature = float(reflected_inertia(self.gear, self.motor.rotor_inertia))
-        if math.isinf(self.effort_limit):
-            # The wanted torque, before the gear's losses: with them the motor could never reach its peak.
-            self.effort_limit = float(self.motor.peak_torque * self.gear.ratio)
         super().__post_init__()
 
     def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> PmsmActuator:
@@ -117,20 +104,32 @@ class PmsmActuator(IdealPdActuator[PmsmActuatorCfg]):
         params["i2t_level"].copy_(level)
         return output.torque
 
+    def edit_spec(self, spec: Any, target_names: list[str]) -> None:
+        """As mjlab's; each joint's armature is its rotor's unless the configuration has one."""
+        super().edit_spec(spec, target_names)
+        if self.cfg.armature is None:
+            values = self.cfg.motors.parameters(target_names)
+            armature = values["gear_ratio"] ** 2 * values["rotor_inertia"]
+            for name, inertia in zip(target_names, armature, strict=True):
+                spec.joint(name).armature = inertia
+
     def initialize(self, mj_model: Any, model: Any, data: Any, device: str) -> None:
-        """Lay out the parameters as tensors, one value an environment and joint."""
+        """Lay out the parameters as tensors ``(environments, joints)``."""
         super().initialize(mj_model, model, data, device)
-        shape = (data.nworld, len(self.target_names))
-        values = {name: getattr(self.cfg.motor, name) for name in _MOTOR_FIELDS}
-        values["gear_ratio"] = self.cfg.gear.ratio
-        values["gear_efficiency"] = self.cfg.gear.efficiency
-        values["bus_voltage"] = self.cfg.bus_voltage
+        values: dict[str, Any] = dict(self.cfg.motors.parameters(self.target_names))
+        if np.isinf(self.cfg.effort_limit):
+            # The wanted torque, before the gear's losses: with them the motor could never reach its peak.
+            values["force_limit"] = values["default_force_limit"] = (
+                values["peak_torque"] * values["gear_ratio"]
+            )
         if self.cfg.i2t is not None:
+            motor = cast("PmsmParameters", MotorValues(*(values[name] for name in _MOTOR_FIELDS)))
             values["continuous_current"] = self.cfg.i2t.continuous_current
-            values["i2t_decay"] = i2t_decay(self.cfg.i2t, self.cfg.motor, mj_model.opt.timestep)
+            values["i2t_decay"] = i2t_decay(self.cfg.i2t, motor, mj_model.opt.timestep)
             values["i2t_level"] = 0.0
         for name, value in values.items():
-            setattr(self, name, torch.full(shape, float(value), dtype=torch.float, device=device))
+            row = torch.as_tensor(value, dtype=torch.float, device=device)
+            setattr(self, name, row.expand(data.nworld, len(self.target_names)).clone())
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
         """As mjlab's; the drives of those environments are cold again."""
@@ -166,6 +165,41 @@ def _actuator_type(model: MotorModel, limited: bool) -> type[PmsmActuator]:
     names = PmsmActuator.param_names + (_I2T_PARAMETERS if limited else ())
     own = {"model": model, "limited": limited, "param_names": names, "__doc__": PmsmActuator.__doc__}
     return type(f"Pmsm{words}Actuator", (PmsmActuator,), own)
+
+
+def datasheet_motors(
+    sheet: DcMotorDatasheetParams,
+    *,
+    pole_pairs: int,
+    q_axis_inductance: float,
+    peak_torque: float,
+    rotor_inertia: float,
+    gear: Gear,
+) -> JointMotors:
+    """The permanent-magnet motor with the stall torque and the no-load speed of mjlab's DC motor.
+
+    Args:
+        sheet: ``nominal_voltage`` is the DC bus; stall torque [N m] and no-load speed [rad/s] of the shaft.
+        pole_pairs: of the motor.
+        q_axis_inductance: [H]; what the DC motor does not have.
+        peak_torque: that the drive's current limit allows [N m]; often far below the stall torque.
+        rotor_inertia: [kg m^2].
+        gear: behind the shaft.
+
+    Raises:
+        InvalidValueError: a number is out of range.
+    """
+    voltage = float(phase_voltage_limit(sheet.nominal_voltage))
+    flux_linkage = voltage / (pole_pairs * sheet.no_load_speed)
+    motor = PmsmParameters(
+        pole_pairs=pole_pairs,
+        stator_resistance=1.5 * pole_pairs * flux_linkage * voltage / sheet.stall_torque,
+        q_axis_inductance=q_axis_inductance,
+        flux_linkage=flux_linkage,
+        peak_torque=peak_torque,
+        rotor_inertia=rotor_inertia,
+    )
+    return JointMotors(motor=motor, gear=gear, bus_voltage=sheet.nominal_voltage)
 
 
 _ROBOT = SceneEntityCfg("robot")

@@ -1,0 +1,161 @@
+"""The comparison of actuators in mjlab: what carries a policy from mjlab to our plant loses nothing."""
+
+import importlib.util
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[mjlab]'")
+if importlib.util.find_spec("mjlab") is None:
+    pytest.skip("needs mjlab: pip install 'sprintlab[mjlab]'", allow_module_level=True)
+
+from sprintlab.plant import Plant, PlantOptions, TrialSettings
+from sprintlab.robots import match_joints
+from studies import mjlab_speed as study
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Two iterations of two robots: the runner, its environment and the file it leaves."""
+    import torch
+
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("run")
+    found = {}
+
+    def export(runner, entity, action, path):
+        found.update(runner=runner, env=runner.env.unwrapped)
+        saved(runner, entity, action, path)
+
+    saved, study.export = study.export, export
+    try:
+        study.train("refined", 1, folder, 2, 2, until=float("inf"))
+    finally:
+        study.export = saved
+    return found["runner"], found["env"], folder / "policy.npz"
+
+
+@pytest.mark.slow
+def test_the_policy_in_numpy_is_that_of_rsl_rl(trained):
+    import torch
+    from tensordict import TensorDict
+
+    runner, _, path = trained
+    policy, seen = study.load(path), np.random.default_rng(0).normal(size=48)
+    batch = TensorDict({"actor": torch.tensor(seen[None], dtype=torch.float32)}, batch_size=[1])
+    with torch.no_grad():
+        expected = runner.get_inference_policy("cpu")(batch)[0].numpy()
+    assert policy.action(seen) == pytest.approx(expected, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_plant_shows_a_policy_what_mjlab_shows(trained):
+    """The same state in both simulators: position, attitude, velocities, joints in each one's order."""
+    import torch
+
+    _, env, path = trained
+    policy, random = study.load(path), np.random.default_rng(1)
+    robot = study.mjlabs_go1(policy)
+    plant = Plant(robot, PlantOptions(), TrialSettings())
+    places = match_joints(policy.joint_names, robot.joint_names)
+    quaternion = random.normal(size=4) * 0.1 + [1.0, 0.0, 0.0, 0.0]
+    quaternion /= np.linalg.norm(quaternion)
+    velocity, joints, speeds = (
+        random.normal(size=6),
+        policy.home + 0.1 * random.normal(size=12),
+        random.normal(size=12),
+    )
+    for name, position, speed in zip(policy.joint_names, joints, speeds, strict=True):
+        ours = (
+            robot.joint_names[match_joints([name], robot.joint_names)[0]]
+            if "hip" not in name
+            else (f"{name[:2]}_abad")
+        )
+        plant.data.joint(ours).qpos[0], plant.data.joint(ours).qvel[0] = position, speed
+    plant.data.qpos[3:7], plant.data.qvel[:6] = quaternion, velocity
+    entity = env.scene["robot"]
+    free = torch.tensor([0.0, 0.0, 0.4, *quaternion], dtype=torch.float32).expand(2, 7)
+    entity.write_root_link_pose_to_sim(free)
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, quaternion)
+    world = np.concatenate([velocity[:3], turned.reshape(3, 3) @ velocity[3:]])
+    entity.write_root_link_velocity_to_sim(torch.tensor(world, dtype=torch.float32).expand(2, 6))
+    state = (torch.tensor(value[None].repeat(2, 0), dtype=torch.float32) for value in (joints, speeds))
+    entity.write_joint_state_to_sim(*state)
+    env.sim.forward()
+    env.scene.update(0.0)
+    expected = {
+        name: term.func(env, **term.params)[0].numpy()
+        for name, term in env.cfg.observations["actor"].terms.items()
+        if name not in ("actions", "command", "joint_pos")
+    }
+    seen = study.observation(plant, policy, places, np.zeros(12), 0.0)
+    assert seen[0:3] == pytest.approx(expected["base_lin_vel"], abs=1e-4)
+    assert seen[3:6] == pytest.approx(expected["base_ang_vel"], abs=1e-4)
+    assert seen[6:9] == pytest.approx(expected["projected_gravity"], abs=1e-4)
+    assert seen[9:21] == pytest.approx(joints - policy.home, abs=1e-6)
+    assert seen[21:33] == pytest.approx(expected["joint_vel"], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_data_sheets_motor_in_mjlab_is_the_line_in_the_plant():
+    """MuJoCo's own motor with gains in volts against a clipped PD loop, at random states."""
+    from mjlab.asset_zoo.robots.unitree_go1 import go1_constants as go1
+    from mjlab.entity import Entity, EntityArticulationInfoCfg
+
+    configuration = go1.get_go1_robot_cfg()
+    configuration.articulation = EntityArticulationInfoCfg(actuators=study.actuators("data-sheet"))
+    model = Entity(configuration).spec.compile()
+    data, random = mujoco.MjData(model), np.random.default_rng(2)
+    names = [model.actuator(at).name for at in range(model.nu)]
+    law = study.promised_law("data-sheet")
+    for _ in range(20):
+        data.qvel[6:], data.ctrl[:] = random.normal(0.0, 10.0, 12), random.normal(0.0, 1.5, 12)
+        mujoco.mj_forward(model, data)
+        for at, name in enumerate(names):
+            kind = "calf" if "calf" in name else "hip"
+            stock = go1.GO1_KNEE_ACTUATOR_CFG if kind == "calf" else go1.GO1_HIP_ACTUATOR_CFG
+            joint = model.joint(name)
+            speed = data.qvel[joint.dofadr[0]]
+            wanted = stock.stiffness * (data.ctrl[at] - data.qpos[joint.qposadr[0]]) - stock.damping * speed
+            column = 2 if kind == "calf" else 0
+            vectors = np.zeros(12), np.zeros(12)
+            vectors[0][column], vectors[1][column] = wanted, speed
+            expected = law(*vectors).torque[column]
+            assert data.qfrc_actuator[joint.dofadr[0]] == pytest.approx(expected, rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_runs_go_on_are_judged_and_make_a_page(trained, tmp_path):
+    _, _, path = trained
+    folder = tmp_path / "work" / "refined-1"
+    folder.mkdir(parents=True)
+    (folder / "policy.npz").write_bytes(path.read_bytes())
+    words = [
+        "--out",
+        str(tmp_path),
+        "--work",
+        str(tmp_path / "work"),
+        "--actuators",
+        "refined",
+        "--seeds",
+        "1",
+    ]
+    study.main(["train", *words, "--commands", "1", "--trials", "1", "--jobs", "1", "--iterations", "2"])
+    found = json.loads((folder / "result.json").read_text())
+    assert [trial["law"] for trial in found["trials"]] == ["refined"]
+    (tmp_path / "docs" / "figures").mkdir(parents=True)
+    study.page(tmp_path / "work", tmp_path / "docs")
+    assert "| `refined` |" in (tmp_path / "docs" / "mjlab-speed.md").read_text()
+    assert (tmp_path / "results.zip").stat().st_size < 16e6
+
+
+def test_the_speed_reached_is_that_of_a_command_most_trials_hold():
+    trials = [
+        {"law": "refined", "command": at, "speed": speed, "fell": fell, "unmet": 0.0, "impossible": 0.1}
+        for at, speed, fell in [(1, 0.9, False), (1, 1.1, False), (2, 1.8, False), (2, 1.9, True)]
+    ]
+    assert study.reached(trials, "refined")["speed"] == pytest.approx(1.0)
+    assert study.reached(trials, "refined")["falls"] == 0.25
