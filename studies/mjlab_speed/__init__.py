@@ -1,0 +1,16 @@
+"""What a motor law is worth in mjlab: its own Go1 task, with faster commands, on three actuators.
+
+Each run trains mjlab's flat velocity task with mjlab's and rsl_rl's own code; only the actuator differs and
+the range of commanded speeds, which mjlab's own curriculum raises until the motors are the limit:
+
+- ``stock``: mjlab's position actuators with a torque limit (``BuiltinPositionActuatorCfg``);
+- ``data-sheet``: mjlab's brushed DC motor from stall torque and no-load speed (``DcMotorDatasheetParams``);
+- ``refined``: the motor law of this package (``PmsmActuatorCfg``).
+
+Every policy is then judged on one plant, MuJoCo C with the motors of our Go1: under the law that it was
+trained with (what was promised) and under the refined law (what its motors give).
+
+    python -m studies.mjlab_speed train --out OUT --iterations 600 --minutes 9   # again until nothing is left
+    python -m studies.mjlab_speed judge results/mjlab-speed   # needs no GPU; results.zip unpacked there
+    python -m studies.mjlab_speed page results/mjlab-speed docs                  # figure and table
+"""

@@ -1,0 +1,173 @@
+"""Training: mjlab's Go1 task on three actuators, several runs at a time, each resumed where it stopped."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import subprocess
+import sys
+import time
+import zipfile
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprintlab.robots import robot_motors
+
+ACTUATORS = ("stock", "data-sheet", "refined")
+STAGES = ((0.0, 1.5), (0.1, 2.0), (0.2, 3.0), (0.35, 4.0), (0.5, 5.0), (0.65, 6.0))
+"""Share of the training from which commands go up to a speed [m/s]."""
+STALL_TORQUE = {"hip": 23.7, "thigh": 23.7, "calf": 35.55}
+"""Published for the Go1's joints [N m]."""
+NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
+"""Published [rad/s]."""
+NOMINAL_VOLTAGE = 24.0
+CHUNK = 50  # iterations between two looks at the clock
+
+
+def actuators(law: str) -> tuple[Any, ...]:
+    """mjlab's actuator groups for hips with thighs and for calves, same gains under each law."""
+    from mjlab.actuator.builtin_actuator import BuiltinDcMotorActuatorCfg, DcMotorDatasheetParams
+    from mjlab.asset_zoo.robots.unitree_go1 import go1_constants as go1
+
+    from sprintlab.integrations.mjlab import PmsmActuatorCfg
+
+    def group(stock: Any, kind: str) -> Any:
+        own = {"target_names_expr": stock.target_names_expr, "armature": stock.armature}
+        if law == "stock":
+            return stock
+        if law == "refined":
+            gains = {"stiffness": stock.stiffness, "damping": stock.damping}
+            return PmsmActuatorCfg(**own, **gains, motors=robot_motors("go1"))
+        # mjlab's gains of this actuator are volts: K / R of the sheet's motor turns them into torque, and its
+        # back-EMF is a damping of K^2 / R of its own.
+        constant = NOMINAL_VOLTAGE / NO_LOAD_SPEED[kind]
+        volts = NOMINAL_VOLTAGE / STALL_TORQUE[kind]
+        back_emf = constant / volts
+        return BuiltinDcMotorActuatorCfg(
+            **own,
+            motor_params=DcMotorDatasheetParams(NOMINAL_VOLTAGE, STALL_TORQUE[kind], NO_LOAD_SPEED[kind]),
+            stiffness=stock.stiffness * volts,
+            damping=max(stock.damping - back_emf, 0.0) * volts,
+            voltage_limit=NOMINAL_VOLTAGE,
+            effort_limit=STALL_TORQUE[kind],
+        )
+
+    return group(go1.GO1_HIP_ACTUATOR_CFG, "hip"), group(go1.GO1_KNEE_ACTUATOR_CFG, "calf")
+
+
+def task(law: str, environments: int, iterations: int, seed: int) -> Any:
+    """mjlab's Go1 flat task; its curriculum raises the commands over the run."""
+    from mjlab.entity import EntityArticulationInfoCfg
+    from mjlab.tasks.velocity.config.go1.env_cfgs import unitree_go1_flat_env_cfg
+    from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
+
+    steps = iterations * unitree_go1_ppo_runner_cfg().num_steps_per_env
+    found = unitree_go1_flat_env_cfg()
+    found.scene.num_envs, found.seed = environments, seed
+    found.scene.entities["robot"].articulation = EntityArticulationInfoCfg(
+        actuators=actuators(law), soft_joint_pos_limit_factor=0.9
+    )
+    found.curriculum["command_vel"].params["velocity_stages"] = [
+        {"step": int(share * steps), "lin_vel_x": (-1.0, top), "ang_vel_z": (-0.7, 0.7)}
+        for share, top in STAGES
+    ]
+    return found
+
+
+def train(law: str, seed: int, folder: Path, iterations: int, environments: int, until: float) -> None:
+    """Train, or go on, to the last iteration or until a time [s since 1970]; then leave ``policy.npz``."""
+    os.environ.setdefault("MUJOCO_GL", "disabled")
+    os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")  # a GPU node may have no git
+    import torch
+    from mjlab.envs import ManagerBasedRlEnv
+    from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
+    from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
+
+    device = "cuda:0" if torch.cuda.is_available() else "cpu"
+    torch.manual_seed(seed)
+    settings = unitree_go1_ppo_runner_cfg()
+    settings.logger, settings.seed, settings.save_interval = "tensorboard", seed, 10**9
+    environment = ManagerBasedRlEnv(cfg=task(law, environments, iterations, seed), device=device)
+    runner = MjlabOnPolicyRunner(RslRlVecEnvWrapper(environment), asdict(settings), str(folder), device)
+    done = 0
+    if checkpoint := newest_checkpoint(folder):
+        runner.load(str(checkpoint), map_location=device)
+        done = runner.current_learning_iteration = runner.current_learning_iteration + 1
+    first, begun = done, time.time()
+    while done < iterations and time.time() < until:
+        runner.learn(min(CHUNK, iterations - done), init_at_random_ep_len=done == 0)
+        done = runner.current_learning_iteration = runner.current_learning_iteration + 1
+        for old in sorted(folder.glob("model_*.pt"), key=lambda path: path.stat().st_mtime)[:-1]:
+            old.unlink()
+    rate = (done - first) * settings.num_steps_per_env * environments / (time.time() - begun)
+    print(f"{law} {seed}: {rate:,.0f} steps/s, iteration {done}", flush=True)
+    if done >= iterations:
+        entity = environment.scene["robot"]
+        action = environment.action_manager.get_term("joint_pos")
+        facts = {"actuator": law, "seed": seed, "iterations": iterations, "environments": environments}
+        export(runner, entity, action, facts, folder / "policy.npz")
+    environment.close()
+
+
+def newest_checkpoint(folder: Path) -> Path | None:
+    """The one last written."""
+    return max(folder.glob("model_*.pt"), key=lambda path: path.stat().st_mtime, default=None)
+
+
+def export(runner: Any, entity: Any, action: Any, facts: dict[str, Any], path: Path) -> None:
+    """Weights of the actor, names, pose and scales of its joints, and facts of the run."""
+    weights = {
+        f"actor.{name}": value.cpu().numpy() for name, value in runner.alg.get_policy().state_dict().items()
+    }
+    gains = {
+        "home": entity.data.default_joint_pos[0].cpu().numpy(),
+        "scale": np.broadcast_to(action.scale[0].cpu().numpy(), len(entity.joint_names)),
+        "joint_names": np.array(entity.joint_names),
+    }
+    np.savez_compressed(path, **weights, **gains, **facts)
+
+
+def run_all(given: argparse.Namespace) -> None:
+    """Train what is left, several at a time, and pack what is done."""
+    until = time.time() + 60.0 * given.minutes
+    runs = list(itertools.product(given.seeds, given.actuators))
+    left = [run for run in runs if not (folder_of(given, *run) / "policy.npz").exists()]
+    going: list[subprocess.Popen[bytes]] = []
+    while left or going:
+        going = [process for process in going if process.poll() is None]
+        while left and len(going) < given.parallel and time.time() < until:
+            seed, law = left.pop(0)
+            folder_of(given, seed, law).mkdir(parents=True, exist_ok=True)
+            words = ["--actuator", law, "--seed", seed, "--work", given.work, "--until", until]
+            words += ["--iterations", given.iterations, "--environments", given.environments]
+            going.append(
+                subprocess.Popen([sys.executable, "-m", "studies.mjlab_speed", "one", *map(str, words)])
+            )
+        if time.time() > until and not going:
+            break
+        time.sleep(0.5)
+    pack(given, runs)
+
+
+def folder_of(given: argparse.Namespace, seed: int, law: str) -> Path:
+    """Of one run."""
+    return given.work / f"{law}-{seed}"
+
+
+def pack(given: argparse.Namespace, runs: Sequence[tuple[int, str]]) -> None:
+    """``results.zip`` of the finished policies, 0.8 MB per run, and what is left to do."""
+    given.out.mkdir(parents=True, exist_ok=True)
+    left = []
+    with zipfile.ZipFile(given.out / "results.zip", "w") as archive:
+        for seed, law in runs:
+            path = folder_of(given, seed, law) / "policy.npz"
+            if path.exists():
+                archive.write(path, f"{law}-{seed}/policy.npz")
+            else:
+                left.append(f"{law}-{seed}")
+    print(f"left: {', '.join(left) or 'nothing'}", flush=True)
