@@ -107,12 +107,11 @@ def test_what_the_export_loses_is_what_the_page_says():
 def test_mjlab_configuration_builds():
     pytest.importorskip("torch", reason="needs PyTorch: pip install 'sprintlab[mjlab]'")
     pytest.importorskip("mjlab", reason="needs mjlab: pip install 'sprintlab[mjlab]'")
-    task = run("mjlab")["task"]
-    hips, calves = task.scene.entities["robot"].articulation.actuators
-    assert calves.armature == pytest.approx(81.0 * 1.1e-4)
-    assert hips.effort_limit == pytest.approx(6.0 * 3.95)
-    assert type(task.commands["twist"]).__name__ == "AdaptiveVelocityCommandCfg"
-    assert "bus_voltage" in task.events and "command_vel" not in task.curriculum
+    names = run("mjlab")
+    (own,) = names["task"].scene.entities["robot"].articulation.actuators
+    joints = ["FR_hip_joint", "FL_calf_joint"]
+    assert own.motors.parameters(joints)["gear_ratio"] == pytest.approx([6.0, 9.0], rel=0.1)
+    assert len([line for line in snippet("mjlab").splitlines() if line]) <= 12
 
 
 def test_newton_builds_the_pages_model():
