@@ -43,7 +43,7 @@ style: $(VENV)/.dev-installed
 types: $(VENV)/.dev-installed
 	@$(BIN)/pyright --pythonpath $(BIN)/python
 
-docs: $(VENV)/.dev-installed
+docs: $(VENV)/.docs-installed
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "documentation: build/site/index.html"
 
@@ -62,12 +62,17 @@ $(VENV)/.race-installed: $(REQUIREMENTS) | $(BIN)/python
 	@$(INSTALL) -e '.[video]'
 	@touch $@
 
+$(VENV)/.docs-installed: $(REQUIREMENTS) | $(BIN)/python
+	@echo "installing the base and documentation packages into $(VENV)"
+	@$(INSTALL) -e '.[docs]'
+	@touch $@
+
 # pip compiles on one core, which takes a minute. Some packages bring templates that no Python can compile.
 $(VENV)/.dev-installed: $(REQUIREMENTS) | $(BIN)/python
 	@echo "installing the base, training and test packages into $(VENV)"
 	@$(INSTALL) --no-compile -e '.[dev,video]'
 	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
-	@touch $@ $(VENV)/.race-installed
+	@touch $@ $(VENV)/.race-installed $(VENV)/.docs-installed
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

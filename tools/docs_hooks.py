@@ -1,12 +1,10 @@
-"""Hooks of the documentation site: pages made of other files, tables of results, and formulas as MathML."""
+"""Hooks of the documentation site: files from outside ``docs``, formulas as MathML, folded parts."""
 
 from __future__ import annotations
 
 import html
-import json
 import re
 import sys
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -15,57 +13,63 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 from command_reference import command_reference
-from result_tables import tables
 
-from sprintlab.motors import library_motors, load_library_motor
-
-ARCHITECTURE = Path(__file__).parents[1] / "ARCHITECTURE.md"
-ARCHITECTURE_PAGE, COMMANDS_PAGE = "architecture.md", "commands.md"
-_TABLE = re.compile(r"^( *)\{\{ (\w+) \}\}$", re.MULTILINE)
+ROOT = Path(__file__).parents[1]
+OUTSIDE = {
+    "README.md": "index.md",
+    "ARCHITECTURE.md": "architecture.md",
+    "src/sprintlab/robots/README.md": "robots.md",
+}
+"""Markdown files outside of ``docs`` that are pages of the site."""
+_LINK = re.compile(r"\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.DOTALL)
 _PICTURE = re.compile(r'(<img alt="[^"]*" src="([^"]+)" ?/>)')
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the architecture, and what is written from the code."""
-    files.append(File.generated(config, ARCHITECTURE_PAGE, content=architecture()))
-    files.append(File.generated(config, COMMANDS_PAGE, content=command_reference()))
-    files.append(File.generated(config, "explorer/motors.js", content=motor_library()))
+    """Add the pages from outside, the command reference, and every file of the sources that a page links."""
+    for source, page in OUTSIDE.items():
+        files.append(File.generated(config, page, content=moved(ROOT / source)))
+    files.append(File.generated(config, "commands.md", content=command_reference()))
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / source for source in OUTSIDE)]
+    for path in sorted({path for page in pages for path in linked_sources(page)}):
+        files.append(File.generated(config, seen_from_docs(path), abs_src_path=str(path)))
     return files
 
 
-def architecture() -> str:
-    """``ARCHITECTURE.md``, its links those of a page of the site."""
-    return ARCHITECTURE.read_text(encoding="utf-8").replace("](docs/", "](")
+def moved(page: Path) -> str:
+    """A page whose links are as seen from ``docs``."""
+
+    def replaced(match: re.Match[str]) -> str:
+        return f"]({seen_from_docs(page.parent / match[1])}{match[2] or ''})"
+
+    return _LINK.sub(replaced, page.read_text(encoding="utf-8")).replace('src="docs/', 'src="')
 
 
-def motor_library() -> str:
-    """The actuators of the library as the envelope explorer reads them, SI units, motor side."""
-    entries = [
-        {
-            "name": actuator.name,
-            "title": actuator.title,
-            "resistance": float(actuator.motor.stator_resistance),
-            "inductance": float(actuator.motor.q_axis_inductance),
-            "flux": float(actuator.motor.flux_linkage),
-            "polePairs": float(actuator.motor.pole_pairs),
-            "peakCurrent": float(actuator.motor.peak_torque / actuator.motor.torque_constant),
-            "gear": float(actuator.gear.ratio),
-            "bus": float(actuator.bus_voltage),
-        }
-        for actuator in map(load_library_motor, library_motors())
-    ]
-    return f"const motorLibrary = {json.dumps(entries)};\n"
+def seen_from_docs(path: Path) -> str:
+    """The address of a file of the repository on the site."""
+    relative = path.resolve().relative_to(ROOT).as_posix()
+    if relative.startswith("docs/"):
+        return relative.removeprefix("docs/")
+    return OUTSIDE.get(relative, f"source/{relative}")
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Lead to the architecture's page; put tables of the committed results where a page asks, as deep."""
-    markdown = markdown.replace(f"](../{ARCHITECTURE.name}", f"]({ARCHITECTURE_PAGE}")
-    if not _TABLE.search(markdown):
-        return markdown
-    found = tables()
-    return _TABLE.sub(lambda match: textwrap.indent(found[match[2]], match[1]), markdown)
+def linked_sources(page: Path) -> list[Path]:
+    """Files outside of ``docs`` that a page links and that are no pages themselves."""
+    found = [(page.parent / match[1]).resolve() for match in _LINK.finditer(page.read_text(encoding="utf-8"))]
+    return [path for path in found if path.is_file() and seen_from_docs(path).startswith("source/")]
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Point links that leave ``docs`` to the site's copies; let folded parts hold Markdown."""
+
+    def replaced(match: re.Match[str]) -> str:
+        outside = match[1].startswith("../")
+        target = seen_from_docs(ROOT / "docs" / match[1]) if outside else match[1]
+        return f"]({target}{match[2] or ''})"
+
+    return _LINK.sub(replaced, markdown).replace("<details>", '<details markdown="1">')
 
 
 def on_page_content(content: str, **_: Any) -> str:

@@ -1,129 +1,135 @@
-"""Tables of the results, from the committed JSON: a policy's numbers stand in no page by hand.
+"""Write the tables of README and pages from the committed results: no number of a policy is typed by hand.
 
-    python tools/result_tables.py    # puts the present numbers into the README
+    python tools/result_tables.py
 
-The site asks for the others while it is built (``tools/docs_hooks.py``).
+A table stands between ``<!-- table: NAME -->`` and ``<!-- end of table -->``. ``results/POLICY/result.json``
+is what ``sprintlab race --json`` printed, ``robustness.json`` what ``sprintlab robustness --json`` did; where
+``seeds.json`` exists (a list of ``{"seed", "held_speed_m_s"}``), the tables say median, worst and best seed.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
+from sprintlab.core.theme import DARK, LIGHT, Theme
 from sprintlab.evaluation.report_text import audit_limit, audit_value, number
 from sprintlab.evaluation.results import AuditItem
 
-RESULTS = Path(__file__).resolve().parents[1] / "results"
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "results"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 DEFAULT_POLICY = "sprint"
-README_ROWS = re.compile(r"(\| the paper, BP2, as reported \| treadmill[^\n]*\n).*?(\| Margolis)", re.DOTALL)
-"""Our rows stand between the paper's last row and the first of its peers."""
+TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 Row = dict[str, Any]
-WHY_NOT_THE_PAPERS = {
-    "progress": "under ACS the command follows the robot: tracking pays no more at 12 m/s than at 8",
-    "fine_speed_tracking": "the paper's kernel is flat below 0.3 m/s",
-    "fine_yaw_tracking": "the same of the yaw rate",
-    "action_rate": "these three grow with the swing speed and held the speed near 9.4 m/s",
-    "smoothness": "",
-    "joint_acceleration": "",
-    "roll_pitch_rate": "a robot that runs pitches",
-    "collision": "prevents crawling",
-    "grounded": "draws the policy from a grounded run, a local optimum, into one with flight",
-    "touchdown": "feet that are rammed into the ground sink deeper than a real surface allows",
-    "over_speed": "beyond the no-load speed a drive can only brake",
-    "leg_distance": "in training only feet collide; without it legs pass through each other",
-    "electrical_power": "mechanical power misses the copper loss",
-    "gear_torque": "shocks are free in a simulation",
-    "foot_force": "",
-    "hasty_touchdowns": "else a gait becomes a tap",
-    "short_stances": "",
-    "restlessness": "a robot that is asked to stand shall stand",
-}
-"""Why a reward term has another weight than the paper's; empty: for the reason above it."""
 
 
 def tables() -> dict[str, str]:
-    """Every table by the name under which a page asks for it: ``{{ name }}``."""
-    races, engines = policy_results("result.json"), _second_engine()
+    """Every table by its name."""
+    races, engines = policy_results("result.json"), second_engine_rows()
     sprints = policy_results("robustness.json")
     return {
-        "policy_summary": policy_summary(races, engines, sprints),
-        "policy_audit": policy_audit(races),
+        "beside_the_paper": beside_the_paper(races[DEFAULT_POLICY], engines),
+        "policies": policies(races, engines, sprints),
+        "audit": audit_lines(races),
         "robustness": robustness(sprints),
         "second_engine": second_engine(engines),
-        "reward_departures": reward_departures(),
     }
 
 
-def reward_departures() -> str:
-    """Every reward term whose weight is not the paper's, by stage, and why."""
-    from sprintlab.training.methods import paper_rewards
-    from sprintlab.training.settings import RewardSettings
-
-    paper, ours = vars(paper_rewards()), vars(RewardSettings())
-    weights = {name for name, value in ours.items() if not isinstance(value, (bool, str))}
-    changed = sorted(name for name in weights if paper[name] != ours[name])
-    if set(changed) != set(WHY_NOT_THE_PAPERS):
-        raise ValueError(f"reasons for {sorted(WHY_NOT_THE_PAPERS)}, but {changed} differ from the paper")
-    rows = [
-        (name.replace("_", " "), _weight(paper[name]), _weight(ours[name]), why)
-        for name, why in WHY_NOT_THE_PAPERS.items()
-    ]
-    return _table(("term", "paper", "here", "why"), rows)
-
-
-def _weight(value: Any) -> str:
-    """A reward weight, or its two where the stages differ; a dash: the term is not there."""
-    stages = (value, value) if isinstance(value, float) else (value.first, value.second)
-    shown = stages[:1] if stages[0] == stages[1] else stages
-    return ", then ".join(f"{each:g}" for each in shown) if any(stages) else "-"
+def with_tables(text: str, found: dict[str, str]) -> str:
+    """A page with the present numbers in its tables."""
+    return TABLE.sub(lambda match: f"{match[1]}\n{found[match[2]]}\n\n{match[3]}", text)
 
 
 def policy_results(file: str) -> dict[str, Row]:
-    """What a command printed of each policy, ``results/POLICY/FILE``, the default policy first.
-
-    ``result.json`` is that of ``sprintlab race``, ``robustness.json`` of ``sprintlab robustness --json``.
-    """
+    """What a command printed for each policy, ``results/POLICY/FILE``, the default policy first."""
     paths = sorted(RESULTS.glob(f"*/{file}"), key=lambda path: path.parent.name != DEFAULT_POLICY)
     return {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in paths}
 
 
-def policy_summary(races: dict[str, Row], engines: Sequence[Row], sprints: dict[str, Row]) -> str:
-    """The first screen: speed, second engine, 100 m, upright, audit."""
+def second_engine_rows() -> list[Row]:
+    """What each policy does in MuJoCo and in Drake."""
+    found = json.loads((RESULTS / "second_engine/speeds.json").read_text(encoding="utf-8"))
+    return list(found["policies"].values())
+
+
+def beside_the_paper(race: Row, engines: Sequence[Row]) -> str:
+    """The README's table: the paper and others as reported, and the shipped policy in both engines."""
+    reported = [
+        ("the paper, BP2", "simulation, reported", "12.4 m/s", ""),
+        ("the paper, BP2", "treadmill; outdoors, reported", "13.2 m/s; 11.65 m/s", "11.67 s"),
+    ]
+    found = next(row for row in engines if row["policy"] == DEFAULT_POLICY)
+    ours = []
+    for engine, label in (("mujoco", "MuJoCo"), ("drake", "Drake")):
+        who = f"`{DEFAULT_POLICY}`, {audit(race)}" if engine == "mujoco" else "the same policy file"
+        row = found[engine]
+        where = f"{label}, {row['falls']} of {row['trials']} trials fell"
+        speed = _speed(row["held_speed_m_s"]) + (seeds(DEFAULT_POLICY) if engine == "mujoco" else "")
+        ours.append((who, where, speed, f"{_cell(row['sprint_time_s'])} s"))
+    others = [
+        ("Margolis et al. 2022, Mini Cheetah", "robot, reported", "3.9 m/s", ""),
+        ("Shin et al. 2023, KAIST Hound", "robot, reported", "6.5 m/s", ""),
+        ("Miller et al. 2025, Spot", "robot, reported", "5.2 m/s", ""),
+    ]
+    return _table(("who", "where", "speed", "100 m"), [*reported, *ours, *others])
+
+
+def seeds(policy: str) -> str:
+    """That a policy is the median of its seeds, with worst and best; empty without ``seeds.json``."""
+    path = RESULTS / policy / "seeds.json"
+    if not path.is_file():
+        return ""
+    speeds = [row["held_speed_m_s"] for row in json.loads(path.read_text(encoding="utf-8"))]
+    return f", median of {len(speeds)} seeds ({number(min(speeds))} to {number(max(speeds))})"
+
+
+def policies(races: dict[str, Row], engines: Sequence[Row], sprints: dict[str, Row]) -> str:
+    """One row per policy of the package."""
     drake = {row["policy"]: row["drake"]["held_speed_m_s"] for row in engines}
-    head = ("", "command", "held, MuJoCo", "held, Drake", "100 m", "upright", "audit")
-    rows = []
-    for name, race in races.items():
-        command = f"{race['top_speed_command_m_s']:g} m/s"
-        speeds = (held(race), _speed(drake.get(name)))
-        rows.append(
-            (f"`{name}`", command, *speeds, time(race), upright(sprints[name]), audit(race, "lines fail"))
+    head = ("policy", "robot", "command", "held, MuJoCo", "held, Drake", "100 m", "upright", "audit")
+    rows = [
+        (
+            f"`{name}`",
+            f"`{race['robot']}`",
+            f"{race['top_speed_command_m_s']:g} m/s",
+            held(race) + seeds(name),
+            _speed(drake.get(name)),
+            time(race),
+            upright(sprints[name]),
+            audit(race),
         )
+        for name, race in races.items()
+    ]
     return _table(head, rows)
 
 
-def policy_audit(races: dict[str, Row]) -> str:
-    """Every line of the audit, a column a policy; what fails is bold."""
+def audit_lines(races: dict[str, Row]) -> str:
+    """Every line of the audit, one column per policy; what fails is bold."""
     columns = list(races.values())
-    lines: list[tuple[str, Callable[[Row], str]]] = [
-        ("held, raw", held),
-        ("held, self-paced", lambda row: held(row["self_paced"])),
-        ("still rising by", lambda row: f"{_cell(row['hold_acceleration_m_s2'])} m/s²"),
+    measures: list[tuple[str, Callable[[Row], str]]] = [
+        ("held, raw command", held),
+        ("held, self-paced command", lambda row: held(row["self_paced"])),
         ("stride frequency", lambda row: f"{_cell(row['stride_frequency_Hz'], 1)} Hz"),
         ("duty factor", lambda row: _cell(row["duty"], 3)),
         ("cost of transport", lambda row: _cell(row["cost_of_transport"])),
     ]
-    rows = [(label, *(text(row) for row in columns)) for label, text in lines]
+    rows = [(label, *(text(row) for row in columns)) for label, text in measures]
     for items in zip(*(row["audit"]["items"] for row in columns), strict=True):
         rows.append((f"{items[0]['name']}: {audit_limit(AuditItem(**items[0]))}", *map(_audit_cell, items)))
     return _table(("", *(f"`{name}`" for name in races)), rows)
 
 
 def robustness(sprints: dict[str, Row]) -> str:
-    """Shares upright and quantiles of the held speed."""
-    head = ("policy", "command", "upright (95 % interval)", "held: 5 / 50 / 95 % hold less")
+    """Shares upright and quantiles of the held speed, everything randomized at once."""
+    head = ("policy", "command", "upright (95 % interval)", "5 / 50 / 95 % hold less than")
     rows = []
     for name, row in sprints.items():
         found = row["held_speed_quantiles_m_s"]
@@ -133,55 +139,50 @@ def robustness(sprints: dict[str, Row]) -> str:
 
 
 def second_engine(engines: Sequence[Row]) -> str:
-    """Speeds, falls and times of both engines."""
-    falls = "falls, MuJoCo / Drake"
-    head = ("policy", "robot", "command", "MuJoCo", "Drake", "change", falls, "100 m", "mark")
+    """Speeds, falls and times in both engines."""
+    head = ("policy", "MuJoCo", "Drake", "change", "falls, MuJoCo / Drake", "100 m, MuJoCo / Drake")
     rows = []
     for row in engines:
-        first, second = row["mujoco"], row["drake"]
-        change = row["speed_change"]
+        first, second, change = row["mujoco"], row["drake"], row["speed_change"]
         cells = (
             f"`{row['policy']}`",
-            row["robot"],
-            f"{row['top_speed_command_m_s']:g} m/s",
             _speed(first["held_speed_m_s"]),
             _speed(second["held_speed_m_s"]),
             "-" if change is None else f"{100 * change:+.1f} %",
             f"{first['falls']} / {second['falls']} of {first['trials']}",
             f"{_cell(first['sprint_time_s'])} / {_cell(second['sprint_time_s'])} s",
-            row["mark"] or "none",
         )
         rows.append(cells)
     return _table(head, rows)
 
 
-def readme_rows() -> str:
-    """The rows of the default policy for the README's table, an engine each, between its two marks."""
-    engines = next(row for row in _second_engine() if row["policy"] == DEFAULT_POLICY)
-    race = policy_results("result.json")[DEFAULT_POLICY]
-    rows = []
-    for engine, label in (("mujoco", "MuJoCo"), ("drake", "Drake")):
-        found = engines[engine]
-        who = (
-            f"ours, `{DEFAULT_POLICY}`: {audit(race, 'audit lines fail')}"
-            if engine == "mujoco"
-            else "the same policy file"
-        )
-        where = f"{label}, {found['falls']} of {found['trials']} trials fell"
-        rows.append((who, where, _speed(found["held_speed_m_s"]), f"{_cell(found['sprint_time_s'])} s"))
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+def speeds_figure(races: dict[str, Row], theme: Theme) -> bytes:
+    """PNG: the speed limit of each policy's robot as a bar, what the policy holds as a dot."""
+    limits = json.loads((RESULTS / "speed_limit/robots.json").read_text(encoding="utf-8"))["robots"]
+    figure = Figure(figsize=(8.0, 0.55 * len(races) + 1.0), layout="constrained", facecolor=theme.background)
+    axes = figure.subplots()
+    axes.set_facecolor(theme.background)
+    for place, (name, race) in enumerate(reversed(races.items())):
+        speed, limit = race["held_speed_m_s"], limits[race["robot"]]["limit_m_s"]
+        axes.barh(place, limit, height=0.5, color=theme.envelope)
+        axes.scatter(speed, place, s=60, color=theme.speed, zorder=3)
+        label = f"{name} on {race['robot']}: {number(speed)} of {number(limit)} m/s"
+        axes.text(0.15, place, label, va="center", color=theme.foreground)
+    axes.set_yticks([])
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("speed [m/s]", color=theme.foreground)
+    axes.tick_params(colors=theme.foreground)
+    for spine in axes.spines.values():
+        spine.set_color(theme.grid)
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=110, metadata={"Software": None})
+    return image.getvalue()
 
 
-def readme_with_rows(text: str) -> str:
-    """The README with the committed numbers in its table."""
-    return README_ROWS.sub(lambda match: match[1] + readme_rows() + "\n" + match[2], text)
-
-
-def audit(race: Row, lines: str) -> str:
-    """How many lines of the audit fail."""
-    items = race["audit"]["items"]
-    failed = sum(not item["passed"] for item in items)
-    return f"**{failed} of {len(items)} {lines}**" if failed else "audit passed"
+def audit(race: Row) -> str:
+    """Whether the audit passed, or the names of the lines that failed."""
+    failed = [item["name"] for item in race["audit"]["items"] if not item["passed"]]
+    return f"audit **failed: {', '.join(failed)}**" if failed else "audit passed"
 
 
 def time(race: Row) -> str:
@@ -204,14 +205,6 @@ def upright(row: Row) -> str:
     return f"{row['upright']} of {row['trials']} ({lower:.0f} to {upper:.0f} %)"
 
 
-def _second_engine() -> list[Row]:
-    return list(_read("second_engine/speeds.json").values())
-
-
-def _read(name: str) -> dict[str, Row]:
-    return json.loads((RESULTS / name).read_text(encoding="utf-8"))["policies"]
-
-
 def _audit_cell(item: Row) -> str:
     text = audit_value(float("nan") if item["value"] is None else item["value"], item["unit"])
     return text if item["passed"] else f"**{text}**"
@@ -231,5 +224,10 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 if __name__ == "__main__":
-    readme = RESULTS.parent / "README.md"
-    readme.write_text(readme_with_rows(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    found = tables()
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        page.write_text(with_tables(text, found), encoding="utf-8")
+    for name, theme in (("speeds", LIGHT), ("speeds-dark", DARK)):
+        image = speeds_figure(policy_results("result.json"), theme)
+        (ROOT / "docs" / "images" / f"{name}.png").write_bytes(image)

@@ -1,4 +1,4 @@
-"""``python -m studies.benches bench-data``: every number and figure of docs/foreign-benches.md."""
+"""``python -m studies.benches bench-data``: every number and figure of docs/motors.md."""
 
 from __future__ import annotations
 

@@ -50,12 +50,6 @@ def test_every_public_name_is_there_and_declared_for_type_checkers():
     assert sorted(sl._HOMES) == sl.__all__
 
 
-def test_the_page_from_python_names_them_all():
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    assert [name for name in sl.__all__ if name.islower() and f"sl.{name}(" not in page] == []
-    assert [name for name in sl.__all__ if name not in page] == []
-
-
 def test_what_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         sl.nothing  # noqa: B018
@@ -173,14 +167,6 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
             exec(compile(ast.Module([last], []), "cell", "exec"), names)
     assert "<pre" in names["race"]._repr_mimebundle_()["text/html"]
     assert names["settings"].rewards.progress == 0.3
-
-
-def test_the_page_shows_the_script_that_is_tested():
-    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
-    body = SCRIPT[SCRIPT.index("import sprintlab") :]
-    assert body.strip() in page
-    public = {name for name in sl.__all__ if name[0].islower()}
-    assert all(f"sl.{name}" in page for name in public)
 
 
 @pytest.mark.parametrize(

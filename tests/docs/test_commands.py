@@ -259,7 +259,7 @@ def test_python_of_the_pages_imports_what_exists(block):
                 ), f"{node.module} has no {alias.name}"
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/motor-law.md", "docs/train.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/motors.md", "docs/train.md"])
 def test_python_of_the_pages_runs(page, workplace, monkeypatch, capsys):
     monkeypatch.chdir(workplace)
     blocks = [

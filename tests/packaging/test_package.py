@@ -77,7 +77,7 @@ def test_sdist_holds_sources_and_tests(built):
     with tarfile.open(next(built.glob("*.tar.gz"))) as sdist:
         names = {name.split("/", 1)[1] for name in sdist.getnames() if "/" in name}
     assert {f"src/{name}" for name in DATA} <= names
-    assert {"LICENSE", "README.md", "constraints.txt", "tests/test_architecture.py", "docs/index.md"} <= names
+    assert {"LICENSE", "README.md", "constraints.txt", "docs/motors.md"} <= names
     hidden = {name for name in names if name.startswith(".")} - {".gitignore"}
     assert not hidden and not [name for name in names if name.startswith(("runs/", "build/"))]
     assert next(built.glob("*.tar.gz")).stat().st_size < 30e6

@@ -3,7 +3,7 @@
 For a surface machine (L_d = L_q = L) the voltage limit ``v_d^2 + v_q^2 <= V^2`` is a disk in the
 (i_d, i_q) plane, with centre ``c = -w psi / Z^2 (w L, R)``, radius ``V / Z`` and ``Z^2 = R^2 + (w L)^2``;
 the current limit is a disk of radius ``I`` about the origin. The admissible currents are what the two disks
-share, and the torque ``1.5 N psi i_q`` is their height: ``docs/motor-law.md`` says which point gives most.
+share, and the torque ``1.5 N psi i_q`` is their height: ``docs/motors.md`` says which point gives most.
 Between the limits the drive takes the least current for a torque.
 
 Morimoto, Takeda, Hirasa, Taniguchi, "Expansion of operating limits for permanent magnet motor by current

@@ -1,0 +1,81 @@
+"""README and pages render on any forge, are short, and lead somewhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+MOST_NUMBERS = 8
+"""In one paragraph or list item: more belong into a table."""
+SITE_ONLY = re.compile(r'^\s*(!!!|\?\?\?|===|--8<--|\{\{)|\{ ?\.\w+ ?\}|markdown="', re.MULTILINE)
+NUMBER = re.compile(r"(?<![\w.\-])[-−±]?\d+(?:[.,]\d+)*(?!\w)")
+FENCE = re.compile(r"^ *```.*?^ *```", re.MULTILINE | re.DOTALL)
+
+
+def read(page):
+    return page.read_text(encoding="utf-8")
+
+
+def paragraphs(page):
+    """Running text, list items apart; without code, formulas, tables, headings, targets and comments."""
+    text = FENCE.sub("", read(page))
+    text = re.sub(
+        r"\$\$.*?\$\$|\$[^$\n]+\$|`[^`]*`|<!--.*?-->|\]\([^)]*\)|<[^>]+>", "", text, flags=re.DOTALL
+    )
+    blocks = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text)
+    return [block for block in blocks if not re.match(r"\s*[|#]", block)]
+
+
+LONG = {"training-engine"}
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.stem not in LONG], ids=lambda page: page.stem
+)
+def test_no_paragraph_is_a_table_in_disguise(page):
+    for block in paragraphs(page):
+        numbers = NUMBER.findall(block)
+        assert len(numbers) <= MOST_NUMBERS, f"{len(numbers)} numbers in: {block.strip()}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_are_plain_markdown(page):
+    assert not (found := SITE_ONLY.search(FENCE.sub("", read(page)))), found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r'(?:\]\(|src="|srcset=")(?!https?:)([^)"\s]+)', FENCE.sub("", read(page))):
+        path, _, anchor = target.partition("#")
+        linked = (page.parent / path) if path else page
+        assert linked.exists(), f"{page.name}: {target}"
+        if anchor:
+            assert anchor in {slug(title) for title in headings(linked)}, f"{page.name}: {target}"
+
+
+def headings(page):
+    return re.findall(r"^#+ (.+)$", FENCE.sub("", read(page)), re.MULTILINE)
+
+
+def slug(title):
+    """The anchor that forges and the site give a heading."""
+    return re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", title.lower()).strip())
+
+
+def test_there_are_few_pages():
+    assert len(PAGES) <= 14
+
+
+def test_the_readme_is_one_screen_with_a_moving_picture():
+    assert len(read(ROOT / "README.md").splitlines()) < 100
+    picture = (ROOT / "docs/images/sprint.webp").read_bytes()
+    assert picture[:4] == b"RIFF" and b"ANIM" in picture[:64] and len(picture) < 1_500_000
+
+
+def test_tables_hold_the_committed_results(load_script):
+    tables = load_script("tools/result_tables.py")
+    found = tables.tables()
+    for page in PAGES:
+        assert tables.with_tables(read(page), found) == read(page), f"{page.name}: run tools/result_tables.py"
