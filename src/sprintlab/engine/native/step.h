@@ -1,0 +1,335 @@
+// One policy step of the robots of one Place: all substeps, their monitors, then where the feet are.
+struct Leg {
+  number q[LINKS], qd[LINKS], tau[LINKS], kept[KEPT], foot[FOOT_VALUES], bristle[2], force[3];
+  scalar constants[LEG_CONSTANTS];
+  Control control[DRIVES];
+  number previous[DRIVES], temperature[DRIVES];
+  JointWatch joint[DRIVES];
+  FootWatch watch;
+  Driven driven[DRIVES];
+  Touch touch;
+};
+struct Robot {
+  Trunk trunk;
+  Mass mass;
+  Pad pad;
+  Supplied supplied;
+  number step, inverse_weight, delay, stride, stance;
+  number near[PAIR_SLOTS * LEGS_HERE];
+  Leg legs[LEGS_HERE];
+#ifdef WAIST
+  number q[1], qd[1], tau[1], kept[WAIST_KEPT + 1];
+  Control control;
+  number previous, temperature;
+  JointWatch joint;
+  Driven driven;
+#endif
+};
+
+FUNCTION void clear(JointWatch& watch) {
+  watch.power = watch.limited = watch.depth = watch.speed = watch.gear = watch.gear_sum = splat(S(0));
+}
+FUNCTION number parameter(const Buffers& buffers, int column, Place place) {
+  return read(buffers.parameters, PARAMETERS, column, place);
+}
+FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Control& control, number& previous, number& temperature) {
+  control.target = read(buffers.target, JOINTS, joint, place);
+  control.stiffness = read(buffers.stiffness, JOINTS, joint, place);
+  control.damping = read(buffers.damping, JOINTS, joint, place);
+  control.strength = read(buffers.strength, JOINTS, joint, place);
+  previous = read(buffers.previous_target, JOINTS, joint, place);
+#ifdef HEAT
+  temperature = read(buffers.winding_temperature, JOINTS, joint, place);
+#else
+  temperature = splat(S(0));
+#endif
+}
+FUNCTION void write_joint(const Buffers& buffers, int joint, Place place, const JointWatch& watch, const Driven& driven, number temperature) {
+  write(buffers.torque, JOINTS, joint, driven.delivered, place);
+  write(buffers.power, JOINTS, joint, watch.power, place);
+  write(buffers.limit_share, JOINTS, joint, watch.limited, place);
+  write(buffers.stop_depth, JOINTS, joint, watch.depth, place);
+  write(buffers.joint_speed, JOINTS, joint, watch.speed, place);
+  write(buffers.gear_torque, JOINTS, joint, watch.gear, place);
+#ifdef HEAT
+  write(buffers.winding_temperature, JOINTS, joint, temperature, place);
+#endif
+}
+
+FUNCTION void read_robot(const Buffers& buffers, Place place, Robot& robot) {
+  Trunk& trunk = robot.trunk;
+  UNROLL for (int i = 0; i < 3; i++) {
+    trunk.position[i] = read(buffers.qpos, NQ, i, place);
+    trunk.v[i] = read(buffers.qvel, NV, i, place);
+    trunk.w[i] = read(buffers.qvel, NV, 3 + i, place);
+    robot.mass.gravity[i] = parameter(buffers, GRAVITY_X + i, place);
+  }
+  UNROLL for (int i = 0; i < 4; i++) trunk.quaternion[i] = read(buffers.qpos, NQ, 3 + i, place);
+  Mass& mass = robot.mass;
+  const number m = mass.mass = parameter(buffers, TRUNK_MASS, place);
+  const number x = parameter(buffers, TRUNK_CENTER_X, place), y = parameter(buffers, TRUNK_CENTER_Y, place), z = parameter(buffers, TRUNK_CENTER_Z, place);
+  mass.lever[0] = m * x; mass.lever[1] = m * y; mass.lever[2] = m * z;
+  const number about[6] = { m * (y * y + z * z), -m * x * y, -m * x * z, m * (x * x + z * z), -m * y * z, m * (x * x + y * y) };
+  UNROLL for (int i = 0; i < 6; i++) mass.inertia[i] = about[i] + TRUNK_INERTIA[i];
+  mass.drag_area = parameter(buffers, DRAG_AREA, place);
+  robot.pad.stiffness = parameter(buffers, PAD_STIFFNESS, place);
+  robot.pad.damping = parameter(buffers, PAD_DAMPING, place);
+  robot.pad.friction = parameter(buffers, FRICTION, place);
+  robot.pad.drag = root(robot.pad.stiffness * S(LEG_MASS));  // FootContact.tangential_damping
+  robot.supplied.voltage = parameter(buffers, VOLTAGE, place);
+  robot.supplied.resistance_factor = parameter(buffers, RESISTANCE_FACTOR, place);
+  robot.supplied.friction_factor = parameter(buffers, FRICTION_FACTOR, place);
+  robot.inverse_weight = reciprocal(parameter(buffers, WEIGHT, place));
+  robot.step = parameter(buffers, TIMESTEP, place);
+  robot.delay = read_whole(buffers.delay, place);
+  robot.stride = splat(buffers.shortest[0]);
+  robot.stance = splat(buffers.shortest[1]);
+  UNROLL for (int i = 0; i < PAIR_SLOTS * LEGS_HERE; i++) robot.near[i] = splat(S(1e6));
+#ifdef WAIST
+  robot.q[0] = read(buffers.qpos, NQ, WAIST_QPOS, place);
+  robot.qd[0] = read(buffers.qvel, NV, WAIST_QVEL, place);
+  read_joint(buffers, WAIST_JOINT, place, robot.control, robot.previous, robot.temperature);
+  clear(robot.joint);
+#endif
+}
+
+FUNCTION void read_leg(const Buffers& buffers, Place place, int l, Leg& leg) {
+  UNROLL for (int i = 0; i < LINKS; i++) {
+    leg.q[i] = read(buffers.qpos, NQ, QPOS[l * LINKS + i], place);
+    leg.qd[i] = read(buffers.qvel, NV, QVEL[l * LINKS + i], place);
+    leg.tau[i] = splat(S(0));
+  }
+  UNROLL for (int i = 0; i < LEG_CONSTANTS; i++) leg.constants[i] = LEG_TABLE[l * LEG_CONSTANTS + i];
+  UNROLL for (int i = 0; i < DRIVES; i++) {
+    read_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.control[i], leg.previous[i], leg.temperature[i]);
+    clear(leg.joint[i]);
+  }
+  UNROLL for (int i = 0; i < 2; i++) leg.bristle[i] = read(buffers.bristle, LEGS * 2, l * 2 + i, place);
+  FootWatch& watch = leg.watch;
+  watch.force = watch.deflection = watch.stance = watch.touchdowns = watch.hasty = watch.brief = watch.sum = splat(S(0));
+  UNROLL for (int i = 0; i < WINDOW - 1; i++) watch.recent[i] = read(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, place);
+  watch.loaded = read(buffers.loaded, LEGS, l, place);
+  watch.since = read(buffers.since_touchdown, LEGS, l, place);
+  watch.carried = read(buffers.carried, LEGS, l, place);
+}
+
+FUNCTION void write_leg(const Buffers& buffers, Place place, int l, Leg& leg, const Trunk& trunk, const number* m) {
+  UNROLL for (int i = 0; i < LINKS; i++) {
+    write(buffers.qpos, NQ, QPOS[l * LINKS + i], leg.q[i], place);
+    write(buffers.qvel, NV, QVEL[l * LINKS + i], leg.qd[i], place);
+  }
+  UNROLL for (int i = 0; i < DRIVES; i++)
+    write_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joint[i], leg.driven[i], leg.temperature[i]);
+  UNROLL for (int i = 0; i < 2; i++) write(buffers.bristle, LEGS * 2, l * 2 + i, leg.bristle[i], place);
+  const FootWatch& watch = leg.watch;
+  UNROLL for (int i = 0; i < WINDOW - 1; i++) write(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, watch.recent[i], place);
+  write(buffers.foot_force, LEGS, l, watch.force, place);
+  write(buffers.pad_deflection, LEGS, l, watch.deflection, place);
+  write(buffers.stance, LEGS, l, watch.stance, place);
+  write(buffers.touchdowns, LEGS, l, watch.touchdowns, place);
+  write(buffers.hasty_touchdowns, LEGS, l, watch.hasty, place);
+  write(buffers.short_stances, LEGS, l, watch.brief, place);
+  write(buffers.loaded, LEGS, l, watch.loaded, place);
+  write(buffers.since_touchdown, LEGS, l, watch.since, place);
+  write(buffers.carried, LEGS, l, watch.carried, place);
+  UNROLL for (int i = 0; i < 3; i++) {
+    const number *knee = leg.foot + 7, *foot = leg.foot + 10;
+    write(buffers.contact_force, LEGS * 3, l * 3 + i, leg.force[i], place);
+    write(buffers.foot_velocity, LEGS * 3, l * 3 + i, leg.foot[4 + i], place);
+    write(buffers.foot_position, LEGS * 3, l * 3 + i, trunk.position[i] + m[3 * i] * foot[0] + m[3 * i + 1] * foot[1] + m[3 * i + 2] * foot[2], place);
+    write(buffers.knee_position, LEGS * 3, l * 3 + i, trunk.position[i] + m[3 * i] * knee[0] + m[3 * i + 1] * knee[1] + m[3 * i + 2] * knee[2], place);
+  }
+}
+
+FUNCTION void write_robot(const Buffers& buffers, Place place, const Robot& robot, const number* acceleration) {
+  if (first_leg(place)) {
+    const Trunk& trunk = robot.trunk;
+    UNROLL for (int i = 0; i < 3; i++) {
+      write(buffers.qpos, NQ, i, trunk.position[i], place);
+      write(buffers.qvel, NV, i, trunk.v[i], place);
+      write(buffers.qvel, NV, 3 + i, trunk.w[i], place);
+    }
+    UNROLL for (int i = 0; i < 4; i++) write(buffers.qpos, NQ, 3 + i, trunk.quaternion[i], place);
+#ifdef GIVEN_TORQUE
+    UNROLL for (int i = 0; i < 6; i++) write(buffers.qacc, NV, i, acceleration[i], place);
+#endif
+#ifdef WAIST
+    write(buffers.qpos, NQ, WAIST_QPOS, robot.q[0], place);
+    write(buffers.qvel, NV, WAIST_QVEL, robot.qd[0], place);
+    write_joint(buffers, WAIST_JOINT, place, robot.joint, robot.driven, robot.temperature);
+#endif
+  }
+}
+
+// Where a leg hangs: on the trunk, or on the rear trunk
+FUNCTION Carrier carrier_of_leg(const Carrier& front, const Carrier& rear, int l) {
+#ifdef WAIST
+  return l < REAR_LEG ? front : rear;
+#else
+  return front;
+#endif
+}
+FUNCTION Carrier rear_carrier(const Carrier& front, Robot& robot) {
+#ifdef WAIST
+  number rear[16];
+  waist_forward(front, robot.q, robot.qd, robot.kept, rear);
+  Carrier carrier;
+  UNROLL for (int i = 0; i < 3; i++) {
+    carrier.w[i] = rear[i]; carrier.v[i] = rear[3 + i]; carrier.x[i] = rear[6 + i]; carrier.z[i] = rear[9 + i]; carrier.g[i] = rear[12 + i];
+  }
+  carrier.height = rear[15];
+  return carrier;
+#else
+  return front;
+#endif
+}
+// Feet and knees of rear legs in the trunk's frame
+FUNCTION void place_leg(const Robot& robot, int l, number* foot) {
+#ifdef WAIST
+  number knee[3], middle[3];
+  waist_place(robot.q, robot.qd, foot + 7, knee);
+  waist_place(robot.q, robot.qd, foot + 10, middle);
+  UNROLL for (int i = 0; i < 3; i++) {
+    foot[7 + i] = l < REAR_LEG ? foot[7 + i] : knee[i];
+    foot[10 + i] = l < REAR_LEG ? foot[10 + i] : middle[i];
+  }
+#endif
+}
+
+FUNCTION void watch_distances(Robot& robot, Place place) {
+  number places[LEGS_HERE][6];
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) UNROLL for (int c = 0; c < 6; c++) places[i][c] = robot.legs[i].foot[7 + c];
+  UNROLL for (int slot = 0; slot < PAIR_SLOTS; slot++)
+    UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+      const int nominal = slot * LEGS + leg_number(i, place), pair = nominal < PAIRS ? nominal : PAIRS - 1;
+      number one[6], two[6];
+      UNROLL for (int c = 0; c < 6; c++) {
+        one[c] = of_leg(places, PAIR_LEGS[2 * pair], c, place);
+        two[c] = of_leg(places, PAIR_LEGS[2 * pair + 1], c, place);
+      }
+      number& near = robot.near[slot * LEGS_HERE + i];
+      near = smaller(near, leg_distance(one, two));
+    }
+}
+FUNCTION void write_distances(const Buffers& buffers, Place place, const Robot& robot) {
+  UNROLL for (int slot = 0; slot < PAIR_SLOTS; slot++)
+    UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+      const int pair = slot * LEGS + leg_number(i, place);
+      if (pair < PAIRS) write(buffers.leg_distance, PAIRS, pair, robot.near[slot * LEGS_HERE + i], place);
+    }
+}
+
+FUNCTION void sense(Robot& robot, const Carrier& front, const Carrier& rear, Place place) {
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+    Leg& leg = robot.legs[i];
+    const Carrier carrier = carrier_of_leg(front, rear, leg_number(i, place));
+    leg_forward(carrier, leg.q, leg.qd, leg.constants, leg.kept, leg.foot);
+    place_leg(robot, leg_number(i, place), leg.foot);
+  }
+}
+
+FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& robot, number* acceleration) {
+  const number step = robot.step, half = step * S(0.5);
+  const number share = splat(S(1.0 / SUBSTEPS));
+  number m[9], parts[LEGS_HERE][27], sum[27], start[6];
+  rotation(robot.trunk.quaternion, m);
+  const Carrier front = carrier_of(robot.trunk, robot.mass, m), rear = rear_carrier(front, robot);
+  sense(robot, front, rear, place);
+  if (index % DISTANCE_PERIOD == 0) watch_distances(robot, place);
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+    const int l = leg_number(i, place);
+    Leg& leg = robot.legs[i];
+    UNROLL for (int k = 0; k < DRIVES; k++) {
+      Control control = leg.control[k];
+      control.target = if_greater(robot.delay, splat(S(index)), leg.previous[k], control.target);
+      leg.driven[k] = drive_joint(leg_drive(k, leg.constants), robot.supplied, control, leg.temperature[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]]);
+      leg.tau[DRIVE_LINK[k]] = leg.driven[k].torque;
+      leg.temperature[k] = warmed(leg.temperature[k], leg.driven[k].loss);
+    }
+#ifdef GIVEN_TORQUE
+    UNROLL for (int k = 0; k < LINKS; k++) leg.tau[k] = read(buffers.given_torque, NV, QVEL[l * LINKS + k], place);
+#endif
+    leg.touch = press(robot.pad, S(FOOT_RADIUS) - leg.foot[0], leg.foot + 1, leg.bristle, step);
+    leg_backward(carrier_of_leg(front, rear, l), leg.q, leg.qd, leg.tau, leg.constants, half, leg.touch.force, leg.touch.damping,
+                 leg.touch.drag, leg.kept, parts[i]);
+  }
+#ifdef WAIST
+  number rear_sum[27], through[27], qdd_waist[1], rear_start[6];
+  sum_pairs(parts, sum, rear_sum, place);
+  Control waist = robot.control;
+  waist.target = if_greater(robot.delay, splat(S(index)), robot.previous, waist.target);
+  robot.driven = drive_joint(waist_drive(), robot.supplied, waist, robot.temperature, robot.q[0], robot.qd[0]);
+  robot.tau[0] = robot.driven.torque;
+  robot.temperature = warmed(robot.temperature, robot.driven.loss);
+#ifdef GIVEN_TORQUE
+  robot.tau[0] = read(buffers.given_torque, NV, WAIST_QVEL, place);
+#endif
+  waist_backward(robot.q, robot.qd, robot.tau, half, rear_sum, robot.kept, through);
+  UNROLL for (int i = 0; i < 27; i++) sum[i] = sum[i] + through[i];
+#else
+  sum_legs(parts, sum);
+#endif
+  add_body(front, robot.mass.mass, robot.mass.lever, robot.mass.inertia, sum);
+  add_air(front, robot.mass, sum);
+  trunk_solve(sum, start);
+#ifdef WAIST
+  waist_accelerate(start, robot.kept, qdd_waist, rear_start);
+#endif
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+    const int l = leg_number(i, place);
+    Leg& leg = robot.legs[i];
+    number qdd[LINKS], contact[3], from[6];
+    UNROLL for (int k = 0; k < 6; k++) {
+#ifdef WAIST
+      from[k] = l < REAR_LEG ? start[k] : rear_start[k];
+#else
+      from[k] = start[k];
+#endif
+    }
+    leg_accelerate(carrier_of_leg(front, rear, l), from, leg.constants, leg.kept, qdd, contact);
+    settle(leg.touch, robot.pad, leg.foot + 1, contact, step, leg.bristle);
+    UNROLL for (int k = 0; k < 3; k++) leg.force[k] = leg.touch.force[k];
+    UNROLL for (int k = 0; k < DRIVES; k++)
+      watch_joint(leg.joint[k], leg_drive(k, leg.constants), leg.driven[k], leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], share);
+    watch_foot(leg.watch, leg.touch.force[2], leg.touch.depth, step, share, robot.stride, robot.stance);
+    if (index % BIN == BIN - 1) {
+      UNROLL for (int k = 0; k < DRIVES; k++) end_joint_window(leg.joint[k], leg_drive(k, leg.constants));
+      end_foot_window(leg.watch, robot.inverse_weight);
+    }
+    UNROLL for (int k = 0; k < LINKS; k++) {
+#ifdef GIVEN_TORQUE
+      write(buffers.qacc, NV, QVEL[l * LINKS + k], qdd[k], place);
+#endif
+      leg.qd[k] = leg.qd[k] + step * qdd[k];
+      leg.q[k] = leg.q[k] + step * leg.qd[k];
+    }
+  }
+#ifdef WAIST
+  watch_joint(robot.joint, waist_drive(), robot.driven, robot.qd[0], qdd_waist[0], share);
+  if (index % BIN == BIN - 1) end_joint_window(robot.joint, waist_drive());
+#ifdef GIVEN_TORQUE
+  if (first_leg(place)) write(buffers.qacc, NV, WAIST_QVEL, qdd_waist[0], place);
+#endif
+  robot.qd[0] = robot.qd[0] + step * qdd_waist[0];
+  robot.q[0] = robot.q[0] + step * robot.qd[0];
+#endif
+  world_acceleration(front, robot.mass, m, start, acceleration);
+  UNROLL for (int i = 0; i < 3; i++) acceleration[3 + i] = start[i];
+  move_trunk(robot.trunk, acceleration, acceleration + 3, step);
+}
+
+FUNCTION void policy_step(const Buffers& buffers, Place place) {
+  Robot robot;
+  number m[9], acceleration[6];
+  read_robot(buffers, place, robot);
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) read_leg(buffers, place, leg_number(i, place), robot.legs[i]);
+#pragma unroll 1
+  for (int index = 0; index < SUBSTEPS; index++) substep(buffers, place, index, robot, acceleration);
+  rotation(robot.trunk.quaternion, m);
+  const Carrier front = carrier_of(robot.trunk, robot.mass, m), rear = rear_carrier(front, robot);
+  sense(robot, front, rear, place);
+  watch_distances(robot, place);
+  write_distances(buffers, place, robot);
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) write_leg(buffers, place, leg_number(i, place), robot.legs[i], robot.trunk, m);
+  write_robot(buffers, place, robot, acceleration);
+}

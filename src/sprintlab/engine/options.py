@@ -1,0 +1,61 @@
+"""What is chosen when an engine is generated: all of it is constant in its code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import MOTOR_MODELS, HousedHeat, MotorModel, WindingHeat
+
+WINDOW = 0.005
+"""Over which a foot's force is averaged [s], as the audit does."""
+BIN = 0.001
+"""Over which a gear's torque is averaged [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineOptions:
+    """How many robots, in which steps, with which physics.
+
+    Attributes:
+        robots: simulated side by side.
+        timestep: physics step [s], nominal: each robot's own one is the parameter ``timestep``.
+        substeps: physics steps in one policy step.
+        motor_model: envelope of the motors.
+        saturation: whether the motors saturate.
+        knee_spring: whether the shanks hang on their springs, where the robot has any.
+        heat: of the windings; None: they stay cold.
+
+    Raises:
+        InvalidValueError: a value out of range, or what the engine does not know.
+    """
+
+    robots: int
+    timestep: float = 0.0005
+    substeps: int = 40
+    motor_model: MotorModel = "refined"
+    saturation: bool = True
+    knee_spring: bool = True
+    heat: WindingHeat | None = None
+
+    def __post_init__(self) -> None:
+        check_range("robots", self.robots, 1, 1 << 20)
+        check_range("timestep", self.timestep, 1e-5, 0.0025, "s")
+        check_range("substeps", self.substeps, 1, 10_000)
+        check_choice("motor_model", self.motor_model, MOTOR_MODELS)
+        if self.motor_model == "flux-weakening":
+            raise InvalidValueError("motor_model", self.motor_model, "refined, simplified-dc or square")
+        if isinstance(self.heat, HousedHeat):
+            raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
+
+    @property
+    def bin(self) -> int:
+        """Substeps over which a gear's torque is averaged: 1 ms, or one where a step is longer."""
+        wanted = max(round(BIN / self.timestep), 1)
+        return max(count for count in range(1, wanted + 1) if self.substeps % count == 0)
+
+    @property
+    def window(self) -> int:
+        """Bins over which a foot's force is averaged: 5 ms."""
+        return max(round(WINDOW / (self.bin * self.timestep)), 2)
