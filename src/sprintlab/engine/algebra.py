@@ -328,9 +328,7 @@ class Rotation:
         twice = mixed * matrix[i][j] + mixed * matrix[i][j]
         turned[i][i] = matrix[i][i] - sine * sine * difference - twice
         turned[j][j] = matrix[j][j] + sine * sine * difference + twice
-        turned[i][j] = turned[j][i] = (
-            cosine * cosine - sine * sine
-        ) * matrix[i][j] + mixed * difference
+        turned[i][j] = turned[j][i] = (cosine * cosine - sine * sine) * matrix[i][j] + mixed * difference
         turned[k][i] = turned[i][k] = cosine * matrix[k][i] - sine * matrix[k][j]
         turned[k][j] = turned[j][k] = sine * matrix[k][i] + cosine * matrix[k][j]
         return turned

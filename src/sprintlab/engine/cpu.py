@@ -49,7 +49,9 @@ def compile_library(source: str, double: bool = False) -> Path:
         )
     version = subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout
     flags = [*_FLAGS, *(["-DDOUBLE_PRECISION"] if double else []), *_parallel(compiler)]
-    key = hashlib.sha256("\n".join([version.decode(), _processor(), *flags, source]).encode()).hexdigest()[:24]
+    key = hashlib.sha256("\n".join([version.decode(), _processor(), *flags, source]).encode()).hexdigest()[
+        :24
+    ]
     path = cache_folder() / f"{key}.so"
     if not path.exists():
         with tempfile.TemporaryDirectory() as folder:

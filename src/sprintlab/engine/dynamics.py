@@ -185,9 +185,7 @@ class _Chain:
         diagonal = [[mass if a == b else zero for b in range(3)] for a in range(3)]
         return _Inertia(matrix, skew(lever), diagonal), moment, cross(w, linear)
 
-    def backward(
-        self, inertia: _Inertia, moment: Vector, force: Vector
-    ) -> tuple[_Inertia, Vector, Vector]:
+    def backward(self, inertia: _Inertia, moment: Vector, force: Vector) -> tuple[_Inertia, Vector, Vector]:
         """Articulated inertia and bias at the chain's root; the arguments are what acts on the last link."""
         self.coupling, self.inverse = [([], [])] * self.count, [self.half] * self.count
         self.rest = [self.half] * self.count
@@ -204,9 +202,7 @@ class _Chain:
         axis, damping = self.axes[i], self.constant("damping", i)
         angular = [inertia.rotation[k][axis] for k in range(3)]
         linear = inertia.coupling[axis]
-        inverse = self.algebra.reciprocal(
-            angular[axis] + self.constant("armature", i) + self.half * damping
-        )
+        inverse = self.algebra.reciprocal(angular[axis] + self.constant("armature", i) + self.half * damping)
         spring = self.constant("stiffness", i) * (self.q[i] - self.constant("rest", i))
         rest = self.tau[i] - spring - damping * self.qd[i] - moment[axis]
         self.coupling[i], self.inverse[i], self.rest[i] = (angular, linear), inverse, rest
@@ -309,7 +305,9 @@ def leg_source(tree: Tree, algebra: Algebra) -> str:
     foot, lever, velocity = _foot(tree.legs, chain, vectors, height)
     functions = _Functions(algebra)
     table = "const scalar* leg"
-    functions.add(f"forward(const Carrier& carrier, {_STATE}, {table}, number* kept, number* foot)", {"foot": foot})
+    functions.add(
+        f"forward(const Carrier& carrier, {_STATE}, {table}, number* kept, number* foot)", {"foot": foot}
+    )
     damped = _pad(chain, vectors, lever, velocity)
     root = chain.backward(*damped[0])
     functions.add(
@@ -363,9 +361,7 @@ def _pad(
     drag = chain.half * algebra.variable("drag")
     extra = chain.half * (algebra.variable("damping") - algebra.variable("drag"))
     offset = add(vectors["g"], cross(vectors["w"], velocity))
-    damper = [
-        [extra * normal[a] * normal[b] + (drag if a == b else 0.0) for b in range(3)] for a in range(3)
-    ]
+    damper = [[extra * normal[a] * normal[b] + (drag if a == b else 0.0) for b in range(3)] for a in range(3)]
     push = [algebra.constant(0.0)] * 3
     for value, axis in zip(algebra.variables("force", 3), _world(vectors), strict=True):
         push = add(push, scale(value, axis))
@@ -392,17 +388,18 @@ def waist_source(tree: Tree) -> str:
     legs = algebra.variables("legs", SPATIAL_INERTIA + 6)
     root = chain.backward(_unpacked(legs[:21]), legs[21:24], legs[24:])
     functions.add(
-        f"backward({_STATE}, const number* tau, number half, const number* legs, number* kept, number* sum)",
+        f"backward(const Carrier& carrier, {_STATE}, const number* tau, number half, const number* legs, "
+        "number* kept, number* sum)",
         {"sum": [*root[0].packed(), *root[1], *root[2]]},
     )
     start = algebra.variables("start", 6)
     joints, angular, linear = chain.accelerate(start[:3], start[3:])
     functions.add(
-        "accelerate(const number* start, number* kept, number* qdd, number* rear)",
+        "accelerate(const number* start, const number* legs, number* kept, number* qdd, number* rear)",
         {"qdd": joints, "rear": [*angular, *linear]},
     )
     functions.add(
-        f"place({_STATE}, const number* point, number* place)",
+        "place(const number* point, number* kept, number* place)",
         {"place": chain.from_root(algebra.variables("point", 3))},
     )
     text, kept = functions.text("waist")

@@ -9,6 +9,7 @@ import torch
 
 from sprintlab.commands.state import GRAVITY
 from sprintlab.engine.cpu import CpuKernel
+from sprintlab.engine.cuda import CudaKernel
 from sprintlab.engine.options import EngineOptions
 from sprintlab.engine.source import (
     BUFFERS,
@@ -98,7 +99,9 @@ class Engine:
         self.kernel = self._make_kernel(double, given_torque)
         self._bind()
 
-    def _make_kernel(self, double: bool, given_torque: bool) -> CpuKernel:
+    def _make_kernel(self, double: bool, given_torque: bool) -> CpuKernel | CudaKernel:
+        if torch.device(self.device).type == "cuda":
+            return CudaKernel(source(self.model, "cuda", given_torque), self.device)
         return CpuKernel(source(self.model, "cpu", given_torque), double)
 
     def _zeros(self, *columns: int) -> torch.Tensor:

@@ -14,7 +14,7 @@ from sprintlab.core.errors import RobotModelError
 from sprintlab.engine.algebra import Algebra
 from sprintlab.engine.dynamics import FOOT_VALUES, leg_source, trunk_source, waist_source
 from sprintlab.engine.options import EngineOptions
-from sprintlab.engine.tree import Link, Tree, read_tree
+from sprintlab.engine.tree import Tree, read_tree
 from sprintlab.motors import (
     COPPER_COEFFICIENT,
     MOTOR_MODELS,
@@ -34,22 +34,31 @@ from sprintlab.robots import (
 FRICTION_SPEED = 0.2
 """Joint speed over which dry friction reaches 76 % of its value [rad/s]: a smooth stand-in for sticking."""
 PARAMETERS = (
-    "pad_stiffness", "pad_damping", "friction", "voltage", "resistance_factor", "friction_factor", "drag_area",
-    "trunk_mass", "trunk_center_x", "trunk_center_y", "trunk_center_z", "gravity_x", "gravity_y", "gravity_z",
-    "weight", "timestep",
+    "pad_stiffness", "pad_damping", "friction", "voltage", "resistance_factor", "friction_factor",
+    "drag_area", "trunk_mass", "trunk_center_x", "trunk_center_y", "trunk_center_z",
+    "gravity_x", "gravity_y", "gravity_z", "weight", "timestep",
 )  # fmt: skip
 """Columns of the parameters that differ from robot to robot."""
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 """All pairs of legs, in the order of ``leg_distance``."""
 JOINT_INPUTS = ("target", "previous_target", "stiffness", "damping", "strength")
-STATE = ("qpos", "qvel", "bristle", "winding_temperature", "recent_force", "loaded", "since_touchdown", "carried")
+STATE = (
+    "qpos",
+    "qvel",
+    "bristle",
+    "winding_temperature",
+    "recent_force",
+    "loaded",
+    "since_touchdown",
+    "carried",
+)
 JOINT_OUTPUTS = ("torque", "power", "limit_share", "stop_depth", "joint_speed", "gear_torque")
 FOOT_OUTPUTS = ("foot_force", "pad_deflection", "stance", "touchdowns", "hasty_touchdowns", "short_stances")
 PLACE_OUTPUTS = ("foot_position", "foot_velocity", "knee_position", "contact_force")
 TEST_BUFFERS = ("given_torque", "qacc")
 BUFFERS = (
-    *JOINT_INPUTS, "parameters", "shortest", *STATE, *JOINT_OUTPUTS, *FOOT_OUTPUTS, *PLACE_OUTPUTS, "leg_distance",
-    *TEST_BUFFERS,
+    *JOINT_INPUTS, "parameters", "shortest", *STATE, *JOINT_OUTPUTS, *FOOT_OUTPUTS, *PLACE_OUTPUTS,
+    "leg_distance", *TEST_BUFFERS,
 )  # fmt: skip
 """Names of the buffers of floats, in the order of the kernel's argument; ``delay``, of integers, follows."""
 _DRIVE_FIELDS = (
@@ -92,7 +101,9 @@ def engine_model(robot: RobotDescription, options: EngineOptions) -> EngineModel
     names = [[robot.joint_names[j] for j in legs] for legs in robot.leg_joints]
     read = [[link.joint for link in leg.links if link.joint in robot.joint_names] for leg in tree.legs]
     if names != read:
-        raise RobotModelError(f"the engine cannot simulate this robot: its legs' joints are {read}, not {names}")
+        raise RobotModelError(
+            f"the engine cannot simulate this robot: its legs' joints are {read}, not {names}"
+        )
     return EngineModel(
         robot=robot,
         model=model,

@@ -7,7 +7,7 @@ here, before anything is generated or compiled.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -118,7 +118,7 @@ def read_tree(model: mujoco.MjModel) -> Tree:
     """The tree of a compiled model.
 
     Raises:
-        RobotModelError: the model is none of a trunk with four equal legs; the message says what is in the way.
+        RobotModelError: the model is not a trunk with four equal legs; the message says why.
     """
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     _require(len(free) == 1, "the robot needs one free joint, its trunk's")
@@ -129,9 +129,7 @@ def read_tree(model: mujoco.MjModel) -> Tree:
     waist = _read_link(model, branching[0]) if branching else None
     fronts = [_read_leg(model, body, rear=False) for body in heads if body not in branching]
     rears = [_read_leg(model, body, rear=True) for part in branching for body in _children(model, part)]
-    tree = Tree(
-        trunk=_read_body(model, trunk), waist=waist, legs=(*fronts, *rears), nq=model.nq, nv=model.nv
-    )
+    tree = Tree(trunk=_read_body(model, trunk), waist=waist, legs=(*fronts, *rears), nq=model.nq, nv=model.nv)
     _check_legs(tree)
     return tree
 
@@ -175,8 +173,7 @@ def _read_leg(model: mujoco.MjModel, body: int, rear: bool) -> Leg:
 
 
 def _with_fixed(link: Link, body: RigidBody, place: FloatArray) -> Link:
-    values = {name: getattr(link, name) for name in Link.__dataclass_fields__}
-    return Link(**values | {"body": link.body.joined(body, place)})
+    return replace(link, body=link.body.joined(body, place))
 
 
 def _read_link(model: mujoco.MjModel, body: int) -> Link:

@@ -184,11 +184,11 @@ FUNCTION Carrier rear_carrier(const Carrier& front, Robot& robot) {
 #endif
 }
 // Feet and knees of rear legs in the trunk's frame
-FUNCTION void place_leg(const Robot& robot, int l, number* foot) {
+FUNCTION void place_leg(Robot& robot, int l, number* foot) {
 #ifdef WAIST
   number knee[3], middle[3];
-  waist_place(robot.q, robot.qd, foot + 7, knee);
-  waist_place(robot.q, robot.qd, foot + 10, middle);
+  waist_place(foot + 7, robot.kept, knee);
+  waist_place(foot + 10, robot.kept, middle);
   UNROLL for (int i = 0; i < 3; i++) {
     foot[7 + i] = l < REAR_LEG ? foot[7 + i] : knee[i];
     foot[10 + i] = l < REAR_LEG ? foot[10 + i] : middle[i];
@@ -264,7 +264,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
 #ifdef GIVEN_TORQUE
   robot.tau[0] = read(buffers.given_torque, NV, WAIST_QVEL, place);
 #endif
-  waist_backward(robot.q, robot.qd, robot.tau, half, rear_sum, robot.kept, through);
+  waist_backward(front, robot.q, robot.qd, robot.tau, half, rear_sum, robot.kept, through);
   UNROLL for (int i = 0; i < 27; i++) sum[i] = sum[i] + through[i];
 #else
   sum_legs(parts, sum);
@@ -273,7 +273,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
   add_air(front, robot.mass, sum);
   trunk_solve(sum, start);
 #ifdef WAIST
-  waist_accelerate(start, robot.kept, qdd_waist, rear_start);
+  waist_accelerate(start, rear_sum, robot.kept, qdd_waist, rear_start);
 #endif
   UNROLL for (int i = 0; i < LEGS_HERE; i++) {
     const int l = leg_number(i, place);
