@@ -135,7 +135,7 @@ def test_a_robot_that_dies_ends_the_run_in_order(bus):
 def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, tmp_path):
     resource = pytest.importorskip("resource")
     pytest.importorskip("mcap")
-    little_space = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (200_000, 200_000))
+    little_space = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (600_000, 600_000))
 
     robot = start_robot(bus, "--lock-step", "--end-with-controller")
     log = tmp_path / "run.mcap"

@@ -47,8 +47,9 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
         LogError: the policy never drove, the log holds fewer than two position fixes of that time or gaps in
             place of its control steps, or it is of a robot with other joints.
     """
-    if record.states.joints != len(robot.joint_names):
-        found = f"{record.states.joints} joints, {robot.name} has {len(robot.joint_names)}"
+    joints = record.column("states", "joint_position").shape[1]
+    if joints != len(robot.joint_names):
+        found = f"{joints} joints, {robot.name} has {len(robot.joint_names)}"
         raise LogError(f"the log is of a robot with {found}")
     running = record.column("ticks", "mode") == "run"
     tick_time = record.column("ticks", "time")
@@ -59,7 +60,7 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
     steps = running & record.column("ticks", "policy_step")
     command = record.column("ticks", "velocity")[steps]
     command_time = tick_time[steps] - begin
-    faults = Counter(fault for noted in record.ticks.faults.values() for fault in noted)
+    faults = Counter(fault for noted in record.column("ticks", "faults") for fault in noted)
     return TrackRun(
         trial=_trial(trajectory, robot, _hold(command_time, command), not _fell(faults)),
         fix_time=course.time - begin,
@@ -98,7 +99,7 @@ class _Course:
             raise LogError("the log holds no position fixes of the run: speed and distance are not known")
         self.time = record.fix_time[inside]
         first = int(np.searchsorted(record.state_time, begin, side="right")) - 1
-        self.heading = float(heading_angle(record.states[max(first, 0)].quaternion))
+        self.heading = float(heading_angle(record.column("states", "quaternion")[max(first, 0)]))
         c, s = np.cos(self.heading), np.sin(self.heading)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         position = record.column("fixes", "position")[inside]

@@ -12,12 +12,12 @@ import fcntl
 import os
 import select
 import subprocess
-import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
 
 import msgspec
+import numpy as np
 
 from sprintlab.core.files import check_writable
 from sprintlab.core.interpreters import new_interpreter
@@ -37,10 +37,9 @@ from sprintlab.deployment.log.topics import (
 )
 
 _PIPE_SIZE = 1 << 20  # most of a second at 1 kHz
-_PATIENCE = 10.0  # s with a writing process that takes nothing, or does not end: it may have been stopped
-_START_TIME = 20.0  # s that a writing process may take to be up: half a second of a core, which may be busy
+_PATIENCE = 10.0  # [s] with a writing process that takes nothing, or does not end
 _MOST_FAULTS = 30  # of a step; with more a pipe might take a part of what is written of the step
-_STATE, _COMMAND, _FIX, _TICK = (TOPICS.index(topic) for topic in (STATE, COMMAND, FIX, TICK))
+_STATE, _COMMAND, _FIX, _TICK = (list(TOPICS).index(topic) for topic in (STATE, COMMAND, FIX, TICK))
 
 
 class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,8 +86,7 @@ class McapRunLog:
         dropped: ticks that the writing process was too slow to take.
 
     Raises:
-        LogError: the file exists or is being written, its folder cannot be written, or the package ``mcap``
-            is missing.
+        LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
     """
 
     def __init__(self, path: Path, facts: LogFacts, *, wait: bool = False) -> None:
@@ -96,99 +94,71 @@ class McapRunLog:
         self.dropped = 0
         self._path, self._wait = path, wait
         self._last_state = 0
-        self._writer = _start_writer(path)
-        self._pipe: IO[bytes] | None = self._writer.stdin
-        self._send_facts(facts)
         self._encoder = msgspec.json.Encoder()
+        self._writer = _start_writer(path)
+        assert self._writer.stdin is not None and self._writer.stdout is not None
+        self._pipe: IO[bytes] | None = self._writer.stdin
+        if not self._writer.stdout.readline():
+            raise LogError(self._complaint())
+        self._writer.stdin.write(pack(Frame(START, 0, 0, msgspec.json.encode(facts))))
+        self._writer.stdin.flush()
+        os.set_blocking(self._writer.stdin.fileno(), False)
 
     def write(self, tick: ControlTick) -> None:
         """Keep one tick; what the writing process cannot take at once is dropped and counted."""
         time = round(1e9 * tick.time)
-        state, command = tick.state, tick.command
+        state, command, fix = tick.state, tick.command, tick.fix
         content = pack(Frame(_COMMAND, time, command.sequence, encode(command)))
         content += pack(Frame(_TICK, time, command.sequence, self._encoder.encode(_record(tick))))
         if state is not None and state.sequence != self._last_state:
             self._last_state = state.sequence
             content += pack(Frame(_STATE, time, state.sequence, encode(state)))
-        if tick.fix is not None:
-            content += pack(Frame(_FIX, time, tick.fix.sequence, encode(tick.fix)))
+        if fix is not None and np.isfinite((fix.position, fix.velocity)).all():
+            content += pack(Frame(_FIX, time, fix.sequence, encode(fix)))
         self._put(content)
 
     def close(self) -> None:
         """Finish the file; a second call does nothing.
 
         Raises:
-            LogError: the file could not be written to its end, or has another name; the message says why.
+            LogError: the file could not be written to its end; the message says why.
         """
         if self._pipe is None:
             return
-        room = self._wait_for_room()
+        self._has_room()
         with contextlib.suppress(OSError):
             os.write(self._pipe.fileno(), pack(Frame(END, 0, 0, str(self.dropped).encode())))
-        self._pipe.close()
+        with contextlib.suppress(OSError):
+            self._pipe.close()
         self._pipe = self._writer.stdin = None
-        complaint = self._complaint(_PATIENCE if room else 0.0)
+        complaint = self._complaint()
         if self._writer.returncode != 0:
-            raise LogError(f"the log {self._path} is not as it should be: {complaint}")
+            raise LogError(f"the log is not as it should be: {complaint}")
 
-    def _complaint(self, patience: float = _PATIENCE) -> str:
-        """What the writing process says last; waits for its end [s], which a stopped one does not come to."""
+    def _complaint(self) -> str:
+        """What the writing process says last, once it has ended."""
         try:
-            said = self._writer.communicate(timeout=patience)[1]
+            said = self._writer.communicate(timeout=_PATIENCE)[1]
         except subprocess.TimeoutExpired:
             return f"its writer, process {self._writer.pid}, has not ended; if it goes on, so does the file"
         lines = said.decode(errors="replace").strip().splitlines()
         return (lines or ["its writer was killed"])[-1]
 
-    def _wait_for_room(self) -> bool:
-        """Wait until the pipe takes a message, or nobody reads it any more; False when it takes none."""
-        assert self._pipe is not None
-        return _comes(self._pipe, select.POLLOUT, time.monotonic() + _PATIENCE)
-
-    def _send_facts(self, facts: LogFacts) -> None:
-        """The first thing down the pipe; then wait until the writer is up, if it comes up at all."""
-        assert self._pipe is not None and self._writer.stdout is not None
-        os.set_blocking(self._pipe.fileno(), False)
-        deadline = time.monotonic() + _START_TIME
-        taken = self._give(pack(Frame(START, 0, 0, msgspec.json.encode(facts))), deadline)
-        if not (taken and _comes(self._writer.stdout, select.POLLIN, deadline)):
-            self._writer.kill()
-            self._complaint()
-            raise LogError(
-                f"the log {self._path} cannot be begun: its writer did not start in {_START_TIME:g} s"
-            )
-        if not self._writer.stdout.readline():
-            with contextlib.suppress(BrokenPipeError):
-                self._pipe.close()
-            self._writer.stdin = None
-            raise LogError(self._complaint())
-
-    def _give(self, content: bytes, deadline: float) -> bool:
-        """Give all of it to the pipe; False where that is not done at the deadline [s]."""
-        assert self._pipe is not None
-        left = memoryview(content)
-        with contextlib.suppress(BrokenPipeError):  # what a writer that is gone has to say comes later
-            while left and _comes(self._pipe, select.POLLOUT, deadline):
-                left = left[os.write(self._pipe.fileno(), left) :]
-            return not left
-        return True
+    def _has_room(self) -> bool:
+        """Wait until the pipe takes a message, or its reader is gone; False when it takes none."""
+        waiting = select.poll()
+        waiting.register(self._pipe or 0, select.POLLOUT)
+        return bool(waiting.poll(1e3 * _PATIENCE))
 
     def _put(self, content: bytes) -> None:
         """Give a tick to the pipe, which takes all of it or nothing."""
         if self._pipe is None:
             return
-        self._wait = self._wait and self._wait_for_room()
+        self._wait = self._wait and self._has_room()
         try:
             os.write(self._pipe.fileno(), content)
         except OSError:  # full, or the writer is gone: the run matters more
             self.dropped += 1
-
-
-def _comes(stream: IO[bytes], event: int, deadline: float) -> bool:
-    """Wait for an event of a stream, or for the end of who is behind it; False at the deadline [s]."""
-    waiting = select.poll()
-    waiting.register(stream, event)
-    return bool(waiting.poll(max(1e3 * (deadline - time.monotonic()), 0.0)))
 
 
 def _record(tick: ControlTick) -> TickRecord:
@@ -212,8 +182,7 @@ def _start_writer(path: Path) -> subprocess.Popen[bytes]:
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    assert writer.stdin is not None
-    if hasattr(fcntl, "F_SETPIPE_SZ"):
+    if hasattr(fcntl, "F_SETPIPE_SZ") and writer.stdin is not None:
         with contextlib.suppress(OSError):
             fcntl.fcntl(writer.stdin.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
     return writer

@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import struct
-from typing import IO, Annotated, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import msgspec
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import MOST_JOINTS
-
-STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/controller/tick"
-TOPICS = (STATE, COMMAND, FIX, TICK)
-"""Topics of a log; the first three hold the bus's own bytes, the last JSON."""
-
-START, END = len(TOPICS), len(TOPICS) + 1
-"""Frames that are no messages: facts of the run, JSON; number of ticks that were dropped, in words."""
-
-MAGIC = b"\x89MCAP0\r\n"
-"""How every MCAP file begins."""
+from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
 
 CONTRACT_NAME = "contract.json"
-FACTS_NAME = "sprintlab"
-END_NAME = "sprintlab_end"
+FACTS_NAME, END_NAME = "sprintlab", "sprintlab_end"
+"""Metadata: the facts of the run, and the number of ticks that were dropped."""
 
 _HEAD = struct.Struct("<IBQQ")
 
@@ -31,22 +21,36 @@ class LogError(SprintlabError):
     """A log cannot be written or read."""
 
 
-_Name = Annotated[str, msgspec.Meta(max_length=100)]
-
-
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of ``/controller/tick``: what is not in the messages of the bus; see ``ControlTick``.
-
-    The lengths bound what is read; a step of a controller stays far below them.
-    """
+    """What is not in the messages of the bus; see ``ControlTick``."""
 
     time: float
-    mode: _Name
-    velocity: Annotated[tuple[float, ...], msgspec.Meta(max_length=3)]
-    targets: Annotated[tuple[float, ...], msgspec.Meta(max_length=MOST_JOINTS)]
+    mode: str
+    velocity: tuple[float, ...]
+    targets: tuple[float, ...]
     policy_step: bool
-    faults: Annotated[tuple[_Name, ...], msgspec.Meta(max_length=1000)]
+    faults: tuple[str, ...]
     compute_time: float
+
+
+STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/controller/tick"
+TOPICS: dict[str, Any] = {STATE: RobotState, COMMAND: JointCommand, FIX: PositionFix, TICK: TickRecord}
+"""Topics of a log and the types of their messages, which the file holds as JSON."""
+START, END = len(TOPICS), len(TOPICS) + 1
+"""Frames that are no messages: facts of the run, JSON; number of ticks that were dropped, in words."""
+
+
+def schema(topic: str) -> bytes:
+    """JSON schema of a topic's messages: every property an array, or a plain type."""
+    kind = TOPICS[topic]
+    _, parts = msgspec.json.schema_components(
+        [kind], schema_hook=lambda _: {"type": "array", "items": {"type": "number"}}
+    )
+    properties = parts[kind.__name__]["properties"]
+    for name, value in properties.items():
+        if "$ref" in value:
+            properties[name] = {"type": "integer", **parts[value["$ref"].rpartition("/")[2]]}
+    return msgspec.json.encode(parts[kind.__name__])
 
 
 class Frame(NamedTuple):
