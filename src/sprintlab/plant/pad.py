@@ -202,7 +202,7 @@ class Pads:
         if kept is not bristle:
             (x, y, z), (u, v, w) = bristle, kept
             ahead = (x - u) * slip[0] + (y - v) * slip[1] + (z - w) * slip[2]
-            self.slid[foot] += max(ahead, 0.0) / math.hypot(*slip)
+            self.slid[foot] += max(ahead, 0.0) / max(math.hypot(*slip), 1e-9)
         self._bristle[foot] = kept
         return force
 
