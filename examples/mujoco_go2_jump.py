@@ -21,14 +21,13 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from torque_over_speed import Drives, FloatArray, draw, impossible_share, table_drives
+from torque_over_speed import Drives, FloatArray, draw, impossible_share
 
 from sprintlab.integrations.mjcf import dc_motor, motor_callback
-from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.robots import JointMotors, RobotDescription, load_robot, robot_motors
 
 Control = Callable[[FloatArray, FloatArray], FloatArray]
 
-PARTS = {"hip": "abad", "thigh": "hip", "calf": "knee"}  # the model's names of a leg's joints, the table's
 CROUCH = {"hip": 0.0, "thigh": 1.2, "calf": -2.5}  # [rad]
 STRETCH = {"hip": 0.0, "thigh": 0.5, "calf": -1.0}
 LAND = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}
@@ -74,12 +73,9 @@ def compiled(text: str, robot: RobotDescription) -> mujoco.MjModel:
 
 
 def drives(model: mujoco.MjModel, robot: RobotDescription) -> Drives:
-    """The table's motors and gears in the order of the model's actuators."""
-    places: list[int] = []
-    for joint in model.actuator_trnid[:, 0]:
-        leg, part, _ = model.joint(joint).name.split("_")
-        places.append(robot.joint_names.index(f"{leg}_{PARTS[part]}"))
-    return table_drives(robot, places)
+    """The table's motors and gears in the order of the model's actuators, found by their joints' names."""
+    found = robot_motors(robot).ordered([model.joint(joint).name for joint in model.actuator_trnid[:, 0]])
+    return Drives(found.motor, found.gear, found.bus_voltage)
 
 
 def on_dc_motors(text: str, model: mujoco.MjModel, drives: Drives) -> tuple[str, Control]:
@@ -102,7 +98,7 @@ def on_dc_motors(text: str, model: mujoco.MjModel, drives: Drives) -> tuple[str,
 
 def jump(
     model: mujoco.MjModel,
-    refined: Drives | None = None,
+    refined: JointMotors | None = None,
     control: Control = lambda asked, speed: asked,
 ) -> Jump:
     """One jump: on the model's actuators, or on refined motors."""
@@ -118,7 +114,7 @@ def jump(
         return STIFFNESS * (target - state.qpos[places]) - DAMPING * state.qvel[dofs]
 
     start, samples = data.qpos[2], []
-    with nullcontext() if refined is None else motor_callback(wanted, *refined):
+    with nullcontext() if refined is None else motor_callback(model, wanted, refined):
         while data.time < PHASES[-1][0]:
             asked, speed = wanted(data), data.qvel[dofs].copy()
             if refined is None:
@@ -149,7 +145,7 @@ def main() -> None:
     text = load_text(given.model)
     model = compiled(text, robot)
     motors = drives(model, robot)
-    own, refined = jump(model), jump(model, motors)
+    own, refined = jump(model), jump(model, robot_motors(robot))
     dc_text, volts = on_dc_motors(text, model, motors)
     dc_motors = jump(compiled(dc_text, robot), control=volts)
     found = numbers({"own": own, "dcmotor": dc_motors, "refined": refined})

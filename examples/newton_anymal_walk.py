@@ -29,7 +29,7 @@ from newton.actuators import ClampingDCMotor, ClampingMaxEffort, DrivePD
 from numpy.typing import NDArray
 from torque_over_speed import Drives, FloatArray, Walk, draw, impossible_share, walked
 
-from sprintlab.integrations.newton import PmsmClamping
+from sprintlab.integrations.newton import pmsm_clampings
 from sprintlab.motors import (
     Gear,
     PmsmParameters,
@@ -39,6 +39,7 @@ from sprintlab.motors import (
     phase_voltage_limit,
     stack_motors,
 )
+from sprintlab.robots import JointMotors
 
 URDF = "urdf/anymal.urdf"
 POLICY = "rl_policies/anymal_walking_policy_physx.onnx"
@@ -82,11 +83,11 @@ def all_drives(motor: PmsmParameters) -> Drives:
 def clampings(motor: PmsmParameters) -> dict[str, Clamping]:
     """Newton's two laws and ours."""
     line = {"saturation_effort": STANDSTILL, "velocity_limit": NO_LOAD, "max_motor_effort": PEAK}
-    refined = {"motor": motor, "gear": GEAR, "bus_voltage": BUS_VOLTAGE}
+    motors = JointMotors(motor=motor, gear=GEAR, bus_voltage=BUS_VOLTAGE)
     return {
         "peak_torque": (ClampingMaxEffort, {"max_effort": PEAK}),
         "straight_line": (ClampingDCMotor, line),
-        "refined": (PmsmClamping, refined),
+        "refined": pmsm_clampings(["any"], motors)["any"],
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.integrations.mjcf import dc_motor, dc_motor_excess, motor_callback
+from sprintlab.integrations.mjcf import dc_motor, dc_motor_excess, dc_motors, motor_callback
 from sprintlab.motors import (
     Gear,
     I2tLimit,
@@ -18,6 +18,7 @@ from sprintlab.motors import (
     reflected_inertia,
     stack_motors,
 )
+from sprintlab.robots import JointMotors, robot_motors
 
 
 def pendulum(actuators, joints=("hip",)):
@@ -97,7 +98,15 @@ def test_the_callback_is_the_law_at_every_step_and_then_gone():
 
     assert mujoco.get_mjcb_control() is None
     limited = 0
-    with motor_callback(wanted, motor, gear, 24.0):
+    # Named in another order than the model's joints.
+    swapped = [1, 0]
+    motors = JointMotors(
+        names=("knee", "hip"),
+        motor=stack_motors([found[at].motor for at in swapped]),
+        gear=Gear(ratio=gear.ratio[swapped], efficiency=gear.efficiency[swapped]),
+        bus_voltage=24.0,
+    )
+    with motor_callback(model, wanted, motors):
         for _ in range(100):
             mujoco.mj_step(model, data)
             torque, speed = seen[-1]
@@ -120,7 +129,8 @@ def test_the_callback_counts_simulated_time_for_i2t(integrator):
     motor = actuator.motor
     limit = I2tLimit(continuous_current=0.5 * motor.peak_torque / motor.torque_constant, peak_duration=0.02)
     full = drive_torque(motor, actuator.gear, 1e3, 0.0, 24.0).torque
-    with motor_callback(lambda _: np.array([1e3]), motor, actuator.gear, 24.0, "square", limit):
+    motors = JointMotors(motor=motor, gear=actuator.gear, bus_voltage=24.0)
+    with motor_callback(model, lambda _: np.array([1e3]), motors, "square", limit):
         for _ in range(2):  # the second run begins cold
             mujoco.mj_resetData(model, data)
             given = []
@@ -141,9 +151,25 @@ def test_the_callback_counts_simulated_time_for_i2t(integrator):
 
 def test_a_failing_controller_leaves_no_callback_behind():
     actuator = load_library_motor("mit-mini-cheetah")
-    with pytest.raises(ZeroDivisionError), motor_callback(lambda _: 0.0, actuator.motor, actuator.gear, 24.0):
+    motors = JointMotors(motor=actuator.motor, gear=actuator.gear, bus_voltage=24.0)
+    model = pendulum("<motor joint='hip'/>")
+    with pytest.raises(ZeroDivisionError), motor_callback(model, lambda _: 0.0, motors):
         raise ZeroDivisionError
     assert mujoco.get_mjcb_control() is None
+    with (
+        pytest.raises(InvalidValueError, match="hip"),
+        motor_callback(model, lambda _: 0.0, robot_motors("go1")),
+    ):
+        pass
+
+
+def test_a_robots_motors_become_elements_by_joint_name():
+    joints = ["RL_calf_joint", "FL_hip_joint", "FL_thigh_joint"]
+    found, robot = dc_motors(robot_motors("go1"), joints), robot_motors("go1")
+    assert list(found) == joints
+    assert found["RL_calf_joint"].ratio == pytest.approx(float(robot.gear.ratio[8]))
+    model = pendulum("".join(element.element(name) for name, element in found.items()), joints)
+    assert model.actuator_gear[:, 0] == pytest.approx([element.ratio for element in found.values()])
 
 
 def test_several_motors_in_one_element_are_refused():

@@ -49,7 +49,7 @@ def test_the_refined_motors_jump_lower_and_stay_on_their_law(example, tmp_path):
     model = example.compiled(example.load_text(tmp_path / "go2.xml"), robot)
     assert model.nmesh == 0 and (model.dof_damping[6:] == robot.viscous_friction[0]).all()
     drives = example.drives(model, robot)
-    own, refined = example.jump(model), example.jump(model, drives)
+    own, refined = example.jump(model), example.jump(model, example.robot_motors(robot))
     assert 0.05 < refined.height < own.height - 0.05
     peaks = np.tile(list(PEAKS.values()), 4)
     np.testing.assert_allclose(own.delivered, np.clip(own.asked, -peaks, peaks), atol=1e-9)

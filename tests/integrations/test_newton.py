@@ -9,6 +9,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import Gear, drive_torque, library_motors, load_library_motor, stack_motors
+from sprintlab.robots import JointMotors, robot_motors
 
 wp = pytest.importorskip("warp", reason="needs Warp: pip install 'sprintlab[train]'")
 
@@ -60,14 +61,18 @@ def test_the_stage_gives_the_law(stage, model):
         efficiency=random.uniform(0.6, 1.0, len(found)),
     )
     bus = np.array([actuator.bus_voltage for actuator in found]) * random.uniform(0.7, 1.1, len(found))
+    names = [f"joint {at}" for at in range(len(found))]
     arguments = [
-        {
-            "motor": actuator.motor,
-            "gear": Gear(ratio=actuator.gear.ratio, efficiency=float(efficiency)),
-            "bus_voltage": float(volts),
-            "model": model,
-        }
-        for actuator, efficiency, volts in zip(found, gear.efficiency, bus, strict=True)
+        stage.pmsm_clampings(
+            [name],
+            JointMotors(
+                motor=actuator.motor,
+                gear=Gear(ratio=actuator.gear.ratio, efficiency=float(efficiency)),
+                bus_voltage=float(volts),
+            ),
+            model,
+        )[name][1]
+        for name, actuator, efficiency, volts in zip(names, found, gear.efficiency, bus, strict=True)
     ]
     peak = motor.peak_torque * gear.ratio
     wanted = random.uniform(-2.0, 2.0, len(found)) * peak
@@ -82,38 +87,42 @@ def test_the_stage_gives_the_law(stage, model):
     assert 0.2 < np.mean(np.abs(expected - wanted) > 0.05 * peak) < 0.95
 
 
-def test_a_single_motor_needs_no_gear_of_another(stage):
-    actuator = load_library_motor("mit-mini-cheetah")
-    given = {"motor": actuator.motor, "gear": actuator.gear, "bus_voltage": actuator.bus_voltage}
-    torque = clamped(built(stage, [given]), [5.0], [3.0])
-    expected = drive_torque(actuator.motor, actuator.gear, 5.0, 3.0, actuator.bus_voltage).torque
-    assert torque[0] == pytest.approx(float(expected), rel=1e-5)
+def cheetah(stage):
+    """One motor's clamping stage, and the motor."""
+    found = load_library_motor("mit-mini-cheetah")
+    motors = JointMotors(motor=found.motor, gear=found.gear, bus_voltage=found.bus_voltage)
+    return found, stage.pmsm_clampings(["any"], motors)["any"]
+
+
+def test_motors_are_found_by_joint_name(stage):
+    """Two calves and a thigh of the Go1, in an order that is not its own."""
+    names, motors = ["RR_calf_joint", "FL_thigh_joint", "FR_calf_joint"], robot_motors("go1")
+    given = stage.pmsm_clampings(names, motors)
+    wanted, speed = np.array([80.0, 60.0, -70.0]), np.array([12.0, 20.0, -14.0])
+    torque = clamped(built(stage, [given[name][1] for name in names]), wanted, speed)
+    own = motors.ordered(names)
+    expected = drive_torque(own.motor, own.gear, wanted, speed, own.bus_voltage).torque
+    assert torque == pytest.approx(expected, rel=1e-4)
+    with pytest.raises(InvalidValueError, match="tail"):
+        stage.pmsm_clampings(["tail"], motors)
+    with pytest.raises(InvalidValueError, match="refined, simplified-dc"):
+        stage.pmsm_clampings(names, motors, "square")
 
 
 def test_a_bus_voltage_can_be_changed_in_place(stage):
-    actuator = load_library_motor("mit-mini-cheetah")
-    clamping = built(stage, [{"motor": actuator.motor, "gear": actuator.gear, "bus_voltage": 24.0}])
+    actuator, (_, given) = cheetah(stage)
+    clamping = built(stage, [given])
     peak = float(actuator.motor.peak_torque * actuator.gear.ratio)
     before = clamped(clamping, [peak], [25.0])[0]
     clamping.bus_voltage.fill_(18.0)
     assert clamped(clamping, [peak], [25.0])[0] < before - 0.05 * peak
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"motor": None}, "motor"),
-        ({"bus_voltage": -1.0}, "bus_voltage"),
-        ({"model": "square"}, "refined, simplified-dc"),
-        ({"gear_ratio": 6.0}, "gear_ratio"),
-    ],
-)
-def test_bad_arguments_are_refused(stage, change, words):
-    actuator = load_library_motor("mit-mini-cheetah")
-    given = {"motor": actuator.motor, "gear": actuator.gear, "bus_voltage": 24.0} | change
-    given = {name: value for name, value in given.items() if value is not None}
-    with pytest.raises(InvalidValueError, match=words):
-        stage.PmsmClamping.resolve_arguments(given)
+def test_other_arguments_are_refused(stage):
+    _, (clamping, given) = cheetah(stage)
+    for wrong in (given | {"size": 1.0}, {"gear_ratio": 6.0}):
+        with pytest.raises(InvalidValueError, match="PmsmClamping"):
+            clamping.resolve_arguments(wrong)
 
 
 def test_newtons_own_actuator_runs_it(stage):
@@ -123,14 +132,13 @@ def test_newtons_own_actuator_runs_it(stage):
         pytest.skip("needs Newton 1.8")
     from newton.actuators import DrivePD
 
-    actuator = load_library_motor("mit-mini-cheetah")
-    given = {"motor": actuator.motor, "gear": actuator.gear, "bus_voltage": actuator.bus_voltage}
+    actuator, given = cheetah(stage)
     builder = newton.ModelBuilder()
     link = builder.add_link()
     joint = builder.add_joint_revolute(parent=-1, child=link, axis=newton.Axis.Z)
     builder.add_articulation([joint])
     dof = builder.joint_qd_start[joint]
-    builder.add_actuator(DrivePD, index=dof, kp=100.0, kd=1.0, clamping=[(stage.PmsmClamping, given)])
+    builder.add_actuator(DrivePD, index=dof, kp=100.0, kd=1.0, clamping=[given])
     model = builder.finalize(device="cpu")
     state, control = model.state(), model.control()
     state.joint_q.fill_(0.2)

@@ -70,7 +70,7 @@ class PmsmActuatorCfg(ActuatorBaseCfg):
     """
 
     class_type: type = PmsmActuator
-    motors: dict[str, dict[str, float]] = MISSING
+    motors: dict[str, dict[str, float]] = MISSING  # pyright: ignore[reportAssignmentType]  # as Isaac Lab's own
     """Numbers of the motors by parameter and joint name, as Isaac Lab has those of its joints."""
     motor_model: MotorModel = "refined"
     """One of ``sprintlab.motors.MOTOR_MODELS``."""

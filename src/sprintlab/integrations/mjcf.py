@@ -9,12 +9,12 @@ saturation, the gear's losses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import mujoco
 import numpy as np
 
 from sprintlab.core.errors import InvalidValueError
@@ -29,9 +29,11 @@ from sprintlab.motors import (
     i2t_time_constant,
     no_load_speed,
     phase_voltage_limit,
+    single,
     squared_current,
 )
 from sprintlab.motors.arrays import Array
+from sprintlab.robots import JointMotors
 
 _POWER_INVARIANT = math.sqrt(1.5)
 _SPEEDS = 401
@@ -95,6 +97,19 @@ def dc_motor(motor: PmsmParameters, gear: Gear, bus_voltage: float) -> DcMotor:
     )
 
 
+def dc_motors(motors: JointMotors, joint_names: Sequence[str]) -> dict[str, DcMotor]:
+    """The ``<dcmotor>`` of each joint by its name, in the names' order.
+
+    Raises:
+        InvalidValueError: the joint names do not fit the motors.
+    """
+    found = motors.ordered(joint_names)
+    parts = (
+        (single(found.motor, at), single(found.gear, at), found.bus_voltage) for at in range(len(joint_names))
+    )
+    return dict(zip(joint_names, (dc_motor(*each) for each in parts), strict=True))
+
+
 def dc_motor_excess(motor: PmsmParameters, gear: Gear, bus_voltage: float) -> dict[str, float]:
     """Torque that a ``<dcmotor>`` gives and the motor does not, in shares of its peak torque on the joint.
 
@@ -122,41 +137,39 @@ def dc_motor_excess(motor: PmsmParameters, gear: Gear, bus_voltage: float) -> di
 
 @contextmanager
 def motor_callback(
-    wanted: Callable[[Any], Array],
-    motor: PmsmParameters,
-    gear: Gear,
-    bus_voltage: float,
-    model: MotorModel = "refined",
+    model: mujoco.MjModel,
+    wanted: Callable[[mujoco.MjData], Array],
+    motors: JointMotors,
+    motor_model: MotorModel = "refined",
     i2t: I2tLimit | None = None,
 ) -> Generator[None, None, None]:
     """MuJoCo's control callback, for as long as the context lasts: every step goes through the motor law.
 
-    For simulations that others step (a viewer, a planner). The actuators are ``<motor>``, one a hinge joint;
+    For simulations that others step (a viewer, a planner). Actuators are ``<motor>``, one per hinge joint;
     MuJoCo has one callback for all simulations of a process.
 
     Args:
+        model: that is simulated; the motors are found by the names of its actuators' joints.
         wanted: ``MjData`` -> wanted joint torques [N m] ``(n,)`` in the actuators' order, e.g. a PD loop.
-        motor: parameters, numbers or arrays ``(n,)``.
-        gear: ratio and efficiency, likewise.
-        bus_voltage: DC bus [V].
-        model: one of ``MOTOR_MODELS``.
+        motors: by joint name, or one for all joints.
+        motor_model: one of ``MOTOR_MODELS``.
         i2t: how the drives cut overloads back; ``None``: not at all. They are cold at the start, and again
             when a simulation's time goes back; one simulation a context.
 
     Raises:
-        InvalidValueError: see ``i2t_time_constant``.
+        InvalidValueError: the joint names do not fit the motors; see also ``i2t_time_constant``.
     """
-    import mujoco
+    joints = model.actuator_trnid[:, 0]
+    dofs = model.jnt_dofadr[joints]
+    own = motors.ordered([model.joint(joint).name for joint in joints])
 
     def plain(asked: Array, speed: Array, _: float, __: float) -> Array:
-        return drive_torque(motor, gear, asked, speed, bus_voltage, model).torque
+        return drive_torque(own.motor, own.gear, asked, speed, own.bus_voltage, motor_model).torque
 
-    drives = plain if i2t is None else _LimitedDrives(motor, gear, bus_voltage, model, i2t)
+    drives = plain if i2t is None else _LimitedDrives(own, motor_model, i2t)
 
-    def control(described: Any, data: Any) -> None:
-        joints = described.actuator_trnid[:, 0]
-        speed = data.qvel[described.jnt_dofadr[joints]]
-        data.ctrl[:] = drives(wanted(data), speed, data.time, described.opt.timestep)
+    def control(described: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.ctrl[:] = drives(wanted(data), data.qvel[dofs], data.time, described.opt.timestep)
 
     before = mujoco.get_mjcb_control()
     mujoco.set_mjcb_control(control)
@@ -169,13 +182,11 @@ def motor_callback(
 class _LimitedDrives:
     """Drives with I²t for callers that come several times a step (``mj_forward``, Runge-Kutta)."""
 
-    def __init__(
-        self, motor: PmsmParameters, gear: Gear, bus_voltage: float, model: MotorModel, limit: I2tLimit
-    ) -> None:
-        self._motor, self._gear, self._bus_voltage = motor, gear, bus_voltage
+    def __init__(self, motors: JointMotors, model: MotorModel, limit: I2tLimit) -> None:
+        self._motors = motors
         self._model: MotorModel = model
         self._continuous = limit.continuous_current
-        self._time_constant = i2t_time_constant(limit, motor)
+        self._time_constant = i2t_time_constant(limit, motors.motor)
         self._time, self._level, self._squared_current = math.inf, 0.0, 0.0
 
     def __call__(self, desired: Array, speed: Array, time: float, step: float) -> Array:
@@ -183,17 +194,17 @@ class _LimitedDrives:
         self._advance(time - self._time)
         self._time = time
         output, _ = i2t_drive(
-            self._motor,
-            self._gear,
+            self._motors.motor,
+            self._motors.gear,
             self._continuous,
             self._level,
             np.exp(-step / self._time_constant),
             desired,
             speed,
-            self._bus_voltage,
+            self._motors.bus_voltage,
             self._model,
         )
-        self._squared_current = squared_current(self._motor, output)
+        self._squared_current = squared_current(self._motors.motor, output)
         return output.torque
 
     def _advance(self, elapsed: float) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 # Warp rewrites kernels from their source; their types are Warp's, not Python's.
 # pyright: reportInvalidTypeForm=false, reportMissingImports=false
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -17,9 +18,10 @@ import numpy as np
 import warp as wp
 from newton.actuators import ClampingBase
 
-from sprintlab.core.checks import check_choice, check_positive
+from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import TURNING_SPEED, PmsmParameters, phase_voltage_limit
+from sprintlab.robots import JointMotors
 
 MODELS = ("refined", "simplified-dc")
 """Voltage limits that the stage has."""
@@ -73,38 +75,20 @@ def _motor_law(
 class PmsmClamping(ClampingBase):
     """A geared permanent-magnet motor between a drive's wanted torque and the joint.
 
-    Registered as ``(PmsmClamping, {"motor": motor, "gear": gear, "bus_voltage": 48.0})``, with ``"model"``
-    one of ``MODELS``. Every parameter is an array with one value an actuator; change them in place.
+    Registered as ``pmsm_clampings`` gives it. Every parameter is an array with one value per actuator; change
+    them in place.
     """
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
-        """Numbers of one actuator out of motor, gear and bus voltage.
+        """Numbers of one actuator, by the names of ``JointMotors.parameters``.
 
         Raises:
-            InvalidValueError: something is missing or unknown, several motors in one, a bad voltage or model.
+            InvalidValueError: one is missing, or another is there.
         """
-        for name in ("motor", "gear", "bus_voltage"):
-            if name not in args:
-                raise InvalidValueError(f"PmsmClamping.{name}", None, "must be given")
-        check_choice(
-            "PmsmClamping", sorted(set(args) - {"motor", "gear", "bus_voltage", "model"}) or "", ("",)
-        )
-        check_choice("model", args.get("model", "refined"), MODELS)
-        check_positive("bus_voltage", args["bus_voltage"], "V")
-        motor, gear = args["motor"], args["gear"]
-        for name, value in (("motor", motor.peak_torque), ("gear", gear.ratio)):
-            if np.ndim(value) > 0:
-                raise InvalidValueError(name, value, "must be one motor: register each kind of its own")
-        own = {
-            "gear_ratio": gear.ratio,
-            "gear_efficiency": gear.efficiency,
-            "bus_voltage": args["bus_voltage"],
-        }
-        numbers = {name: float(own[name] if name in own else getattr(motor, name)) for name in _PARAMETERS}
-        if args.get("model") == "simplified-dc":
-            numbers["q_axis_inductance"] = 0.0
-        return numbers
+        if set(args) != set(_PARAMETERS):
+            raise InvalidValueError("PmsmClamping", ", ".join(args), f"needs {', '.join(_PARAMETERS)}")
+        return {name: float(args[name]) for name in _PARAMETERS}
 
     def __init__(self, **parameters: Any) -> None:
         """Arrays of floats ``(n,)``, one for each name that ``resolve_arguments`` gives."""
@@ -129,3 +113,26 @@ class PmsmClamping(ClampingBase):
             outputs=[dst_forces],
             device=device,
         )
+
+
+def pmsm_clampings(
+    joint_names: Sequence[str], motors: JointMotors, model: str = "refined"
+) -> dict[str, tuple[type[PmsmClamping], dict[str, float]]]:
+    """What ``ModelBuilder.add_actuator(..., clamping=[...])`` takes for each joint, by its name.
+
+    Args:
+        joint_names: in any order.
+        motors: by joint name, or one for all joints.
+        model: one of ``MODELS``.
+
+    Raises:
+        InvalidValueError: the joint names do not fit the motors, or the model is unknown.
+    """
+    check_choice("model", model, MODELS)
+    values = motors.parameters(joint_names)
+    if model == "simplified-dc":
+        values["q_axis_inductance"] = np.zeros(len(joint_names))
+    return {
+        joint: (PmsmClamping, {name: float(values[name][at]) for name in _PARAMETERS})
+        for at, joint in enumerate(joint_names)
+    }

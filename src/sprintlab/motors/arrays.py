@@ -83,10 +83,11 @@ def _as_tensors(reference: Array, values: tuple[Array, ...]) -> tuple[Any, list[
     xp = _compat.array_namespace(reference)
     real = xp.isdtype(reference.dtype, "real floating")
     dtype = reference.dtype if real else xp.asarray(0.0).dtype
+    device = getattr(reference, "device", None)  # JAX's traced arrays have none
 
     def convert(value: Array) -> Array:
         if isinstance(value, int | float):
-            return xp.full((), value, dtype=dtype, device=reference.device)
-        return xp.asarray(value, dtype=dtype, device=reference.device)
+            return xp.full((), value, dtype=dtype, device=device)
+        return xp.asarray(value, dtype=dtype, device=device)
 
     return xp, [convert(value) for value in values]
