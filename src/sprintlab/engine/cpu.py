@@ -36,7 +36,7 @@ def cached(name: str, content: bytes) -> Path:
     return path
 
 
-def compile_library(source: str, double: bool = False) -> Path:
+def compile_library(source: str, double: bool = False, flags: Sequence[str] = ()) -> Path:
     """Compile a translation unit to a shared library; the same source is compiled once.
 
     Raises:
@@ -48,7 +48,7 @@ def compile_library(source: str, double: bool = False) -> Path:
             "the engine needs a C++ compiler on a CPU: install g++ or clang++ (apt install g++), or use a GPU"
         )
     version = subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout
-    flags = [*_FLAGS, *(["-DDOUBLE_PRECISION"] if double else []), *_parallel(compiler)]
+    flags = [*_FLAGS, *(["-DDOUBLE_PRECISION"] if double else []), *_parallel(compiler), *flags]
     key = hashlib.sha256("\n".join([version.decode(), _processor(), *flags, source]).encode()).hexdigest()[
         :24
     ]
@@ -90,4 +90,4 @@ class CpuKernel:
 
     def launch(self) -> None:
         """Step."""
-        self._library.step(*self._arguments)
+        self._library.engine_step(*self._arguments)

@@ -88,7 +88,7 @@ class CudaKernel:
         self._module, self._function = ctypes.c_void_p(), ctypes.c_void_p()
         with torch.cuda.device(self._device):
             self._call("cuModuleLoadData", ctypes.byref(self._module), image)
-            self._call("cuModuleGetFunction", ctypes.byref(self._function), self._module, b"step")
+            self._call("cuModuleGetFunction", ctypes.byref(self._function), self._module, b"engine_step")
             self.registers, self.local_bytes = self._attribute(_REGISTERS), self._attribute(_LOCAL_BYTES)
 
     def _call(self, name: str, *arguments: Any) -> None:
