@@ -1,4 +1,4 @@
-"""The CUDA source without a GPU: compiled by NVRTC, and run on a CPU with threads in place of a warp's lanes."""
+"""The CUDA source without a GPU: compiled by NVRTC, and run on a CPU with threads as lanes of a warp."""
 
 from __future__ import annotations
 
