@@ -1,0 +1,135 @@
+"""How policies run in the engine, against the plant: held speed, stride, power and foot force at four speeds.
+
+python benchmarks/engine_running.py --output engine_running.json
+
+Each policy runs the profile with a hold of five seconds, once in the plant and, with several time steps, in the
+engine; numbers are means over the last three seconds of the hold. Two engine robots per speed differ by a
+thousandth of a radian in their joints, which shows what chance does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from sprintlab.commands import SpeedProfile, heading_command
+from sprintlab.commands.state import gravity_in_body
+from sprintlab.control import Measurement, PolicyRuntime, load_policy, shipped_policies
+from sprintlab.engine import Engine, EngineOptions
+from sprintlab.evaluation import TrialRequest, run_trial
+from sprintlab.robots import RobotDescription, load_robot
+
+STEPS = ((0.001, 20), (0.0005, 40), (0.00025, 80))
+SPEEDS = {"bp2": (3.0, 6.0, 9.0, 12.0), "go1": (1.5, 3.0, 4.5, 6.0), "go2": (1.5, 2.5, 3.5, 5.0)}
+HOLD, LAST, PERIOD = 5.0, 3.0, 0.02
+COPIES = 2
+NAMES = ("speed [m/s]", "stride [Hz]", "power [W]", "foot force [body weights]")
+
+
+class Runners:
+    """Robots of one engine, each with its own profile and runtime."""
+
+    def __init__(self, policy_path: Path, robot: RobotDescription, timestep: float, substeps: int) -> None:
+        self.profiles = [SpeedProfile(top_speed=v, hold=HOLD) for v in SPEEDS[robot.name] for _ in range(COPIES)]
+        n = len(self.profiles)
+        self.engine = Engine(robot, EngineOptions(robots=n, timestep=timestep, substeps=substeps), "cpu")
+        joints = [self.engine.mj_model.joint(name) for name in robot.joint_names]
+        self.places = [int(joint.qposadr[0]) for joint in joints]
+        self.rates = [int(joint.dofadr[0]) for joint in joints]
+        self.engine.qpos[1::2, self.places] += 1e-3
+        policy = load_policy(policy_path, robot)
+        self.runtimes = [PolicyRuntime(policy, robot) for _ in range(n)]
+        self.weight = self.engine.weight.numpy()
+
+    def step(self, time: float) -> None:
+        """One policy step of all."""
+        qpos, qvel = self.engine.qpos.double().numpy(), self.engine.qvel.double().numpy()
+        for row, (runtime, profile) in enumerate(zip(self.runtimes, self.profiles, strict=True)):
+            w, x, y, z = qpos[row, 3:7]
+            heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+            speed = float(profile.command(min(time, profile.duration)))
+            turn = float(heading_command(heading, qpos[row, 1], speed))
+            measured = Measurement(
+                angular_velocity=qvel[row, 3:6],
+                projected_gravity=np.asarray(gravity_in_body(qpos[row, 3:7])),
+                joint_position=qpos[row, self.places],
+                joint_velocity=qvel[row, self.rates],
+            )
+            targets = runtime.step(measured, np.array([speed, 0.0, turn]))
+            self.engine.target[row] = torch.tensor(np.asarray(targets, dtype=np.float32))
+        self.engine.step()
+
+    def run(self) -> list[tuple[float, ...]]:
+        """The four numbers of every robot; NaN for one that fell."""
+        longest = max(profile.duration for profile in self.profiles)
+        rows: list[list[np.ndarray]] = []
+        for index in range(round(longest / PERIOD)):
+            self.step(index * PERIOD)
+            e = self.engine
+            rows.append([e.qpos.numpy().copy(), e.touchdowns.numpy().copy(), e.power.numpy().copy(), e.foot_force.numpy().copy()])
+        return [self._numbers(row, rows) for row in range(len(self.profiles))]
+
+    def _numbers(self, row: int, steps: list[list[np.ndarray]]) -> tuple[float, ...]:
+        end = round(self.profiles[row].hold_interval[1] / PERIOD)
+        hold = steps[end - round(LAST / PERIOD) : end]
+        place, touchdowns, power, force = (np.array([step[k][row] for step in hold]) for k in range(4))
+        if (place[:, 2] < 0.5 * self.engine.robot.standing_height).any():
+            return (float("nan"),) * 4
+        speed = (place[-1, 0] - place[0, 0]) / (LAST - PERIOD)
+        return speed, touchdowns.sum() / LAST / 4, power.sum(1).mean(), force.max()
+
+
+def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[float, ...]:
+    """The same numbers from the plant."""
+    request = TrialRequest(top_speed=speed, hold=HOLD, keep_trajectory=True)
+    result = run_trial(load_policy(policy_path, robot), robot, request)
+    moved = result.trajectory
+    assert moved is not None
+    end = result.hold_interval[1]
+    hold = (moved.time > end - LAST) & (moved.time <= end)
+    if not hold.any() or moved.time[-1] < end:
+        return (float("nan"),) * 4
+    time, on = moved.time[hold], moved.foot_contact[hold]
+    touchdowns = (on[1:] & ~on[:-1]).sum()
+    weight = robot.total_mass * 9.81
+    speed_held = (moved.qpos[hold][-1, 0] - moved.qpos[hold][0, 0]) / (time[-1] - time[0])
+    return speed_held, touchdowns / (time[-1] - time[0]) / 4, moved.bus_power[hold].mean(), moved.foot_impact[hold].max() / weight
+
+
+def main() -> None:
+    """Compare and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--policy", type=Path, action="append", help="more policies of bp2")
+    parser.add_argument("--only", help="a policy's name")
+    arguments = parser.parse_args()
+    robots = {"sprint": "bp2", "go1-sprint": "go1", "go2-sprint": "go2"}
+    policies = [(name, path, robots[name]) for name, path in shipped_policies().items()]
+    policies += [(path.stem, path, "bp2") for path in arguments.policy or ()]
+    result = {}
+    for name, path, robot_name in policies:
+        if arguments.only and name != arguments.only:
+            continue
+        robot = load_robot(robot_name)
+        plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot_name]}
+        result[name] = {"plant": {str(speed): dict(zip(NAMES, map(float, row))) for speed, row in plant.items()}}
+        print(name, "plant", {k: np.round(v, 3).tolist() for k, v in plant.items()}, flush=True)
+        for timestep, substeps in STEPS:
+            rows = Runners(path, robot, timestep, substeps).run()
+            print(name, timestep, flush=True)
+            for index, (speed, copies) in enumerate(zip(SPEEDS[robot_name], range(0, len(rows), COPIES))):
+                both = np.array(rows[copies : copies + COPIES])
+                ratio = both.mean(0) / np.array(plant[speed])
+                print("  ", speed, np.round(both.mean(0), 3), "ratio", np.round(ratio, 3), "spread", np.round(np.ptp(both, 0) / both.mean(0), 3), flush=True)
+                result[name].setdefault(f"{timestep:g}", {})[str(speed)] = dict(zip(NAMES, map(float, both.mean(0))))
+    arguments.output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print("wrote", arguments.output, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
