@@ -2,8 +2,8 @@
 
 python benchmarks/engine_running.py --output engine_running.json
 
-Each policy runs the profile with a hold of five seconds, once in the plant and, with several time steps, in the
-engine; numbers are means over the last three seconds of the hold. Two engine robots per speed differ by a
+Each policy runs the profile with a hold of five seconds, once in the plant and, with several time steps, in
+the engine; numbers are means over the last three seconds of the hold. Two engine robots per speed differ by a
 thousandth of a radian in their joints, which shows what chance does.
 """
 
@@ -18,10 +18,9 @@ import numpy as np
 import torch
 
 from sprintlab.commands import SpeedProfile, heading_command
-from sprintlab.commands.state import gravity_in_body
-from sprintlab.control import Measurement, PolicyRuntime, load_policy, shipped_policies
+from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policies
 from sprintlab.engine import Engine, EngineOptions
-from sprintlab.evaluation import TrialRequest, run_trial
+from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.robots import RobotDescription, load_robot
 
 STEPS = ((0.001, 20), (0.0005, 40), (0.00025, 80))
@@ -35,7 +34,9 @@ class Runners:
     """Robots of one engine, each with its own profile and runtime."""
 
     def __init__(self, policy_path: Path, robot: RobotDescription, timestep: float, substeps: int) -> None:
-        self.profiles = [SpeedProfile(top_speed=v, hold=HOLD) for v in SPEEDS[robot.name] for _ in range(COPIES)]
+        self.profiles = [
+            SpeedProfile(top_speed=v, hold=HOLD) for v in SPEEDS[robot.name] for _ in range(COPIES)
+        ]
         n = len(self.profiles)
         self.engine = Engine(robot, EngineOptions(robots=n, timestep=timestep, substeps=substeps), "cpu")
         joints = [self.engine.mj_model.joint(name) for name in robot.joint_names]
@@ -56,7 +57,7 @@ class Runners:
             turn = float(heading_command(heading, qpos[row, 1], speed))
             measured = Measurement(
                 angular_velocity=qvel[row, 3:6],
-                projected_gravity=np.asarray(gravity_in_body(qpos[row, 3:7])),
+                projected_gravity=np.asarray(projected_gravity(qpos[row, 3:7])),
                 joint_position=qpos[row, self.places],
                 joint_velocity=qvel[row, self.rates],
             )
@@ -71,7 +72,14 @@ class Runners:
         for index in range(round(longest / PERIOD)):
             self.step(index * PERIOD)
             e = self.engine
-            rows.append([e.qpos.numpy().copy(), e.touchdowns.numpy().copy(), e.power.numpy().copy(), e.foot_force.numpy().copy()])
+            rows.append(
+                [
+                    e.qpos.numpy().copy(),
+                    e.touchdowns.numpy().copy(),
+                    e.power.numpy().copy(),
+                    e.foot_force.numpy().copy(),
+                ]
+            )
         return [self._numbers(row, rows) for row in range(len(self.profiles))]
 
     def _numbers(self, row: int, steps: list[list[np.ndarray]]) -> tuple[float, ...]:
@@ -81,7 +89,12 @@ class Runners:
         if (place[:, 2] < 0.5 * self.engine.robot.standing_height).any():
             return (float("nan"),) * 4
         speed = (place[-1, 0] - place[0, 0]) / (LAST - PERIOD)
-        return speed, touchdowns.sum() / LAST / 4, power.sum(1).mean(), force.max()
+        return (
+            float(speed),
+            float(touchdowns.sum() / LAST / 4),
+            float(power.sum(1).mean()),
+            float(force.max()),
+        )
 
 
 def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[float, ...]:
@@ -98,7 +111,38 @@ def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[
     touchdowns = (on[1:] & ~on[:-1]).sum()
     weight = robot.total_mass * 9.81
     speed_held = (moved.qpos[hold][-1, 0] - moved.qpos[hold][0, 0]) / (time[-1] - time[0])
-    return speed_held, touchdowns / (time[-1] - time[0]) / 4, moved.bus_power[hold].mean(), moved.foot_impact[hold].max() / weight
+    return (
+        speed_held,
+        touchdowns / (time[-1] - time[0]) / 4,
+        moved.bus_power[hold].mean(),
+        moved.foot_impact[hold].max() / weight,
+    )
+
+
+def compare(name: str, path: Path, robot: RobotDescription) -> dict[str, dict[str, dict[str, float]]]:
+    """Plant and engine at every time step and speed; prints the engine's numbers over the plant's."""
+    plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot.name]}
+    result = {"plant": {f"{speed:g}": dict(zip(NAMES, row, strict=True)) for speed, row in plant.items()}}
+    for timestep, substeps in STEPS:
+        rows = Runners(path, robot, timestep, substeps).run()
+        named = result[f"{timestep:g} s"] = {}
+        for index, (speed, expected) in enumerate(plant.items()):
+            both = np.array(rows[COPIES * index : COPIES * (index + 1)])
+            mean, spread = both.mean(0), np.ptp(both, 0)
+            named[f"{speed:g}"] = dict(zip(NAMES, mean.tolist(), strict=True))
+            ratio = np.round(mean / np.array(expected), 3)
+            print(
+                name,
+                timestep,
+                speed,
+                np.round(mean, 2),
+                "ratio",
+                ratio,
+                "spread",
+                np.round(spread, 2),
+                flush=True,
+            )
+    return result
 
 
 def main() -> None:
@@ -111,22 +155,11 @@ def main() -> None:
     robots = {"sprint": "bp2", "go1-sprint": "go1", "go2-sprint": "go2"}
     policies = [(name, path, robots[name]) for name, path in shipped_policies().items()]
     policies += [(path.stem, path, "bp2") for path in arguments.policy or ()]
-    result = {}
-    for name, path, robot_name in policies:
-        if arguments.only and name != arguments.only:
-            continue
-        robot = load_robot(robot_name)
-        plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot_name]}
-        result[name] = {"plant": {str(speed): dict(zip(NAMES, map(float, row))) for speed, row in plant.items()}}
-        print(name, "plant", {k: np.round(v, 3).tolist() for k, v in plant.items()}, flush=True)
-        for timestep, substeps in STEPS:
-            rows = Runners(path, robot, timestep, substeps).run()
-            print(name, timestep, flush=True)
-            for index, (speed, copies) in enumerate(zip(SPEEDS[robot_name], range(0, len(rows), COPIES))):
-                both = np.array(rows[copies : copies + COPIES])
-                ratio = both.mean(0) / np.array(plant[speed])
-                print("  ", speed, np.round(both.mean(0), 3), "ratio", np.round(ratio, 3), "spread", np.round(np.ptp(both, 0) / both.mean(0), 3), flush=True)
-                result[name].setdefault(f"{timestep:g}", {})[str(speed)] = dict(zip(NAMES, map(float, both.mean(0))))
+    result = {
+        name: compare(name, path, load_robot(robot))
+        for name, path, robot in policies
+        if arguments.only in (None, name)
+    }
     arguments.output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     print("wrote", arguments.output, file=sys.stderr)
 

@@ -40,8 +40,8 @@ FUNCTION void settle(Touch& touch, const Pad& pad, const number* velocity, const
   touch.force[2] = larger(touch.force[2] - half * touch.damping * acceleration[2], zero);
   UNROLL for (int i = 0; i < 2; i++) {
     touch.force[i] = touch.force[i] - half * touch.drag * acceleration[i];
-    const number stuck = bristle[i] + touch.share * step * (velocity[i] + step * acceleration[i]);
-    const number next = if_greater(touch.slides, zero, -touch.force[i] * soft, stuck);
+    const number carried = if_greater(touch.slides, zero, -touch.force[i] * soft, bristle[i]);
+    const number next = carried + touch.share * step * (velocity[i] + step * acceleration[i]);
     bristle[i] = if_greater(touch.share, zero, next, zero);
   }
 }
