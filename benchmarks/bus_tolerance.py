@@ -1,6 +1,6 @@
 """What delay, jitter and loss on the robot's bus cost: speed over 100 m and falls.
 
-    python benchmarks/bus_tolerance.py --out results/deployment/bus_tolerance.json
+    python benchmarks/bus_tolerance.py --output results/deployment/bus_tolerance.json
 
 Controller and simulated robot run in one process, step by step, so that the result depends on nothing but the
 link. Every condition holds for both directions; "delay" is the round trip, half of it each way. A run ends
@@ -153,7 +153,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("results/deployment/bus_tolerance.json"))
+    parser.add_argument("--output", type=Path, default=Path("results/deployment/bus_tolerance.json"))
     parser.add_argument("--trials", type=int, default=3, help="seeded runs a condition")
     parser.add_argument("--top-speed", type=float, default=12.0, help="highest command [m/s]")
     parser.add_argument("--workers", type=int, default=None, help="processes; one a core when left out")
@@ -182,8 +182,8 @@ def _write(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
         "versions": {name: metadata.version(name) for name in ("mujoco", "numpy", "onnxruntime")},
         "rows": rows,
     }
-    atomic_write_json(arguments.out, result)
-    atomic_write_text(arguments.out.with_suffix(".md"), markdown(rows))
+    atomic_write_json(arguments.output, result)
+    atomic_write_text(arguments.output.with_suffix(".md"), markdown(rows))
 
 
 if __name__ == "__main__":

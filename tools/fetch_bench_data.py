@@ -3,7 +3,7 @@
 None of these data may be copied into this project (three sources have no licence, one is GPL), so nothing is
 downloaded and nothing is committed: clone a source yourself, or save an archive of it, and give its path.
 Files are read at the commit that our results name (of a clone, whatever is checked out), must have the
-SHA-256 that stands here, and are converted into ``--out``, on which ``python -m studies.benches`` works.
+SHA-256 that stands here, and are converted into ``--output``, on which ``python -m studies.benches`` works.
 """
 
 from __future__ import annotations
@@ -471,18 +471,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("source", choices=tuple(SOURCES))
     parser.add_argument("place", type=Path, help="a git clone, an archive (.zip, .tar.gz) or a folder of it")
-    parser.add_argument("--out", type=Path, default=Path("bench-data"), help="folder of the bench files")
+    parser.add_argument("--output", type=Path, default=Path("bench-data"), help="folder of the bench files")
     chosen = parser.parse_args(arguments)
     try:
-        chosen.out.mkdir(parents=True, exist_ok=True)
+        chosen.output.mkdir(parents=True, exist_ok=True)
         count = 0
         for name, text in converted(chosen.source, chosen.place):
-            atomic_write_text(chosen.out / name, text)
+            atomic_write_text(chosen.output / name, text)
             count += 1
     except (SprintlabError, OSError) as error:
         print(f"fetch_bench_data: {error}", file=sys.stderr)
         return REFUSED
-    print(f"{count} bench files in {chosen.out}")
+    print(f"{count} bench files in {chosen.output}")
     return 0
 
 

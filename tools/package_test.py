@@ -20,7 +20,7 @@ SMOKE = (
     ("--help",),
     ("robot", "list"),
     ("motor", "show", "bp2", "hip", "--json"),
-    ("race", "--top-speed", "3", "--trials", "1", "--no-video", "--out", "race"),
+    ("race", "--top-speed", "3", "--trials", "1", "--no-video", "--output", "race"),
     ("replay", "race", "--json"),
     ("doctor", "--json"),
 )

@@ -60,10 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write the numbers and the figures; a refusal is one sentence on stderr and status 2."""
     parser = argparse.ArgumentParser(prog="python -m studies.benches", description=__doc__)
     parser.add_argument("data", type=Path, help="folder that tools/fetch_bench_data.py filled")
-    parser.add_argument("--out", type=Path, default=Path("results/benches/benches.json"))
+    parser.add_argument("--output", type=Path, default=Path("results/benches/benches.json"))
     parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
     chosen = parser.parse_args(arguments)
-    return exit_status("studies.benches", lambda: write(chosen.data, chosen.out, chosen.figures))
+    return exit_status("studies.benches", lambda: write(chosen.data, chosen.output, chosen.figures))
 
 
 def write(data: Path, out: Path, figures: Path) -> int:

@@ -71,7 +71,7 @@ def present(folder: Path, name: str) -> Path:
     if not path.is_file():
         source = name.partition("-")[0]
         raise SprintlabError(
-            f"{path} is missing: python tools/fetch_bench_data.py {source} CLONE --out {folder}"
+            f"{path} is missing: python tools/fetch_bench_data.py {source} CLONE --output {folder}"
         )
     return path
 

@@ -34,7 +34,7 @@ class Network:
 
     Attributes:
         robot: a robot's name or folder.
-        out: file of the networks.
+        output: file of the networks.
         points: bench points a kind of drive.
         epochs: passes over them.
         noise: standard deviation of the torque sensor, in shares of the peak joint torque.
@@ -43,7 +43,7 @@ class Network:
     """
 
     robot: str = "bp2"
-    out: Path = Path("studies/paper/actuator_network.npz")
+    output: Path = Path("studies/paper/actuator_network.npz")
     points: int = 30_000
     epochs: int = 200
     noise: float = 0.01
@@ -63,18 +63,20 @@ class Network:
         from sprintlab.robots import load_robot
         from sprintlab.training.environment.actuator_network import read_networks
 
-        check_writable_file(self.out)
+        check_writable_file(self.output)
         robot = load_robot(self.robot)
         with progress_bar(quiet=self.json) as report:
             arrays = fit(robot, self, report)
         stream = io.BytesIO()
         np.savez_compressed(stream, **arrays)
-        atomic_write_bytes(self.out, stream.getvalue())
-        errors = fit_errors(robot, read_networks(self.out, robot), self.seed + 1)
+        atomic_write_bytes(self.output, stream.getvalue())
+        errors = fit_errors(robot, read_networks(self.output, robot), self.seed + 1)
         if self.json:
-            print_json({"file": str(self.out), "joints": errors})
+            print_json({"file": str(self.output), "joints": errors})
             return 0
-        table = plain_table(f"{self.out}", "joint", "rms error", "worst", "of peak", numbers=("rms error",))
+        table = plain_table(
+            f"{self.output}", "joint", "rms error", "worst", "of peak", numbers=("rms error",)
+        )
         for name, row in errors.items():
             rms, worst = row["rms_error_N_m"], row["worst_error_N_m"]
             table.add_row(name, f"{rms:.2f} N m", f"{worst:.1f} N m", f"{100 * row['rms_share']:.2f} %")

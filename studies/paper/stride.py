@@ -27,7 +27,7 @@ class Strides:
 
     Attributes:
         robot: a robot's name or folder.
-        out: file of the strides.
+        output: file of the strides.
         speeds: of the trunk [m/s].
         starts: random strides from which each search begins.
         max_stride: highest stride frequency [Hz].
@@ -36,7 +36,7 @@ class Strides:
     """
 
     robot: str = "bp2"
-    out: Path = Path("studies/paper/strides.npz")
+    output: Path = Path("studies/paper/strides.npz")
     speeds: tuple[float, ...] = (4.0, 6.0, 8.0, 10.0, 12.0)
     starts: int = 2
     max_stride: float = 5.5
@@ -56,7 +56,7 @@ class Strides:
         for speed in self.speeds:
             check_positive("speeds", speed, "m/s")
         settings = SearchSettings(starts=self.starts, max_stride=self.max_stride, min_duty=self.min_duty)
-        check_writable_file(self.out)
+        check_writable_file(self.output)
         runner = runner_from_robot(load_robot(self.robot))
         found: list[Fastest] = []
         with progress_bar(quiet=self.json) as report:
@@ -67,11 +67,11 @@ class Strides:
         state = np.stack([drive_states(runner, stride.parameters, stride.speed) for stride in found])
         stream = io.BytesIO()
         np.savez_compressed(stream, speed=reached, state=state.astype(np.float32))
-        atomic_write_bytes(self.out, stream.getvalue())
+        atomic_write_bytes(self.output, stream.getvalue())
         if self.json:
-            print_json({"file": str(self.out), "speeds_m_s": reached.tolist()})
+            print_json({"file": str(self.output), "speeds_m_s": reached.tolist()})
         else:
-            print(f"{self.out}: strides at {', '.join(f'{speed:.2f}' for speed in reached)} m/s")
+            print(f"{self.output}: strides at {', '.join(f'{speed:.2f}' for speed in reached)} m/s")
         return 0
 
 

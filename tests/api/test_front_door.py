@@ -183,3 +183,13 @@ def test_a_trainings_log_holds_rows_of_numbers_and_not_too_many(tmp_path, text, 
     (tmp_path / "log.jsonl").write_text(text)
     with pytest.raises(SprintlabError, match=said):
         Training(folder=tmp_path).log()
+
+
+def test_a_notebook_shows_a_result_once(monkeypatch, capsys):
+    """Rich shows whatever is printed in a notebook at once, also on a console that only keeps it."""
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    shown = []
+    monkeypatch.setattr("rich.jupyter.display", lambda segments, text: shown.append(text))
+    found = sl.policies()
+    assert "sprint" in str(found) and "sprint" in found._repr_mimebundle_()["text/html"]
+    assert shown == []

@@ -20,7 +20,7 @@ VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, "\ud800", [[
     [
         (sl.load_policy, "policy"), (sl.load_robot, "name"), (sl.race, "policy"), (sl.race, "robot"),
         (sl.race, "seed"), (sl.race, "trials"), (sl.race, "workers"), (sl.race, "drive"), (sl.race, "folder"),
-        (sl.evaluate, "out"), (sl.evaluate, "search"), (sl.turning, "speeds"), (sl.lap, "recording"),
+        (sl.evaluate, "output"), (sl.evaluate, "search"), (sl.turning, "speeds"), (sl.lap, "recording"),
         (sl.ground, "trials"), (sl.robustness, "cause_trials"), (sl.method, "environments"),
         (sl.method, "changes"), (sl.replay, "run_folders"), (sl.envelope, "source"), (sl.envelope, "points"),
         (sl.envelope, "trajectory"), (sl.actuators, "name"), (sl.doctor, "folder"), (sl.train, "settings"),

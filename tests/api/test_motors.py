@@ -74,7 +74,7 @@ def test_a_bench_becomes_a_motor_file(printed, tmp_path):
     assert {**found.to_dict(), "figure": None} == printed("motor", "identify", bench, "--base", base)
     assert found.trustworthy and "flux_linkage" in str(found)
     found.save(tmp_path / "motor.toml")
-    written = sl.identify_motor(bench, base=base, out=tmp_path / "same.toml", rotor_inertia=1e-4)
+    written = sl.identify_motor(bench, base=base, output=tmp_path / "same.toml", rotor_inertia=1e-4)
     assert f"motor file: {tmp_path / 'same.toml'}" in str(written) and "motor file" not in str(found)
     assert load_motor(tmp_path / "same.toml").rotor_inertia == 1e-4
     flux = found.to_dict()["parameters"]["flux_linkage"]["value"]

@@ -24,7 +24,7 @@ def assert_refused(outcome, *words):
 
 def test_missing_policy(call, tmp_path):
     assert_refused(
-        call("race", tmp_path / "none.onnx", "--out", tmp_path / "run"), "none.onnx", "No such file"
+        call("race", tmp_path / "none.onnx", "--output", tmp_path / "run"), "none.onnx", "No such file"
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -37,7 +37,7 @@ def test_unknown_shipped_policy(call):
 def test_truncated_policy(call, tmp_path, policy):
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(policy.read_bytes()[:-900])
-    assert_refused(call("race", broken, "--out", tmp_path / "run"), "broken.onnx", "damaged")
+    assert_refused(call("race", broken, "--output", tmp_path / "run"), "broken.onnx", "damaged")
     assert not (tmp_path / "run").exists()
 
 
@@ -49,7 +49,7 @@ def test_foreign_policy(call, tmp_path, write_policy):
 @pytest.mark.parametrize("command", ["race", "evaluate"])
 def test_contract_of_another_robot(call, tmp_path, write_policy, command):
     other = write_policy(tmp_path / "other.onnx", stiffness=(20.0,) * 12)
-    assert_refused(call(command, other, "--out", tmp_path / "run"), "stiffness")
+    assert_refused(call(command, other, "--output", tmp_path / "run"), "stiffness")
     assert not (tmp_path / "run").exists()
 
 
@@ -67,7 +67,7 @@ def test_policy_of_another_robot_than_the_one_asked_for(call, command):
 def test_robot_file_that_is_no_robot(call, tmp_path, policy):
     table = tmp_path / "robot.toml"
     table.write_text('name = "half"\n[body.total_mass]\nvalue = 3\n')
-    assert_refused(call("race", policy, "--robot", table, "--out", tmp_path / "run"), "robot.toml")
+    assert_refused(call("race", policy, "--robot", table, "--output", tmp_path / "run"), "robot.toml")
     assert not (tmp_path / "run").exists()
 
 
@@ -76,7 +76,7 @@ def test_robot_that_does_not_compile(call, tmp_path, policy, monkeypatch):
         raise ValueError("mass and inertia of moving bodies must be larger than mjMINVAL")
 
     monkeypatch.setattr("mujoco.MjSpec.compile", refuse)
-    outcome = call("race", policy, "--out", tmp_path / "run", *QUICK)
+    outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
     assert_refused(outcome, "mjMINVAL")
     assert not (tmp_path / "run").exists()
 
@@ -85,19 +85,19 @@ def test_robot_that_does_not_compile(call, tmp_path, policy, monkeypatch):
     "flag", [("--trials", 0), ("--workers", 0), ("--top-speed", -1), ("--top-speed", "nan")]
 )
 def test_numbers_out_of_range(call, tmp_path, policy, flag):
-    assert_refused(call("race", policy, "--out", tmp_path / "run", *flag), "is not allowed")
+    assert_refused(call("race", policy, "--output", tmp_path / "run", *flag), "is not allowed")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_result_folder_is_never_overwritten(call, tmp_path, policy):
     (tmp_path / "notes.txt").write_text("mine")
-    assert_refused(call("race", policy, "--out", tmp_path), "exists already")
+    assert_refused(call("race", policy, "--output", tmp_path), "exists already")
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 def test_nan_in_a_trajectory(call, tmp_path, policy, computed):
     computed.raw.trials[0].trajectory.qvel[7, 1] = np.nan
-    outcome = call("race", policy, "--out", tmp_path / "run", *QUICK)
+    outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
     assert_refused(outcome, "qvel", "no finite number", "0.014 s")
     assert list(tmp_path.iterdir()) == []
 
@@ -118,7 +118,7 @@ def test_full_disk(call, tmp_path, policy, monkeypatch, file):
 
     monkeypatch.setattr(np, "savez_compressed", save_or_fail)
     monkeypatch.setattr(os, "replace", replace_or_fail)
-    outcome = call("race", policy, "--out", tmp_path / "run", *QUICK)
+    outcome = call("race", policy, "--output", tmp_path / "run", *QUICK)
     assert "Exploit audit" in outcome.out and "report:" not in outcome.out, "its numbers are printed"
     assert_refused(outcome._replace(out=""), "No space left", file)
     assert list(tmp_path.iterdir()) == []
@@ -187,4 +187,4 @@ def test_a_place_that_is_no_folder_of_sprints_is_refused_before_the_search_for_a
         (place / "other").touch()
     elif kind == "study that tells nothing":
         (place / "study.json").write_text("[]")
-    assert_refused(call("robustness", "--out", place), "place", "another")
+    assert_refused(call("robustness", "--output", place), "place", "another")

@@ -12,6 +12,7 @@ import tyro
 from sprintlab.api.tables import Printed
 from sprintlab.cli.build import choice, command, group
 from sprintlab.cli.main import parse
+from sprintlab.cli.output import progress_bar
 
 CONFIG = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff)
 
@@ -72,7 +73,7 @@ def measured(
     return Said({name: value for name, value in locals().items() if name != "progress"})
 
 
-Measured = command(measured, names={"folder": "out"}, status=lambda said: said.given["count"])
+Measured = command(measured, names={"folder": "output"}, status=lambda said: said.given["count"])
 
 
 def given(capsys: pytest.CaptureFixture[str], kind: Any, *words: str) -> tuple[int, dict[str, str]]:
@@ -82,7 +83,7 @@ def given(capsys: pytest.CaptureFixture[str], kind: Any, *words: str) -> tuple[i
 
 
 def test_what_is_typed_arrives(capsys):
-    words = "here --count 5 --paths a b --robot 7 --quick --no-fair --out runs --gust 3"
+    words = "here --count 5 --paths a b --robot 7 --quick --no-fair --output runs --gust 3"
     assert given(capsys, Measured, *words.split()) == (
         5,
         {
@@ -148,3 +149,12 @@ def test_what_takes_minutes_asks_for_the_policy(name, capsys):
         parse([name])
     assert "policy" in capsys.readouterr().err
     assert parse([name, "sprint"]).policy == "sprint"
+
+
+def test_progress_is_told_where_stderr_is_not_a_terminal(monkeypatch, capsys):
+    monkeypatch.setattr("sprintlab.cli.output.LINE_SECONDS", 0.0)
+    with progress_bar() as report:
+        report("running trials", 0.5)
+    with progress_bar(quiet=True) as report:
+        report("in silence", 0.5)
+    assert capsys.readouterr().err == "running trials: 50 %, about 0 s left\n"

@@ -49,7 +49,7 @@ def test_words_far_from_any_command_get_the_list(capsys):
     ("words", "meant"),
     [
         (["race", "sprint", "--topspeed", "13"], "race has no option --topspeed: did you mean --top-speed?"),
-        (["race", "sprint", "--output=here"], "race has no option --output: did you mean --out?"),
+        (["race", "sprint", "--outptu=here"], "race has no option --outptu: did you mean --output?"),
         (["motor", "envelope", "go1", "--figur", "x.png"], "no option --figur: did you mean --figure?"),
         (["train", "--envs", "16"], "train has no option --envs: did you mean --environments?"),
         (["train", "sprint", "--ppo.stepz", "3"], "no option --ppo.stepz: did you mean --ppo.steps?"),

@@ -38,12 +38,12 @@ def answer(call, *arguments):
 @pytest.mark.parametrize("command", ["from-datasheet", "identify"])
 def test_help_names_the_options(call, command):
     outcome = call("motor", command, "--help")
-    assert outcome.status == 0 and "--json" in outcome.out and "--out" in outcome.out
+    assert outcome.status == 0 and "--json" in outcome.out and "--output" in outcome.out
 
 
 def test_data_sheet_to_motor_file_to_picture(call, tmp_path):
     motor = tmp_path / "maxon.toml"
-    found = answer(call, "motor", "from-datasheet", SHEET, "--out", motor)
+    found = answer(call, "motor", "from-datasheet", SHEET, "--output", motor)
     assert found["motor"]["stator_resistance"] == pytest.approx(0.573 / 2)
     assert found["motor"]["pole_pairs"] == 8
     assert load_motor(motor).flux_linkage == found["motor"]["flux_linkage"]
@@ -69,7 +69,7 @@ def test_the_steps_are_printed(call):
 def test_published_contradiction_is_named(refused, call, tmp_path):
     """The firmware's torque constant is 17 % below what its own flux linkage gives."""
     sheet = EXAMPLES / "mini-cheetah-firmware.toml"
-    message = refused("motor", "from-datasheet", sheet, "--out", tmp_path / "motor.toml")
+    message = refused("motor", "from-datasheet", sheet, "--output", tmp_path / "motor.toml")
     for text in ("torque_constant", "flux_linkage", "-17.0%", "flux_from"):
         assert text in message
     assert list(tmp_path.iterdir()) == []
@@ -95,7 +95,7 @@ def test_the_template_becomes_a_sheet(call, tmp_path):
 
 def test_motor_and_supply_do_not_go_into_one_file(refused, tmp_path):
     names = (tmp_path / "motor.toml", tmp_path / "." / "motor.toml")
-    message = refused("motor", "from-datasheet", SHEET, "--out", names[0], "--supply-out", names[1])
+    message = refused("motor", "from-datasheet", SHEET, "--output", names[0], "--supply-output", names[1])
     assert "supply_out" in message and not names[0].exists()
 
 
@@ -118,7 +118,7 @@ def test_the_shipped_benches_are_what_the_script_writes(tmp_path, capsys):
 
 def test_identify_recovers_the_motor_of_the_shipped_bench(call, tmp_path):
     arguments = ("motor", "identify", EXAMPLES / "bench.csv", "--pole-pairs", 21, "--peak-current", 62.66)
-    files = ("--out", tmp_path / "found.toml", "--rotor-inertia", 5.5e-4, "--figure", tmp_path / "fit.png")
+    files = ("--output", tmp_path / "found.toml", "--rotor-inertia", 5.5e-4, "--figure", tmp_path / "fit.png")
     found = answer(call, *arguments, *files)
     assert found["trustworthy"] and found["outlier_lines"] == []
     truth = load_motor(EXAMPLES / "bench-motor.toml")
@@ -170,7 +170,7 @@ def test_a_bench_that_the_model_does_not_describe_ends_with_1(call, refused, tmp
     options = ("--saturation-only", "--pole-pairs", 21, "--peak-current", 62.66)
     outcome = call("motor", "identify", tmp_path / "table.csv", *options)
     assert outcome.status == 1 and "no description" in outcome.out
-    refused("motor", "identify", tmp_path / "table.csv", *options, "--out", tmp_path / "motor.toml")
+    refused("motor", "identify", tmp_path / "table.csv", *options, "--output", tmp_path / "motor.toml")
     assert not (tmp_path / "motor.toml").exists()
 
 
@@ -187,7 +187,7 @@ def test_bad_benches_are_refused(refused, tmp_path):
         "motor", "identify", rpm, "--pole-pairs", 21
     )
     assert "rotor" in refused(
-        "motor", "identify", bench, "--pole-pairs", 21, "--out", tmp_path / "motor.toml"
+        "motor", "identify", bench, "--pole-pairs", 21, "--output", tmp_path / "motor.toml"
     )
     assert "hold" in refused("motor", "identify", bench, "--pole-pairs", 21, "--hold", "friction")
     assert "pole_pairs = 0" in refused("motor", "identify", bench, "--pole-pairs", 0)
@@ -196,7 +196,7 @@ def test_bad_benches_are_refused(refused, tmp_path):
 @pytest.mark.usefixtures("full_disk")
 def test_what_was_identified_is_not_lost_with_the_motor_file(call, tmp_path):
     bench = (EXAMPLES / "bench.csv", "--base", EXAMPLES / "bench-motor.toml")
-    files = ("--out", tmp_path / "found.toml", "--figure", tmp_path / "fit.png")
+    files = ("--output", tmp_path / "found.toml", "--figure", tmp_path / "fit.png")
     outcome = call("motor", "identify", *bench, *files)
     assert outcome.status == 2 and "found.toml: No space left on device" in outcome.err
     assert "stator_resistance" in outcome.out and "motor file" not in outcome.out

@@ -38,7 +38,7 @@ def test_race_leaves_a_complete_folder(call, policy, tmp_path):
     folder = tmp_path / "run"
     # Half a metre instead of a hundred: a robot that stands has failed the sooner, the shorter the way.
     outcome = call(
-        "race", policy, "--out", folder, "--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video",
+        "race", policy, "--output", folder, "--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video",
         "--distance", 0.5,
     )  # fmt: skip
     assert outcome.status == 0
@@ -72,7 +72,7 @@ def test_a_race_tells_of_the_policy_that_ran_whatever_lies_there_after_it(
 
     monkeypatch.setattr(race, "evaluate_race", and_then_replaced)
     brief = ("--top-speed", 2, "--trials", 1, "--workers", 1, "--no-video", "--distance", 0.5)
-    assert call("race", mine, "--out", tmp_path / "run", *brief).status == 0
+    assert call("race", mine, "--output", tmp_path / "run", *brief).status == 0
     facts = json.loads((tmp_path / "run" / "result.json").read_text())["facts"]
     assert facts["policy SHA-256"] == hashlib.sha256(content).hexdigest()
     assert facts["training seed"] == str(load_policy(policy).contract.training.seed)
@@ -93,7 +93,7 @@ def test_a_report_is_of_no_other_robot_than_the_one_that_ran(
         return computed
 
     monkeypatch.setattr(race, "evaluate_race", and_then_changed)
-    outcome = call("race", policy, "--robot", table, "--out", folder, "--top-speed", 2, "--no-video")
+    outcome = call("race", policy, "--robot", table, "--output", folder, "--top-speed", 2, "--no-video")
     reason = "has changed since the race began" if change == "edited" else "No such file"
     assert outcome.status == 2 and reason in outcome.err and not folder.exists()
     assert "Exploit audit" in outcome.out, "the numbers are those of the robot that ran"
@@ -129,7 +129,7 @@ def test_a_report_is_of_one_robot_whatever_becomes_of_its_table_while_it_is_draw
     monkeypatch.setattr("sprintlab.evaluation.race_files.render_video", render)
     replay = "sprintlab.viewer.replay.write_replay"
     monkeypatch.setattr(replay, lambda page, arrays, robot, text: drawn.append(robot))
-    outcome = call("race", policy, "--robot", table, "--out", folder, "--top-speed", 2)
+    outcome = call("race", policy, "--robot", table, "--output", folder, "--top-speed", 2)
     assert outcome.status == 0 and "Exploit audit" in outcome.out
     assert [robot_fingerprint(robot) for robot in drawn] == [robot_fingerprint(load_robot("bp2"))]
     assert (folder / "report.html").is_file()
@@ -152,7 +152,7 @@ def test_a_video_is_of_no_other_robot_than_the_one_that_ran(tmp_path, monkeypatc
 @pytest.mark.usefixtures("computed", "blank_pictures")
 def test_race_prints_json_only(call, policy, tmp_path):
     arguments = ("--top-speed", 12, "--trials", 1, "--workers", 1, "--no-video", "--json")
-    numbers = json.loads(call("race", policy, "--out", tmp_path / "run", *arguments).out)
+    numbers = json.loads(call("race", policy, "--output", tmp_path / "run", *arguments).out)
     assert set(numbers) >= PROMISED and numbers["folder"] == str(tmp_path / "run")
 
 
@@ -170,7 +170,7 @@ def test_the_robot_follows_from_the_policy(call, monkeypatch, policy_name, robot
 def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
     run_once("sprintlab.evaluation.pool.run_request")
     options = ("--start", 0.5, "--top", 0.75, "--trials", 1, "--workers", 1, "--common-speed", 0.5)
-    outcome = call("evaluate", policy, *options, "--out", tmp_path / "numbers.json")
+    outcome = call("evaluate", policy, *options, "--output", tmp_path / "numbers.json")
     numbers = json.loads((tmp_path / "numbers.json").read_text())
     assert set(numbers) == {"raw", "self_paced", "battery"}
     assert [row["top_speed_m_s"] for row in numbers["raw"]["speeds"]] == [0.5, 0.75]
@@ -180,7 +180,7 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
     assert numbers["raw"]["audit_failed"] == [] and numbers["raw"]["fastest_with_audit_passed"] is not None
     assert re.search(r"max velocity: .*\s-?0\.\d\d\s+-?0\.\d\d\s+m/s", outcome.out)
     assert re.search(r"J at the common speed\s+0\.\d\d", outcome.out)
-    again = call("evaluate", policy, *options, "--out", tmp_path / "again.json", "--json")
+    again = call("evaluate", policy, *options, "--output", tmp_path / "again.json", "--json")
     assert json.loads(again.out) == json.loads((tmp_path / "again.json").read_text()) == numbers
 
 
@@ -188,10 +188,12 @@ def test_evaluate_searches_the_highest_speed(call, policy, tmp_path, run_once):
 def test_an_evaluation_is_not_lost_with_its_file(call, policy, tmp_path, run_once):
     run_once("sprintlab.evaluation.pool.run_request")
     options = ("--start", 0.5, "--top", 0.5, "--trials", 1, "--workers", 1)
-    outcome = call("evaluate", policy, *options, "--out", tmp_path / "numbers.json", "--json")
+    outcome = call("evaluate", policy, *options, "--output", tmp_path / "numbers.json", "--json")
     assert outcome.status == 2 and "numbers.json: No space left on device" in outcome.err
     assert [row["top_speed_m_s"] for row in json.loads(outcome.out)["raw"]["speeds"]] == [0.5]
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(UnwrittenError) as refused:
-        evaluate(policy, search=SearchOptions(start=0.5, top=0.5, trials=1), workers=1, out=tmp_path / "file")
+        evaluate(
+            policy, search=SearchOptions(start=0.5, top=0.5, trials=1), workers=1, output=tmp_path / "file"
+        )
     assert refused.value.found.to_dict() == json.loads(outcome.out), "who calls gets them, too"

@@ -9,7 +9,7 @@ SHORT = ("--top-speed", 2, "--trials", 2, "--cause-trials", 1, "--distance", 0.2
 
 @pytest.mark.usefixtures("brief_trials")
 def test_it_prints_draws_and_goes_on(call, policy, tmp_path):
-    where = ("--out", tmp_path / "sprints", "--figure", tmp_path / "picture.png")
+    where = ("--output", tmp_path / "sprints", "--figure", tmp_path / "picture.png")
     outcome = call("robustness", policy, *SHORT, *where)
     assert outcome.status == 0
     assert "upright" in outcome.out and "One cause at a time" in outcome.out and "friction" in outcome.out
@@ -37,7 +37,7 @@ def test_it_prints_draws_and_goes_on(call, policy, tmp_path):
 )
 def test_bad_settings_are_refused_in_one_sentence(call, policy, tmp_path, arguments, named):
     outcome = call(
-        "robustness", policy, "--top-speed", 2, "--workers", 1, "--out", tmp_path / "s", *arguments
+        "robustness", policy, "--top-speed", 2, "--workers", 1, "--output", tmp_path / "s", *arguments
     )
     assert outcome.status == 2 and named in outcome.err and outcome.err.count("\n") == 1
     assert not (tmp_path / "s").exists()

@@ -25,3 +25,8 @@ def test_help_is_a_page_and_names_where_the_rest_is(capsys):
 def test_help_all_has_every_setting(capsys):
     text = shown("--help-all", capsys)
     assert "--ppo.steps" in text and "settings." not in text and len(text.splitlines()) > 80
+
+
+def test_help_needs_no_pytorch(monkeypatch, capsys):
+    monkeypatch.setattr("sprintlab.cli.train.require_training", lambda: pytest.fail("asked for the extra"))
+    assert "--method" in shown("--help", capsys)

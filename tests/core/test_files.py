@@ -184,7 +184,7 @@ def device(path):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have other things that are no files")
 @pytest.mark.parametrize("kind", [pipe, socket_of, loop, open_file, device])
 def test_what_is_no_file_is_neither_written_nor_replaced(tmp_path, kind):
-    """As root, ``--out /dev/null`` would put a file in its place."""
+    """As root, ``--output /dev/null`` would put a file in its place."""
     kind(tmp_path / "out.png")
     before = os.lstat(tmp_path / "out.png")
     for refuse in (

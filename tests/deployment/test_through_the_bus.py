@@ -88,7 +88,7 @@ def test_the_documented_sprint_reaches_its_line_and_its_report_is_drawn(bus, tmp
     log = next(tmp_path.glob("*.mcap"))
     assert read_log(log).facts["ticks dropped"] == "0"
     capsys.readouterr()
-    assert main(["report", str(log), "--distance", "3", "--json", "--out", str(tmp_path / "report")]) == 0
+    assert main(["report", str(log), "--distance", "3", "--json", "--output", str(tmp_path / "report")]) == 0
     check_report(json.loads(capsys.readouterr().out), run, tmp_path / "report")
 
 

@@ -143,7 +143,7 @@ def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, ro
 def test_evaluate_prints_the_estimates(estimating_policy, tmp_path, capsys):
     options = ("--start", "0.5", "--top", "0.5", "--trials", "1", "--workers", "1")
     out = tmp_path / "numbers.json"
-    assert main(["evaluate", str(estimating_policy), *options, "--out", str(out)]) == 0
+    assert main(["evaluate", str(estimating_policy), *options, "--output", str(out)]) == 0
     assert "Estimate against truth at the highest speed, raw" in capsys.readouterr().out
     (band,) = json.loads(out.read_text())["raw"]["estimate"]
     assert band["samples"] > 50 and band["contact_accuracy"] > 0.9

@@ -331,14 +331,13 @@ def split_frames(frames):
     return [moment for moment, slow in frames if not slow], [moment for moment, slow in frames if slow]
 
 
-@pytest.mark.parametrize("allowed", [30, 120, 500])
-def test_a_slow_machine_shows_fewer_seconds_and_never_fewer_frames_a_second(allowed):
-    options = video.VideoOptions()
-    run, slow = split_frames(video.frame_times(15.0, (5.0, 12.0), options, allowed))
-    assert len(run) + len(slow) == allowed and len(slow) >= 0.3 * allowed
-    assert np.diff(run) == pytest.approx(1.0 / 60.0)
-    assert np.diff(slow) == pytest.approx(1.0 / 480.0)
-    assert run[-1] == pytest.approx(12.3, abs=0.02), "the finish is what a viewer wants to see"
+def test_a_slow_machine_shows_the_whole_run_in_plainer_pictures():
+    first, *_, last = video.plainer(video.VideoOptions())
+    assert (first.width, last.width, last.shadows) == (1280, 640, False)
+    for options in video.plainer(video.VideoOptions()):
+        run, _ = split_frames(video.frame_times(15.0, (5.0, 12.0), options))
+        assert run[-1] == pytest.approx(15.0, abs=0.05)
+        assert options.frames_per_second >= 30
 
 
 def test_video_options_are_checked():

@@ -179,7 +179,7 @@ def place_of(kind, folder):
 @pytest.mark.parametrize("kind", ["folder", "zip", "tar.gz"])
 def test_folders_and_archives_are_read(tmp_path, source, kind, capsys):
     out = tmp_path / "out"
-    assert fetch.main(["d5065", str(place_of(kind, tmp_path)), "--out", str(out)]) == 0
+    assert fetch.main(["d5065", str(place_of(kind, tmp_path)), "--output", str(out)]) == 0
     bench = load_bench(out / "d5065-points.csv")
     assert bench.size == 2 and bench.torque[0] == pytest.approx(-1.093)
     assert source.repository in (out / "d5065-points.csv").read_text(encoding="utf-8").splitlines()[0]
@@ -195,7 +195,7 @@ def test_a_clone_is_read_at_the_commit_of_the_results(tmp_path, source, monkeypa
     git(clone, "rm", "-q", "data/a.csv")
     git(clone, "commit", "-qm", "gone")
     monkeypatch.setitem(fetch.SOURCES, "d5065", dataclasses.replace(source, commit=commit))
-    assert fetch.main(["d5065", str(clone), "--out", str(tmp_path / "out")]) == 0
+    assert fetch.main(["d5065", str(clone), "--output", str(tmp_path / "out")]) == 0
     assert load_bench(tmp_path / "out" / "d5065-points.csv").size == 2
 
 
@@ -210,7 +210,7 @@ def test_a_clones_own_settings_run_no_program(tmp_path, source, capsys):
         "remote.origin.uploadpack": f"touch {ran};", "protocol.file.allow": "always",
     }.items():  # fmt: skip
         git(clone, "config", name, value)
-    assert fetch.main(["d5065", str(clone), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert fetch.main(["d5065", str(clone), "--output", str(tmp_path / "out")]) == fetch.REFUSED
     assert "does not have data/a.csv" in capsys.readouterr().err
     assert not ran.exists()
 
@@ -221,7 +221,7 @@ def test_a_clone_that_keeps_git_waiting_is_refused(tmp_path, source, monkeypatch
     git(tmp_path, "init", "-q", "clone")
     os.mkfifo(tmp_path / "pipe")
     git(tmp_path / "clone", "config", "include.path", str(tmp_path / "pipe"))
-    assert fetch.main(["d5065", str(tmp_path / "clone"), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert fetch.main(["d5065", str(tmp_path / "clone"), "--output", str(tmp_path / "out")]) == fetch.REFUSED
     assert "keeps git waiting" in capsys.readouterr().err
 
 
@@ -247,7 +247,7 @@ def damaged_archive(kind, folder):
 def test_a_damaged_archive_is_refused_in_one_sentence(tmp_path, source, kind, capsys):
     place = damaged_archive(kind, tmp_path)
     tracemalloc.start()
-    assert fetch.main(["d5065", str(place), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert fetch.main(["d5065", str(place), "--output", str(tmp_path / "out")]) == fetch.REFUSED
     assert tracemalloc.get_traced_memory()[1] < 64 << 20
     tracemalloc.stop()
     assert len(capsys.readouterr().err.splitlines()) == 1
@@ -255,7 +255,7 @@ def test_a_damaged_archive_is_refused_in_one_sentence(tmp_path, source, kind, ca
 
 def test_what_is_no_folder_for_the_benches_is_refused(tmp_path, source, capsys):
     (tmp_path / "out").touch()
-    assert fetch.main(["d5065", str(tmp_path), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert fetch.main(["d5065", str(tmp_path), "--output", str(tmp_path / "out")]) == fetch.REFUSED
     assert "File exists" in capsys.readouterr().err
 
 
@@ -273,7 +273,7 @@ def test_other_data_are_refused_in_one_sentence(tmp_path, source, capsys, damage
         tree(place, ODRIVE.replace("-1093.0", "-1094.0"))
     elif damage == "no file":
         place.mkdir()
-    assert fetch.main(["d5065", str(place), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert fetch.main(["d5065", str(place), "--output", str(tmp_path / "out")]) == fetch.REFUSED
     error = capsys.readouterr().err
     assert words in error and len(error.splitlines()) == 1
     assert not list((tmp_path / "out").glob("*.csv"))
@@ -281,5 +281,7 @@ def test_other_data_are_refused_in_one_sentence(tmp_path, source, capsys, damage
 
 def test_a_file_that_is_no_archive_is_refused(tmp_path, source, capsys):
     (tmp_path / "notes.txt").write_text("no archive", encoding="utf-8")
-    assert fetch.main(["d5065", str(tmp_path / "notes.txt"), "--out", str(tmp_path / "out")]) == fetch.REFUSED
+    assert (
+        fetch.main(["d5065", str(tmp_path / "notes.txt"), "--output", str(tmp_path / "out")]) == fetch.REFUSED
+    )
     assert "no .zip or .tar archive" in capsys.readouterr().err

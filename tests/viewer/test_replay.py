@@ -241,7 +241,7 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
     assert answer["bytes"] == len(page.encode())
     assert "BP2: 100 m in 11.50 s" in page
     assert "exploit audit FAILED" in page
-    mine = sl.replay([trajectory_file], names=["mine"], out=trajectory_file.with_name("mine.html"))
+    mine = sl.replay([trajectory_file], names=["mine"], output=trajectory_file.with_name("mine.html"))
     assert mine.path.read_text(encoding="utf-8").startswith(page[:100]) and str(mine.path) in str(mine)
 
 
@@ -347,7 +347,7 @@ def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, c
         "one",
         "two",
     ]
-    assert main([*arguments, "--out", str(out), "--json"]) == 0
+    assert main([*arguments, "--output", str(out), "--json"]) == 0
     page = out.read_text(encoding="utf-8")
     assert "one against two against the world record" in page
     assert json.loads(capsys.readouterr().out)["bytes"] < 1_500_000

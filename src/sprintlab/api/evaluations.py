@@ -121,7 +121,7 @@ def evaluate(
     common_speed: float | None = None,
     clock_check: bool = False,
     workers: int | None = None,
-    out: Path | str | None = None,
+    output: Path | str | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Evaluation:
     """Find the highest speed that a policy completes in 9 of 10 seeded trials, raw and self-paced.
@@ -138,7 +138,7 @@ def evaluate(
         clock_check: repeat the highest raw command that passed with the policy's clock at 48 and 52 Hz and
             with periods that vary by 10 %.
         workers: processes; one a core when left out.
-        out: also write the numbers here (JSON).
+        output: also write the numbers here (JSON).
         progress: called with what is being done and the share done.
 
     Raises:
@@ -153,8 +153,8 @@ def evaluate(
 
     if common_speed is not None:
         check_top_speed("common_speed", common_speed)
-    if out is not None:
-        check_writable_file(out)
+    if output is not None:
+        check_writable_file(output)
     search, plant = search or SearchOptions(), (drive or DriveOptions()).plant()
     settings, path = search.protocol(plant=plant), policy_path(policy)
     with trial_pool(path, robot, workers) as pool:
@@ -182,9 +182,9 @@ def evaluate(
         battery=battery,
         notes=tuple(plant.remarks),
     )
-    if out is not None:
+    if output is not None:
         with written_for(found):
-            atomic_write_json(Path(out), found.to_dict())
+            atomic_write_json(Path(output), found.to_dict())
     return found
 
 

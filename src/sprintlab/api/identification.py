@@ -122,7 +122,7 @@ def identify_motor(
     gear_ratio: float = 1.0,
     motor_speed: bool = False,
     saturation_only: bool = False,
-    out: Path | str | None = None,
+    output: Path | str | None = None,
 ) -> IdentifiedMotor:
     """Fit resistance, inductance, flux, saturation, friction and usable voltage to bench data.
 
@@ -148,15 +148,15 @@ def identify_motor(
         gear_ratio: of a gear between the motor and the torque sensor; results are the motor's.
         motor_speed: behind a gear, the speed is the motor's already.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
-        out: motor file to write; none when left out.
+        output: motor file to write; none when left out.
 
     Raises:
         SprintlabError: the bench cannot be used, a choice is refused, or SciPy is not installed.
         UnwrittenError: the disk has no room for the file any more; its ``found`` is the motor.
     """
     require_package("scipy", extra="analysis", use="sprintlab motor identify")
-    if out is not None:
-        check_writable_file(out)
+    if output is not None:
+        check_writable_file(output)
     from sprintlab.workbench.identification import behind_gear, identify, is_log, load_bench, rested
 
     known = None if base is None else _base_motor(str(base))
@@ -175,11 +175,11 @@ def identify_motor(
         data = replace(data, speed=None, q_voltage=None, d_voltage=None, power=None)
     found = identify(data, pole_pairs=pole_pairs, peak_current=peak_current, base=known, hold=hold, also=also)
     motor = IdentifiedMotor(name=Path(bench).stem, found=found, base=known)
-    if out is None:
+    if output is None:
         return motor
     with written_for(motor):
-        motor.save(out, rotor_inertia)
-    return replace(motor, file=Path(out))
+        motor.save(output, rotor_inertia)
+    return replace(motor, file=Path(output))
 
 
 def _base_motor(source: str) -> PmsmParameters:

@@ -66,14 +66,14 @@ class Race(Drawn):
         return {**self.result.to_dict(), **reported}
 
     def tables(self) -> Iterator[RenderableType]:
-        """Raw beside self-paced, then the audit, what failed of it, remarks, and where the report lies."""
+        """The audit, what failed of it, raw beside self-paced, remarks, and where the report lies."""
         from sprintlab.evaluation.report_text import audit_failure
 
-        yield result_table(self.result)
-        yield ""
         yield audit_table(self.result.audit)
         for item in self.result.audit.failed:
             yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield ""
+        yield result_table(self.result)
         yield from _engines(self.result)
         yield from self.result.notes
         if self.folder is not None:
@@ -181,6 +181,7 @@ def race(
             step_check=step_check,
             second_engine="drake" if both else None,
             workers=workers,
+            progress=progress,
         )
         fingerprint = robot_fingerprint(described)
         found = Race(result=result, policy=path, robot=name, robot_fingerprint=fingerprint)

@@ -56,7 +56,7 @@ def replay(
     world_record: bool = False,
     names: Sequence[str] = (),
     robot: RobotChoice = None,
-    out: Path | str | None = None,
+    output: Path | str | None = None,
 ) -> ReplayPage:
     """Write recorded runs as one HTML file: orbit, scrub, slow motion, speed and torque; opens offline.
 
@@ -67,7 +67,7 @@ def replay(
         world_record: also a runner at the pace of the men's world record over the distance (100 or 400 m).
         names: what to call the runs, in their order; the policies' names when left out.
         robot: a robot's name or parameter table (.toml); what the race's result.json says when left out.
-        out: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
+        output: the page to write; replay.html (several runs: ghosts.html) beside the first when left out.
 
     Raises:
         SprintlabError: there is no recording, it is another robot's, or an option is refused.
@@ -75,8 +75,8 @@ def replay(
     from sprintlab.core.files import check_writable_file
     from sprintlab.viewer.replay import is_lap, write_replay
 
-    if out is not None:
-        check_writable_file(out)
+    if output is not None:
+        check_writable_file(output)
     paths = [trajectory_path(None if run is None else Path(run)) for run in run_folders or (None,)]
     if names and len(names) != len(paths):
         raise InvalidValueError("names", " ".join(names), f"one name for each of {len(paths)} runs")
@@ -92,7 +92,7 @@ def replay(
     if not alone:
         against = " against ".join([*(run.name for run in runs), *(["the world record"] if pace else [])])
         text = replace(text, title=against, subtitle=f"{text.distance:g} m")
-    page = paths[0].with_name("replay.html" if alone else "ghosts.html") if out is None else Path(out)
+    page = paths[0].with_name("replay.html" if alone else "ghosts.html") if output is None else Path(output)
     write_replay(page, runs[0].arrays, runs[0].robot, text, runs[1:], pace)
     return ReplayPage(path=page)
 

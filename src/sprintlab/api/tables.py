@@ -61,8 +61,15 @@ class Printed(ABC):
         return {"text/plain": str(self), "text/html": page}
 
     def _printed(self) -> Console:
+        """A console that keeps what is printed; not a notebook's, which would also show it at once."""
         console = PlainConsole(
-            file=io.StringIO(), width=PLAIN_WIDTH, record=True, highlight=False, markup=False, soft_wrap=True
+            file=io.StringIO(),
+            width=PLAIN_WIDTH,
+            record=True,
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+            force_jupyter=False,
         )
         console.print(self)
         return console

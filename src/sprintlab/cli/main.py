@@ -57,7 +57,7 @@ def _reported(race: Callable[..., Race]) -> Callable[..., Race]:
 
 COMMANDS = {
     "see it": {
-        "race": command(_reported(race), names={"folder": "out"}, defaults={"video": True}),
+        "race": command(_reported(race), names={"folder": "output"}, defaults={"video": True}),
         "play": Play,
         "replay": command(replay),
     },
@@ -71,7 +71,7 @@ COMMANDS = {
             status=lambda lap: 1 if lap.found.trial.fall_reason else 0,
         ),
         "ground": command(ground, required="policy"),
-        "robustness": command(robustness, names={"folder": "out"}, figure=FIGURE),
+        "robustness": command(robustness, names={"folder": "output"}, figure=FIGURE),
         "audit": command(audit_rollout, figure="torque-speed picture of every joint (.png, .pdf or .svg)."),
         "limit": command(limit, figure=FIGURE),
     },
@@ -87,7 +87,7 @@ COMMANDS = {
     "deploy": {
         "run": Run,
         "robot-sim": RobotSim,
-        "report": command(report_run, names={"folder": "out", "simulate": "simulation"}),
+        "report": command(report_run, names={"folder": "output", "simulate": "simulation"}),
     },
 }
 """The commands by what one wants."""

@@ -21,8 +21,8 @@ class MotorFromDatasheet:
     Attributes:
         sheet: the data sheet (TOML): entries as printed, with their units and conventions.
         template: print a blank data sheet and do nothing else.
-        out: motor file to write; none when left out.
-        supply_out: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t],
+        output: motor file to write; none when left out.
+        supply_output: supply file to write for --supply of race and evaluate: the drive's I²t as [i2t],
             winding and housing as [heat], where the sheet gives them.
         tolerance: difference between entries that say the same, taken for rounding.
         json: print JSON only.
@@ -30,8 +30,8 @@ class MotorFromDatasheet:
 
     sheet: tyro.conf.Positional[Path | None] = None
     template: bool = False
-    out: Path | None = None
-    supply_out: Path | None = None
+    output: Path | None = None
+    supply_output: Path | None = None
     tolerance: float = 0.05
     json: bool = False
 
@@ -50,15 +50,15 @@ class MotorFromDatasheet:
             return 0
         if self.sheet is None:
             raise InvalidValueError("sheet", None, "name a data sheet, or print a blank one with --template")
-        written = [os.path.realpath(path) for path in (self.out, self.supply_out) if path is not None]
+        written = [os.path.realpath(path) for path in (self.output, self.supply_output) if path is not None]
         if len(set(written)) < len(written):
-            raise InvalidValueError("supply_out", str(self.supply_out), "another file than --out")
+            raise InvalidValueError("supply_output", str(self.supply_output), "another file than --output")
         sheet = load_datasheet(self.sheet)
         conversion = convert_datasheet(sheet, self.tolerance)
-        if self.out is not None:
-            save_converted_motor(conversion, sheet, self.out)
-        if self.supply_out is not None:
-            save_converted_supply(conversion, self.supply_out)
+        if self.output is not None:
+            save_converted_motor(conversion, sheet, self.output)
+        if self.supply_output is not None:
+            save_converted_supply(conversion, self.supply_output)
         numbers = conversion_numbers(conversion)
         if self.json:
             print_json(numbers)
@@ -75,4 +75,4 @@ class MotorFromDatasheet:
         console.print(motor_table("Motor", "parameter", numbers["motor"], {}))
         for note in numbers["notes"]:
             console.print(f"note: {note}")
-        show_files(motor_file=self.out, supply_file=self.supply_out)
+        show_files(motor_file=self.output, supply_file=self.supply_output)

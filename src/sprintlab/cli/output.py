@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from inspect import signature
@@ -114,27 +115,41 @@ def show_files(**paths: Path | None) -> None:
             stdout_console().print(f"{name.replace('_', ' ')}: {path}", soft_wrap=True)
 
 
+LINE_SECONDS = 10.0
+"""Least time between two lines of progress where stderr is not a terminal [s]."""
+
+
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], None]]:
-    """Yield ``report(what, share)``, shown as a bar on stderr where that is a terminal.
+    """Yield ``report(what, share)``, shown on stderr: a bar on a terminal, elsewhere a line now and then.
 
     Args:
         quiet: show nothing.
 
     Yields:
-        A function of a text and the share done, 0 to 1; ``None`` where nobody knows.
+        A function of a text and the share done, 0 to 1; ``None`` where it is not known.
     """
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
     console = stderr_console()
+    if quiet or not console.is_terminal:
+        yield _ignored if quiet else _LinesOfProgress(console)
+        return
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     bar = Progress(
         SpinnerColumn(),
         TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=quiet or not console.is_terminal,
     )
     with bar:
         task = bar.add_task("starting", total=None)
@@ -146,3 +161,28 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, float | None], 
                 bar.update(task, description=what, total=1.0, completed=min(max(share, 0.0), 1.0))
 
         yield report
+
+
+def _ignored(what: str, share: float | None) -> None:
+    """Show nothing."""
+
+
+class _LinesOfProgress:
+    """Progress as lines: what is being done, the share done, and about how long the rest takes."""
+
+    def __init__(self, console: Console) -> None:
+        self._console, self._what = console, ""
+        self._begun = self._shown = time.monotonic()
+
+    def __call__(self, what: str, share: float | None) -> None:
+        """Print a line unless the last one is younger than ``LINE_SECONDS``."""
+        now = time.monotonic()
+        if what != self._what:
+            self._what, self._begun = what, now
+        if now - self._shown < LINE_SECONDS:
+            return
+        self._shown = now
+        rest = "" if not share else f", about {(now - self._begun) * (1.0 - share) / share:.0f} s left"
+        self._console.print(
+            what + ("" if share is None else f": {100.0 * share:.0f} %{rest}"), soft_wrap=True
+        )

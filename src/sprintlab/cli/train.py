@@ -30,6 +30,9 @@ DECIDED = {
 }
 """Settings that an option of the run decides, and that option."""
 
+HELP = {"-h", "--help", "--help-all"}
+"""Options that print help, for which the training extra is not needed."""
+
 DESCRIPTION = """Train a policy. The first word may be the method: sprintlab train sprint.
 --config RUN.TOML takes every option and setting from a file, such as the run.toml that each run leaves in its
 folder; what is typed beside it wins."""
@@ -59,7 +62,8 @@ def run_training(arguments: Sequence[str]) -> int:
     Raises:
         SprintlabError: the extra is missing, or an option or the configuration file is refused.
     """
-    require_training()
+    if not HELP & set(arguments):
+        require_training()
     from sprintlab.training.runs.options import check_places
 
     options = parse_training(arguments)
@@ -167,7 +171,7 @@ def without_decided(text: str) -> str:
 
 def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
     """Parse; a refusal by the options' own checks is raised as it is, not as a usage error."""
-    asked = {"-h", "--help", "--help-all"} & set(words)
+    asked = HELP & set(words)
     if asked:
         text = _help(default)
         print(text if "--help-all" in asked else short_help(text))

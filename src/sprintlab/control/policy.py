@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -382,8 +383,9 @@ def shipped_policy(name: str = "sprint") -> Path:
     """
     known = shipped_policies()
     if name not in known:
-        names = ", ".join(known) or "none"
-        raise PolicyFileError(f"no policy named {name!r} comes with the package (there is: {names})")
+        near = get_close_matches(name, known, n=1, cutoff=0.6)
+        hint = f"did you mean {near[0]}?" if near else f"there is: {', '.join(known) or 'none'}"
+        raise PolicyFileError(f"no policy named {name!r} comes with the package ({hint})")
     return known[name]
 
 

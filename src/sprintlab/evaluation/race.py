@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -27,6 +27,8 @@ from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest, check_sprint
 from sprintlab.plant import check_engine
 from sprintlab.robots import RobotDescription
 
+Progress = Callable[[str, float | None], None]
+
 COARSE_GRID = 1.0
 """Step of the first pass of ``find_top_speed`` [m/s]."""
 
@@ -41,6 +43,7 @@ def evaluate_race(
     step_check: bool = False,
     second_engine: str | None = None,
     workers: int | None = None,
+    progress: Progress = lambda what, share: None,
 ) -> RaceResult:
     """Run a policy over a distance and through the seeded trials at its top speed, raw and self-paced.
 
@@ -52,7 +55,8 @@ def evaluate_race(
         settings: trials, seeds, plant.
         step_check: also run one trial with 1 ms and 0.25 ms steps.
         second_engine: also run the sprint and the raw trials in this engine, with the same draws.
-        workers: processes; ``None`` takes one a core.
+        workers: processes; ``None`` takes one per core.
+        progress: called with what is being done and the share of it that is done; ``None`` where unknown.
 
     Raises:
         SprintlabError: the second engine is not installed.
@@ -69,14 +73,16 @@ def evaluate_race(
     with TrialPool(policy, robot, workers) as pool:
         notes = settings.plant.remarks
         if top_speed is None:
+            progress("searching for the top speed", None)
             top_speed = find_top_speed(pool, settings)
             notes += (f"top speed {top_speed:g} m/s found by a search with single trials",)
         second = None
         if second_engine is not None:
+            progress("running trials in the second engine", None)
             second = _run_second(pool, top_speed, distance, settings, second_engine)
         elif remark := stored_remark(pool.policy.digest):
             notes += (remark,)
-        outcome = _run_all(pool, top_speed, distance, settings, step_check)
+        outcome = _run_all(pool, top_speed, distance, settings, step_check, progress)
         audit = _audited(pool, outcome, settings)
     return RaceResult(
         robot=robot.name,
@@ -168,7 +174,12 @@ class _Outcome:
 
 
 def _run_all(
-    pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
+    pool: TrialPool,
+    top_speed: float,
+    distance: float,
+    settings: ProtocolSettings,
+    step_check: bool,
+    progress: Progress,
 ) -> _Outcome:
     """Everything in one batch, longest first, so that no core waits for another."""
     coarse, fine = step_size_requests(top_speed, settings.plant, settings.hold)
@@ -185,7 +196,11 @@ def _run_all(
     raw, paced = (settings.requests(top_speed, self_paced) for self_paced in (False, True))
     steps = (fine, coarse) if step_check else ()
     supplied = [request for request in [battery_request(top_speed, settings)] if request is not None]
-    results = pool.run([*steps, *supplied, *sprint_requests, *raw, *paced])
+    requests = [*steps, *supplied, *sprint_requests, *raw, *paced]
+    results: list[TrialResult | SprintResult] = []
+    for result in pool.stream(requests):
+        results.append(result)
+        progress("running trials", len(results) / len(requests))
     sprints = [result for result in results if isinstance(result, SprintResult)]
     trials = [result for result in results if isinstance(result, TrialResult)]
     checks, trials = trials[: len(steps)], trials[len(steps) :]

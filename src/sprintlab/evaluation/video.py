@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +45,7 @@ class VideoOptions:
         frames_per_second: frames shown a second.
         slow_motion: after the run, this many seconds round the middle of the hold once more; 0 for none.
         slow_factor: how many times slower that part is shown.
-        time_budget: seconds the rendering may take; shadows, then seconds of the run are given up to keep it,
-            never frames: legs that stride seven times a second would seem to run backward.
+        shadows: whether shadows are drawn.
 
     Raises:
         InvalidValueError: a field is not positive.
@@ -57,11 +56,30 @@ class VideoOptions:
     frames_per_second: int = 60
     slow_motion: float = 0.6
     slow_factor: float = 8.0
-    time_budget: float = 12.0
+    shadows: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("width", "height", "frames_per_second", "slow_factor", "time_budget"):
+        for name in ("width", "height", "frames_per_second", "slow_factor"):
             check_positive(f"video.{name}", getattr(self, name))
+
+
+TIME_BUDGET = 30.0
+"""Time that rendering should take; where frames cost too much, the film gets plainer, never shorter [s]."""
+
+
+def plainer(options: VideoOptions) -> tuple[VideoOptions, ...]:
+    """The same film in ever cheaper ways: no shadows, half as large, half the frames without slow motion.
+
+    Thirty frames a second still show six strides a second as they are.
+    """
+    flat = replace(options, shadows=False)
+    small = replace(flat, width=options.width // 2, height=options.height // 2)
+    return (
+        options,
+        flat,
+        small,
+        replace(small, frames_per_second=options.frames_per_second // 2, slow_motion=0.0),
+    )
 
 
 def gl_backends() -> tuple[str, ...]:
@@ -109,7 +127,7 @@ def render_video(trajectory: Path, target: Path, robot_name: str, hold: tuple[fl
     return INSTALL_BACKEND
 
 
-_PROBE_SECONDS, _RENDER_SECONDS = 30.0, 150.0
+_PROBE_SECONDS, _RENDER_SECONDS = 30.0, 600.0
 """After which a hanging backend is given up [s]."""
 _PROBE = (
     "import mujoco as m; r = m.Renderer(m.MjModel.from_xml_string("
@@ -130,21 +148,15 @@ def _run(command: list[str], backend: str, timeout: float) -> int:
 # --- inside the rendering process --------------------------------------------------------------------------
 
 
-SLOW_SHARE = 0.4  # of the frames, where there is no time to render all of them
-AFTER_FINISH = 0.3  # seconds shown beyond the end of the hold, where there is no time for the whole run
-
-
 def frame_times(
-    duration: float, hold: tuple[float, float], options: VideoOptions, allowed: int | None = None
+    duration: float, hold: tuple[float, float], options: VideoOptions
 ) -> list[tuple[float, bool]]:
     """Moment of every frame [s] and whether it belongs to the slow motion at the end.
 
     Args:
-        duration: of the recording [s].
+        duration: of the recording [s]; the film shows all of it.
         hold: start and end of the hold [s].
         options: size and pace.
-        allowed: most frames that there is time for; the run then begins later, the slow motion is shorter,
-            and the frames stay as close in time as they were. ``None`` takes all.
     """
     step = 1.0 / options.frames_per_second
     run, slow = round(duration / step), round(options.slow_motion * options.slow_factor / step)
@@ -152,14 +164,9 @@ def frame_times(
     middle = 0.5 * (hold[0] + end)
     if middle - 0.5 * options.slow_motion < 0.0 or middle + 0.5 * options.slow_motion > duration:
         slow = 0
-    first = 0.0
-    if allowed is not None and run + slow > allowed:
-        slow = min(slow, round(SLOW_SHARE * allowed))
-        run = min(run, max(allowed - slow, 1))
-        first = max(min(end + AFTER_FINISH, duration) - run * step, 0.0)
     apart = step / options.slow_factor
     begin = middle - 0.5 * slow * apart
-    return [(first + step * index, False) for index in range(run)] + [
+    return [(step * index, False) for index in range(run)] + [
         (begin + apart * index, True) for index in range(slow)
     ]
 
@@ -167,38 +174,46 @@ def frame_times(
 def write_video(
     trajectory: dict[str, Array], model: Any, target: Path, hold: tuple[float, float], options: VideoOptions
 ) -> None:
-    """Render and encode in this process.
+    """Render and encode in this process, as plain as ``TIME_BUDGET`` asks for.
 
     Args:
         trajectory: ``time`` ``(T,)``, ``qpos`` ``(T, nq)``, ``velocity`` ``(T, 2)``, ``command`` ``(T, 3)``.
         model: ``mujoco.MjModel`` whose ``qpos`` the trajectory holds.
         target: the MP4 to write.
         hold: start and end of the hold [s].
-        options: size and pace.
+        options: size and pace where rendering is fast.
     """
-    import imageio_ffmpeg
     import mujoco
 
     model.vis.global_.offwidth = max(model.vis.global_.offwidth, options.width)
     model.vis.global_.offheight = max(model.vis.global_.offheight, options.height)
     model.vis.quality.offsamples = 0  # smoothing edges is most of what a frame costs without a GPU
-    with mujoco.Renderer(model, options.height, options.width) as renderer:
-        scene = _Scene(model, renderer, trajectory, hold, options)
-        duration = float(trajectory["time"][-1])
-        allowed = scene.affordable_frames(len(frame_times(duration, hold, options)))
-        writer = imageio_ffmpeg.write_frames(
-            str(target),
-            (options.width, options.height),
-            fps=options.frames_per_second,
-            codec="libx264",
-            quality=6,
-            macro_block_size=2,
-            output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-        )
-        writer.send(None)
-        for moment, slow in frame_times(duration, hold, options, allowed):
-            writer.send(scene.frame(moment, slow))
-        writer.close()
+    *better, last = plainer(options)
+    for chosen in [*better, last]:
+        with mujoco.Renderer(model, chosen.height, chosen.width) as renderer:
+            scene = _Scene(model, renderer, trajectory, hold, chosen)
+            frames = frame_times(float(trajectory["time"][-1]), hold, chosen)
+            if chosen is last or scene.frame_cost() * len(frames) <= TIME_BUDGET:
+                _encode(scene, frames, target, chosen)
+                return
+
+
+def _encode(scene: _Scene, frames: list[tuple[float, bool]], target: Path, options: VideoOptions) -> None:
+    import imageio_ffmpeg
+
+    writer = imageio_ffmpeg.write_frames(
+        str(target),
+        (options.width, options.height),
+        fps=options.frames_per_second,
+        codec="libx264",
+        quality=6,
+        macro_block_size=2,
+        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
+    )
+    writer.send(None)
+    for moment, slow in frames:
+        writer.send(scene.frame(moment, slow))
+    writer.close()
 
 
 class _Scene:
@@ -226,19 +241,10 @@ class _Scene:
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self.camera.distance, self.camera.elevation = 2.5, -12.0
         self.fonts = _fonts(options.height)
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(options.shadows)
 
-    def affordable_frames(self, frames: int) -> int:
-        """How many of these frames there is time for; shadows go off before any is given up."""
-        import mujoco
-
-        flags = self.renderer.scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        if self._frame_cost() * frames <= self.options.time_budget:
-            return frames
-        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        return min(frames, max(1, int(self.options.time_budget / self._frame_cost())))
-
-    def _frame_cost(self) -> float:
+    def frame_cost(self) -> float:
         """Seconds one frame takes, the faster of two after one to warm up."""
         costs = []
         for _ in range(3):
