@@ -239,8 +239,11 @@ def python_blocks():
                 yield pytest.param(body, id=f"{page.name}-{number}")
 
 
-GUESTS = {"sprintlab.integrations.newton": "newton"}
-"""Modules that need a simulator which the development install does not bring."""
+GUESTS = {
+    f"sprintlab.integrations.{name}": package
+    for name, package in {"newton": "newton", "isaaclab": "isaaclab", "playground": "jax"}.items()
+}
+"""Modules that need packages which the development install does not bring."""
 
 
 @pytest.mark.parametrize("block", list(python_blocks()))
