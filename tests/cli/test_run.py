@@ -29,7 +29,7 @@ def assert_refused(outcome, *words):
     [
         (("no-such-policy",), ("no-such-policy", "there is: ")),
         (("missing.onnx",), ("missing.onnx", "No such file")),
-        (("sprint", "shm://nobody-is-here"), ("no robot named 'nobody-is-here'",)),
+        (("sprint", "shm://not-here"), ("no robot named 'not-here'",)),
         (("sprint", "http://bp2"), ("bus carrier", "choose one of shm, unitree")),
         (("sprint", "bp2"), ("an address like shm://bp2",)),
         (("--robot", "bp3"), ("bp3",)),
@@ -48,20 +48,20 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(call, arguments, words):
 
 def test_a_policy_for_another_robot_is_refused_before_the_bus_is_opened(call, write_policy, tmp_path):
     path = write_policy(tmp_path / "weak.onnx", stiffness=(100.0,) * 12)
-    outcome = call("run", path, "shm://nobody-is-here")
+    outcome = call("run", path, "shm://not-here")
     assert_refused(outcome, "stiffness[FL_abad] differs: the policy has 100.0, robot bp2 has 60.0")
 
 
 def test_the_robot_is_the_policy_s_unless_another_is_named(call):
-    words = ("go1-sprint", "shm://nobody-is-here", "--no-log")
-    assert_refused(call("run", *words), "no robot named 'nobody-is-here' runs")
+    words = ("go1-sprint", "shm://not-here", "--no-log")
+    assert_refused(call("run", *words), "no robot named 'not-here' runs")
     assert_refused(call("run", *words, "--robot", "bp2"), "the policy has 'go1', robot bp2 has 'bp2'")
 
 
 def test_a_policy_is_opened_once_and_tells_its_robot(call, monkeypatch):
     opened, load = [], control.load_policy
     monkeypatch.setattr(control, "load_policy", lambda path: opened.append(path.name) or load(path))
-    assert_refused(call("run", "go1-sprint", "shm://nobody-is-here", "--no-log"), "nobody-is-here")
+    assert_refused(call("run", "go1-sprint", "shm://not-here", "--no-log"), "not-here")
     assert opened == ["go1-sprint.onnx"]
 
 
@@ -78,7 +78,7 @@ def test_beyond_this_machine_a_policy_is_audited_before_the_bus_is_opened(call, 
     outcome = call(*words, "--source", "sprint-raw")
     assert outcome.status == 2 and "cannot join DDS domain" in outcome.err
     call(*words, "--despite-audit", "sprint")
-    call("run", "sprint", "shm://nobody-is-here", "--no-log", "--top-speed", "3")
+    call("run", "sprint", "shm://not-here", "--no-log", "--top-speed", "3")
     assert asked == [(3.0, {"self_paced": False})]
 
 
@@ -112,11 +112,11 @@ def test_a_log_that_exists_is_not_overwritten(call, tmp_path):
     pytest.importorskip("mcap")
     log = tmp_path / "run.mcap"
     log.write_bytes(b"of yesterday")
-    assert_refused(call("run", "sprint", "shm://nobody-is-here", "--log", log), "exists already")
+    assert_refused(call("run", "sprint", "shm://not-here", "--log", log), "exists already")
     assert log.read_bytes() == b"of yesterday"
     link = tmp_path / "link.mcap"
     link.symlink_to(tmp_path / "nowhere")
-    assert_refused(call("run", "sprint", "shm://nobody-is-here", "--log", link), "exists already")
+    assert_refused(call("run", "sprint", "shm://not-here", "--log", link), "exists already")
     assert link.is_symlink()
 
 

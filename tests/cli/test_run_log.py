@@ -1,4 +1,4 @@
-"""Every run of a robot is logged unless somebody says otherwise."""
+"""Every run of a robot is logged unless told otherwise."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_file_that_was_asked_for_is_taken():
 
 
 def test_where_no_robot_runs_no_log_is_left_behind(call):
-    assert call("run", "sprint", "shm://nobody-is-here").status == 2
+    assert call("run", "sprint", "shm://not-here").status == 2
     assert not list(Path().rglob("*.mcap"))
 
 

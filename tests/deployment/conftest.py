@@ -69,7 +69,7 @@ class Sent(NamedTuple):
     Attributes:
         command: as it left.
         state: the last that the controller has accepted.
-        fresh: whether the robot was heard of lately; nobody knows the torque of a damper where not.
+        fresh: whether the robot was heard of lately; the torque of a damper is not known where not.
         age: of the state when the command acts [s]: the envelope is that of the speeds that a motor can
             reach in it.
     """
@@ -318,7 +318,7 @@ def make_rig(sprint_policy: Policy) -> Callable[..., Rig]:
 
 @pytest.fixture(scope="session")
 def lying_robot(make_rig: Callable[..., Rig], sprint_policy: Policy) -> Snapshot:
-    """A robot on the ground that nobody has spoken to yet."""
+    """A robot on the ground before its first command."""
     return Snapshot.take(make_rig(), sprint_policy)
 
 
@@ -359,6 +359,8 @@ class _LoopbackEnd:
     def _put(self, channel: str, content: bytes) -> None:
         self._wires.setdefault(channel, deque()).append(content)
 
+    peer_left = False
+
     def close(self) -> None:
         """Nothing to let go of."""
 
@@ -378,7 +380,7 @@ def _unitree_loopback(session: int) -> tuple[LoopbackController, LoopbackRobot]:
 
 @pytest.fixture
 def unitree_loopback() -> Callable[[int], tuple[LoopbackController, LoopbackRobot]]:
-    """Makes both ends for a session; what is put under ``others' command`` comes from a stranger."""
+    """Makes both ends for a session; what is put under ``others' command`` comes from another controller."""
     return _unitree_loopback
 
 

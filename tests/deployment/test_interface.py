@@ -13,9 +13,7 @@ from sprintlab.deployment.interface import (
     JointCommand,
     JointMode,
     MessageError,
-    OperatorCommand,
     PositionFix,
-    Request,
     RobotState,
     check_command,
     decode,
@@ -58,12 +56,9 @@ commands = st.builds(
     session=whole,
 )
 fixes = st.builds(PositionFix, sequence=whole, timestamp=whole, position=vector(3), velocity=vector(3))
-operators = st.builds(
-    OperatorCommand, sequence=whole, timestamp=whole, velocity=vector(3), request=st.sampled_from(Request)
-)
 
 
-@given(st.one_of(states, commands, fixes, operators))
+@given(st.one_of(states, commands, fixes))
 def test_a_message_comes_back_to_the_last_bit(message):
     content = encode(message)
     assert len(content) == message_size(type(message), 12)

@@ -98,7 +98,7 @@ class RobotSim(DriveOptions):
                     console.print(text, soft_wrap=True, markup=False)
 
                 remark(f"the robot is on {self.bus}; Ctrl-C ends it")
-                # Until the numbers are told: leaving may take seconds, in which somebody may ask once more.
+                # Until the numbers are told: leaving may take seconds, and Ctrl-C may come again.
                 interrupted = told.enter_context(counted_interruptions())
                 with progress_bar(quiet=self.json) as report:
                     found = robot.run(lambda: interrupted() > 0, report, remark)

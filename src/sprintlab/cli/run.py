@@ -93,7 +93,7 @@ class Run:
                 remark=_remark,
             ) as robot:
                 _remark(f"driving {self.bus}; Ctrl-C brings the robot down")
-                # Until the numbers are told: leaving may take seconds, in which somebody may ask once more.
+                # Until the numbers are told: leaving may take seconds, and Ctrl-C may come again.
                 interrupted = told.enter_context(counted_interruptions())
                 with _status_line(quiet=self.json) as status:
                     found = robot.run(interrupted, status)

@@ -1,4 +1,4 @@
-"""What a controller and a robot say to each other: message types, their bytes, and both ends of a bus.
+"""What a controller and a robot say to each other: message types and their bytes.
 
 Every message has one fixed little-endian layout: a header (magic ``SPRT``, format version, kind, sequence,
 timestamp), whole numbers, doubles, and the CRC-32 of all before it. Joints are in policy order, SI units;
@@ -31,7 +31,6 @@ import math
 import secrets
 import struct
 import zlib
-from collections import Counter
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -170,8 +169,8 @@ class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=Fa
     request: Request = Request.NONE
 
 
-Message = RobotState | JointCommand | PositionFix | OperatorCommand
-MessageType = TypeVar("MessageType", RobotState, JointCommand, PositionFix, OperatorCommand)
+Message = RobotState | JointCommand | PositionFix
+MessageType = TypeVar("MessageType", RobotState, JointCommand, PositionFix)
 
 COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
     "target_position": (-100.0, 100.0),
@@ -197,7 +196,6 @@ class _Layout:
         fixed = sum(max(size, 1) for size in sizes if size != _PER_JOINT)
         self.fixed_size = self.head.size + 8 * fixed + 4
         self.joint_size = 8 * sizes.count(_PER_JOINT)
-        self.start = struct.pack("<4sHH", MAGIC, FORMAT_VERSION, kind)
 
     def size(self, joints: int) -> int:
         """Bytes of a message of a robot with so many joints."""
@@ -258,7 +256,6 @@ _LAYOUTS = (
         dict.fromkeys(COMMAND_BOUNDS, _PER_JOINT),
     ),
     _Layout(3, PositionFix, {}, {"position": 3, "velocity": 3}),
-    _Layout(4, OperatorCommand, {"request": Request}, {"velocity": 3}),
 )
 _BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
 
@@ -266,25 +263,6 @@ _BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
 def message_size(kind: type[Message], joints: int = MOST_JOINTS) -> int:
     """Bytes of a message of this type, of a robot with so many joints."""
     return _BY_TYPE[kind].size(joints)
-
-
-def message_start(kind: type[Message]) -> bytes:
-    """The first bytes of every message of this type."""
-    return _BY_TYPE[kind].start
-
-
-def message_layout(kind: type[Message], joints: int) -> np.dtype[np.void]:
-    """The bytes of a message as a structure of NumPy, by the names of its fields."""
-    layout = _BY_TYPE[kind]
-    sizes = {name: joints if size == _PER_JOINT else size for name, size in layout.doubles.items()}
-    return np.dtype(
-        [
-            ("start", "S8"),
-            *((name, "<u8") for name in ("sequence", "timestamp", *layout.whole)),
-            *((name, "<f8", (size,)) if size else (name, "<f8") for name, size in sizes.items()),
-            ("checksum", "<u4"),
-        ]
-    )
 
 
 def encode(message: Message) -> bytes:
@@ -341,61 +319,6 @@ def check_command(command: JointCommand, joints: int) -> None:
         value = getattr(command, field)
         if value.shape != (joints,) or not within_bounds(field, value):
             raise MessageError(f"{field} is not {joints} numbers from {least:g} to {greatest:g}")
-
-
-MOST_DAMAGED = 16
-"""Damaged messages that one look at a bus passes over: a flood of them must not hold a loop."""
-
-
-class RobotInterface(Protocol):
-    """The controller's end of a bus. Nothing here blocks longer than a few microseconds.
-
-    Attributes:
-        refused: messages that could not be decoded, counted by the reason.
-    """
-
-    refused: Counter[str]
-
-    def receive(self) -> RobotState | None:
-        """The next state in order of arrival; None until another arrives. Duplicates are passed on.
-
-        The work of one call is bounded: after ``MOST_DAMAGED`` damaged messages in a row it returns None.
-        """
-        ...
-
-    def receive_fix(self) -> PositionFix | None:
-        """The newest position fix not yet read, if any."""
-        ...
-
-    def send(self, command: JointCommand) -> None:
-        """Hand a command to the robot."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the bus; a second call does nothing."""
-        ...
-
-
-class RobotEndpoint(Protocol):
-    """The robot's end of a bus; as ``RobotInterface``, seen from the other side."""
-
-    refused: Counter[str]
-
-    def receive_command(self) -> JointCommand | None:
-        """The next command in order of arrival; None until another arrives."""
-        ...
-
-    def publish(self, state: RobotState) -> bool:
-        """Send a state; whether it was sent, since a bus may carry fewer states than a robot has."""
-        ...
-
-    def publish_fix(self, fix: PositionFix) -> None:
-        """Send a position fix."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the bus; a second call does nothing."""
-        ...
 
 
 class SourceView(msgspec.Struct, frozen=True, kw_only=True, eq=False):

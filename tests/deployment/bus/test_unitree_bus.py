@@ -62,7 +62,7 @@ def test_states_are_numbered_by_the_robots_clock(ticks, expected):
     assert [numbers.number(tick)[0] - TickNumbers.FIRST + 1 for tick in ticks] == expected
 
 
-def test_a_reboot_shows_as_old_states_until_somebody_forgets_the_robot():
+def test_a_reboot_shows_as_old_states_until_the_robot_is_forgotten():
     numbers = TickNumbers()
     before = [numbers.number(tick) for tick in (90_000, 90_002)][-1]
     after = [numbers.number(tick) for tick in (0, 2, 4)]
@@ -186,7 +186,7 @@ def test_another_controller_stops_a_run(running, unitree_loopback, continue_on_u
     assert running.controller.stop_reason == "commands-foreign"
 
 
-def test_commands_that_nobody_reads_stop_a_run(running, unitree_loopback, continue_on_unitree, monkeypatch):
+def test_commands_without_a_reader_stop_a_run(running, unitree_loopback, continue_on_unitree, monkeypatch):
     running.bus = interface, endpoint = unitree_loopback(running.controller.session)
     continue_on_unitree(running, interface, endpoint)
     monkeypatch.setattr(type(interface), "read_by_robot", property(lambda end: False))
@@ -194,7 +194,7 @@ def test_commands_that_nobody_reads_stop_a_run(running, unitree_loopback, contin
     assert running.controller.stop_reason == "commands-unanswered"
 
 
-def test_a_robot_that_nobody_speaks_to_is_woken_and_stands_up(make_rig, unitree_loopback):
+def test_a_robot_before_its_first_command_is_woken_and_stands_up(make_rig, unitree_loopback):
     """Through the messages from the first one on: stopped motors obey once a harmless command has come."""
     rig = make_rig()
     rig.bus = unitree_loopback(rig.controller.session)

@@ -193,7 +193,7 @@ def test_what_is_not_finite_arrives_as_such():
 
 
 def test_every_bit_of_every_number_is_covered_by_the_checksum():
-    """But those of the gaps between numbers, which nobody reads."""
+    """But those of the gaps between numbers, which are never read."""
     data = encode_state(state())
     gaps = 0
     for place in range(4, len(data)):

@@ -37,7 +37,8 @@ MILLISECOND = 1_000_000
 class DirectBus:
     """A simulated robot that steps once for every command: a lock-step bus without a bus."""
 
-    def __init__(self, simulated):
+    def __init__(self, simulated, session):
+        self.session = session
         self.simulated, self.refused, self.peer_left = simulated, Counter({"damaged": 3}), False
         self.sent, self.closed, self.silent = [], False, False
         self._waiting = [self._measure()]
@@ -103,7 +104,7 @@ def start(lie_down_with, hurried, monkeypatch):
 
     def make(source):
         rig = lie_down_with(source)
-        return rig.controller, DirectBus(rig.simulated)
+        return rig.controller, DirectBus(rig.simulated, rig.controller.session)
 
     return make
 
@@ -198,7 +199,7 @@ def test_a_robot_that_never_speaks_is_given_up(start):
 
 
 class FakeClock:
-    """Time that passes only when somebody sleeps: the machine's load plays no part."""
+    """Time that passes only in a sleep: the machine's load plays no part."""
 
     def __init__(self):
         self.now = 5_000_000_000
@@ -260,6 +261,9 @@ class DamagedFlood(ControllerEnd):
     peer_left = False
     taken = 0
 
+    def close(self):
+        pass
+
     def _take(self, channel):
         self.taken += 1
         assert self.taken < MANY, "the loop does nothing but take messages"
@@ -282,7 +286,7 @@ class FloodOfFixes(DamagedFlood):
 def test_a_flood_of_messages_does_not_hold_the_loop(start, kind):
     controller, bus = start(Sleeper())
     floods = {"damaged": DamagedFlood, "fixes": FloodOfFixes}
-    flood = Flood(bus.simulated) if kind == "sound" else floods[kind](controller.session)
+    flood = Flood(bus.simulated, controller.session) if kind == "sound" else floods[kind](controller.session)
     flood.session = controller.session
     report = run_loop(controller, flood, LoopOptions(priority=None, duration=0.2))
     assert report.steps > 1 and report.end in ("passive", "no robot answers")
@@ -368,7 +372,7 @@ def test_priority_keeps_the_steps_of_a_busy_machine(start):
 
 
 def test_a_priority_that_was_given_from_outside_is_not_lost(monkeypatch):
-    """``chrt`` and systemd give what nobody may ask for: once put down, it cannot be taken up again."""
+    """``chrt`` and systemd give more than one may ask for: once put down, it cannot be taken up again."""
     monkeypatch.setattr("sprintlab.deployment.controller.realtime._lock_memory", lambda remarks: True)
     given = []
 

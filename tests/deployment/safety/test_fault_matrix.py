@@ -168,7 +168,7 @@ def stuck_encoder(rig: Any) -> Stimulus:
 
 
 def taken_over(command: Callable[[Any, int], dict[str, Any]]) -> Any:
-    """A robot that checks nothing obeys somebody else; it drops what the controller sends."""
+    """A robot that checks nothing obeys another controller; it drops what the controller sends."""
 
     def install(rig: Any) -> Stimulus:
         stimulus, simulated = Stimulus(rig), rig.simulated

@@ -14,6 +14,8 @@ from sprintlab.deployment.simulator.loop import PaceOptions, _LockStep
 class Endpoint:
     """Loses what is published until the given time; then answers each state."""
 
+    peer_left, ready = False, True
+
     def __init__(self, lost):
         self.lost, self.published, self.answers, self.fixes = lost, [], [], []
 

@@ -72,6 +72,7 @@ class Commands:
     """A robot's end at which commands wait."""
 
     refused: ClassVar = Counter()
+    peer_left, ready = False, True
 
     def __init__(self, *waiting):
         self.waiting = list(waiting)

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import re
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.deployment.interface import RobotEndpoint, RobotInterface, new_session
+from sprintlab.deployment.interface import new_session
+
+if TYPE_CHECKING:
+    from sprintlab.deployment.bus.ends import ControllerEnd, RobotEnd
 
 _CARRIERS = {"shm": "shared_memory", "unitree": "unitree_bus"}
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
@@ -60,7 +63,7 @@ def leaves_this_machine(address: str) -> bool:
     return parsed.carrier == "unitree" and parsed.place.partition(":")[0] not in ("", "lo")
 
 
-def open_bus(address: str, *, session: int | None = None) -> RobotInterface:
+def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
     """The controller's end of a bus.
 
     Args:
@@ -75,7 +78,7 @@ def open_bus(address: str, *, session: int | None = None) -> RobotInterface:
     return _carrier(parsed).open_interface(parsed, new_session() if session is None else session)
 
 
-def open_endpoint(address: str) -> RobotEndpoint:
+def open_endpoint(address: str) -> RobotEnd:
     """The robot's end of a bus.
 
     Raises:

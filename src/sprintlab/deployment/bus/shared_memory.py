@@ -249,7 +249,7 @@ def _open_running(path: Path, name: str) -> IO[bytes]:
 
 
 def _open_locked(path: Path) -> IO[bytes] | None:
-    """A file under an exclusive lock, made where there is none; None while another process has the lock.
+    """A file under an exclusive lock, made if it does not exist; None while another process has the lock.
 
     Raises:
         BusError: it cannot be made or opened.

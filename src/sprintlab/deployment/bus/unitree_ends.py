@@ -5,10 +5,10 @@ other facts here, and one on an assumption:
 
 - a state's number and time come from the robot's clock (``tick``): duplicates, old states, gaps and a reboot
   show as on every bus;
-- a command of somebody else is heard on the topic itself, and the controller stops: the robot may obey it;
+- a command of another sender is heard on the topic itself, and the controller stops: the robot may obey it;
 - motors that are not in servo mode are a robot that damps its joints by itself (all), or a failed drive;
-- nobody can tell that a robot drops commands silently. The last command counts as obeyed ``RESPONSE_TIME``
-  after it was sent, as long as somebody reads the topic; the envelope allows for states of that age.
+- a robot that drops commands silently goes unnoticed. The last command counts as obeyed ``RESPONSE_TIME``
+  after it was sent, as long as the topic has a reader; the envelope allows for states of that age.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, cast
 
 import msgspec
 
-from sprintlab.deployment.bus.ends import COMMAND, ControllerEnd, RobotEnd
+from sprintlab.deployment.bus.ends import COMMAND, MOST_DAMAGED, ControllerEnd, RobotEnd
 from sprintlab.deployment.bus.unitree_messages import (
     decode_command,
     decode_state,
@@ -27,7 +27,6 @@ from sprintlab.deployment.bus.unitree_messages import (
     encode_state,
 )
 from sprintlab.deployment.interface import (
-    MOST_DAMAGED,
     JointCommand,
     JointMode,
     Message,
@@ -96,13 +95,13 @@ class UnitreeControllerEnd(ControllerEnd):
 
     @property
     def read_by_robot(self) -> bool:
-        """Whether anybody reads the commands."""
+        """Whether the topic of the commands has a reader."""
         return True
 
     def receive(self) -> RobotState | None:
         """The next state in order of arrival; None until another arrives.
 
-        Those after a command of somebody else say that the robot obeys another session, for longer than a
+        Those after a command of another sender say that the robot obeys another session, for longer than a
         controller goes without a state that it judges: the first may be damaged, old or come twice.
         """
         self._overhear()

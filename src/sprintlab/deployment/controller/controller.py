@@ -247,7 +247,7 @@ class Controller:
         self._note(*self._body.check(state, time, carried=self._behaviour.carried))
 
     def _take_answer(self, state: RobotState, time: float) -> None:
-        """Which command the robot obeys: one of ours, later than the one before, or somebody else's."""
+        """Which command the robot obeys: one of ours, later than the one before, or another controller's."""
         if not self._commands.has_sent(state) or state.command_sequence < self._answer:
             if self.mode in ACTIVE_MODES:
                 self._note(Fault.COMMANDS_FOREIGN)

@@ -9,6 +9,7 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.deployment.bus.ends import ControllerEnd
 from sprintlab.deployment.controller.controller import Controller
 from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.realtime import RealTimeGrant, real_time
@@ -17,7 +18,6 @@ from sprintlab.deployment.interface import (
     ControlTick,
     JointCommand,
     PositionFix,
-    RobotInterface,
     RobotState,
     RunLog,
 )
@@ -25,7 +25,7 @@ from sprintlab.deployment.interface import (
 PERIOD_NS = 1_000_000
 """Period of the loop [ns]."""
 
-_STOP_DWELL = 2.0  # s in stop before a run that nobody attends ends
+_STOP_DWELL = 2.0  # s in stop before an unattended run ends
 _STATUS_PERIOD = 0.1  # s
 _POLL = 2e-5  # s between two looks at the bus in lock-step
 _MOST_STATES = 8  # that one step takes: a flood of them must not hold the loop
@@ -121,7 +121,7 @@ Status = Callable[[Controller, LoopReport], None]
 
 def run_loop(
     controller: Controller,
-    bus: RobotInterface,
+    bus: ControllerEnd,
     options: LoopOptions,
     *,
     log: RunLog | None = None,
@@ -144,8 +144,8 @@ def run_loop(
     Raises:
         InvalidValueError: the bus was opened for another session than the controller's.
     """
-    if (told := getattr(bus, "session", controller.session)) != controller.session:
-        raise InvalidValueError("bus.session", told, f"the controller's, {controller.session}")
+    if bus.session != controller.session:
+        raise InvalidValueError("bus.session", bus.session, f"the controller's, {controller.session}")
     loop = _Loop(controller, bus, options, log, interrupted, status)
     if options.lock_step:
         loop.run(loop.run_lock_step)
@@ -161,7 +161,7 @@ class _Loop:
     def __init__(
         self,
         controller: Controller,
-        bus: RobotInterface,
+        bus: ControllerEnd,
         options: LoopOptions,
         log: RunLog | None,
         interrupted: Callable[[], int],
@@ -234,7 +234,7 @@ class _Loop:
         return states
 
     def _robot_left(self) -> bool:
-        return bool(getattr(self._bus, "peer_left", False))
+        return self._bus.peer_left
 
     def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> JointCommand:
         tick = self._controller.step(now, states, fix)

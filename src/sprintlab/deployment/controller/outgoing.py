@@ -52,7 +52,7 @@ class CommandWriter:
         return self._write(now, state, JointMode.SERVO, *servo)
 
     def damping(self, now: int, state: RobotState, *, stale: bool) -> JointCommand:
-        """Damping within the envelope; the full gains where nobody knows the joints' speeds any more."""
+        """Damping within the envelope; the full gains where the joints' speeds are no longer known."""
         if stale:
             damping = np.array(self._robot.damping)
             return self._write(now, state, JointMode.DAMPING, self._zeros, self._zeros, damping, self._zeros)

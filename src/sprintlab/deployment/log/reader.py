@@ -53,7 +53,7 @@ class Messages:
         self._scalars: dict[str, list[Any]] = {n: [] for n, _ in fields if n not in self._vectors}
 
     def add(self, time: int, content: bytes) -> None:
-        """Keep one message; raises ``msgspec.DecodeError`` where it is none."""
+        """Keep one message; raises ``msgspec.DecodeError`` where it has other fields."""
         message = self._decoder.decode(content)
         self._times.append(time)
         for name, values in self._vectors.items():

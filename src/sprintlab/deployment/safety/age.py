@@ -22,7 +22,7 @@ class LinkAge:
         self._sent[sequence % _MEMORY] = sequence, now
 
     def both_ways(self, answered: int, now: int) -> float:
-        """Age [s] of the last state when a command that leaves ``now`` [ns] acts; 0 where nobody knows.
+        """Age [s] of the last state when a command that leaves ``now`` [ns] acts; 0 where that is not known.
 
         Args:
             answered: number of the command that the last state names.

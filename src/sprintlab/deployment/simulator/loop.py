@@ -10,7 +10,8 @@ from typing import Any
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import RobotEndpoint, RobotState
+from sprintlab.deployment.bus.ends import RobotEnd
+from sprintlab.deployment.interface import RobotState
 from sprintlab.deployment.simulator.world import STANDSTILL, SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
@@ -92,7 +93,7 @@ class SimulatorReport:
 class _Observer:
     """Fills the report from the true state of the plant."""
 
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, marks: tuple[float, ...]) -> None:
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, marks: tuple[float, ...]) -> None:
         self.report = SimulatorReport()
         self._world, self._endpoint, self._marks = world, endpoint, marks
         self._told: set[str] = set()
@@ -132,7 +133,7 @@ class _Observer:
 
 def run_simulator(
     world: SimulatedWorld,
-    endpoint: RobotEndpoint,
+    endpoint: RobotEnd,
     pace: PaceOptions,
     *,
     marks: tuple[float, ...] = (100.0,),
@@ -177,7 +178,7 @@ def run_simulator(
 class _Run:
     """What both paces share."""
 
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions) -> None:
         self.late_steps = 0
         self.given_up = 0.0
         self._world, self._endpoint, self._pace = world, endpoint, pace
@@ -194,7 +195,7 @@ class _Run:
         return pace.end_with_controller and self._commands > 0 and self._controller_left()
 
     def _controller_left(self) -> bool:
-        return bool(getattr(self._endpoint, "peer_left", False))
+        return self._endpoint.peer_left
 
     def _publish(self, timestamp: int) -> int:
         """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
@@ -225,7 +226,7 @@ class _Run:
 class _RealTime(_Run):
     """Steps at the pace of the clock."""
 
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEndpoint, pace: PaceOptions) -> None:
+    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions) -> None:
         super().__init__(world, endpoint, pace)
         self._next = time.monotonic()
 
@@ -290,9 +291,9 @@ class _LockStep(_Run):
         return True
 
     def _wait_for_controller(self, stopped: Callable[[], bool]) -> bool:
-        """Wait until a state reaches somebody; False when told to stop before."""
+        """Wait until a state reaches a controller; False when told to stop before."""
         begin = time.monotonic()
-        while not getattr(self._endpoint, "ready", True):
+        while not self._endpoint.ready:
             if stopped():
                 return False
             self._check_patience(time.monotonic() - begin)

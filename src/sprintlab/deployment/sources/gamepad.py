@@ -38,8 +38,8 @@ class GamepadMapping(StickMapping):
 class GamepadSource(OperatorSource):
     """A gamepad with a dead-man switch. When it is unplugged or its radio is gone, the source falls silent.
 
-    Letting go of the switch in a run asks for a stand: the robot brakes, and stays there until somebody holds
-    the switch and asks for a run again. A switch that is down when the pad is opened does not count: it may
+    Letting go of the switch in a run asks for a stand: the robot brakes, and stays there until the switch
+    is held and a run is asked for again. A switch that is down when the pad is opened does not count: it may
     be stuck.
 
     Args:
@@ -80,7 +80,7 @@ class GamepadSource(OperatorSource):
         return self._wish() if self._pad.connected else None
 
     def read(self, view: SourceView) -> OperatorCommand | None:
-        """The present wish, a stand while nobody holds the switch in a run; None once the device is gone."""
+        """The present wish, a stand while the switch is released in a run; None once the device is gone."""
         command = super().read(view)
         if command is None or self._gripped:
             return command
