@@ -24,7 +24,7 @@ import numpy as np
 from rich.progress import track
 
 from sprintlab.control import load_policy, shipped_policy
-from sprintlab.core.files import atomic_write_json, atomic_write_text
+from sprintlab.core.files import atomic_write_json
 from sprintlab.deployment.controller import Controller
 from sprintlab.deployment.interface import PositionFix, RobotState
 from sprintlab.deployment.simulator import LinkOptions, SimulatedWorld, SimulatorOptions
@@ -183,7 +183,6 @@ def _write(arguments: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
         "rows": rows,
     }
     atomic_write_json(arguments.output, result)
-    atomic_write_text(arguments.output.with_suffix(".md"), markdown(rows))
 
 
 if __name__ == "__main__":

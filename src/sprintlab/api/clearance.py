@@ -30,9 +30,9 @@ def require_clearance(
     """Run one nominal trial up to ``top_speed``; refuse a policy that falls or overloads feet or gears in it.
 
     Args:
-        name: of the policy, as the operator gave it.
-        policy: to judge.
-        robot: that it is to drive.
+        name: the policy's name, as the operator gave it.
+        policy: the policy to judge.
+        robot: the robot that it is to drive.
         top_speed: highest command [m/s].
         self_paced: whether the command will be held near the measured speed.
 

@@ -40,7 +40,7 @@ def logged_run(record: RunRecord, robot: RobotDescription, distance: float = 100
 
     Args:
         record: the log.
-        robot: that it is of.
+        robot: the robot that was driven.
         distance: to be timed [m].
 
     Raises:

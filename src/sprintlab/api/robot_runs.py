@@ -39,7 +39,7 @@ class DrivenRun(Printed):
     in_order: bool
     """Whether the robot lies again, and nothing graver than a lost message was seen."""
     distance: float
-    """Of the sprint [m]."""
+    """Length of the sprint [m]."""
     sprint_time: float | None
     """From the first non-zero command to the end of the distance [s], by the controller's clock."""
     log_problem: str | None = None
@@ -83,11 +83,11 @@ class RobotRun:
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s]; when left out, the highest at which the policy neither falls
             nor overloads feet and gears in simulation.
-        distance: of a sprint [m].
+        distance: length of a sprint [m].
         log: file for every step (.mcap); True: a new one under ``runs``; False: none.
         despite_audit: name of the policy, to let it drive a robot beyond this machine whatever a simulated
             trial at ``top_speed`` says; that trial is not run then.
-        facts: that the log keeps besides policy, bus and date.
+        facts: notes for the log besides policy, bus and date.
         remark: told what happens before the robot moves.
 
     Raises:
@@ -170,7 +170,7 @@ class RobotRun:
         """Stand up, run as the source wishes, lie down.
 
         Args:
-            interrupted: how often the user asked to end so far: once brings the robot down in order, twice
+            interrupted: number of times the user has asked to end: once brings the robot down in order, twice
                 stops it at once. An exception such as that of Ctrl-C damps the joints at once.
             status: told ten times a second how things stand.
         """

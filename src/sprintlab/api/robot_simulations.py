@@ -52,7 +52,7 @@ class RobotSimulation:
         pace: real time or lock-step, and when to end.
         distance: mark whose passing is timed [m].
         truth: file (.npz) for the true motion; ``pace`` must have a duration, of an hour at most.
-        priority: of the real-time scheduler, 1 to 99.
+        priority: priority under the real-time scheduler, 1 to 99.
         real_time: use that scheduler, where permitted; never in lock-step.
 
     Raises:

@@ -63,7 +63,7 @@ def report_run(
         folder: result folder, which must not exist; runs/report-<date>-<time> when left out.
         robot: a robot's name, or a parameter table of one's own (.toml); the log's when left out.
         policy: the policy to simulate; the log's when left out, if it comes with the package.
-        distance: of the sprint [m].
+        distance: length of the sprint [m].
         simulate: whether the simulation stands beside the run; without it the log is drawn alone.
         progress: called with what is being done.
 

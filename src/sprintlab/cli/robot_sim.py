@@ -30,17 +30,17 @@ class RobotSim(DriveOptions):
         robot: a robot's name, or a parameter table of one's own (.toml); the policy sprint's when left
             out.
         start: lying on the ground with damped joints, or standing.
-        delay: of every message, each way [ms].
+        delay: delay of every message, each way [ms].
         jitter: greatest additional delay of a message, each way [ms].
         loss: share of messages lost, each way [%].
         noise: sensor noise, as a multiple of a typical set.
-        bus_voltage: of a stiff bus [V]; the robot's own when left out. --battery makes it sag.
-        friction: of feet and floor.
+        bus_voltage: voltage of a stiff bus [V]; the robot's own when left out. --battery makes it sag.
+        friction: friction coefficient of feet and floor.
         payload: mass added to the trunk [kg].
         watchdog: without a command for this long, the robot damps its joints by itself [ms].
         fix_rate: position fixes a second, as from an RTK receiver [Hz]; 0 for none.
         seed: decides noise, jitter and losses.
-        priority: of the real-time scheduler, 1 to 99, where permitted; below the controller's.
+        priority: priority under the real-time scheduler, 1 to 99, where permitted; below the controller's.
         no_real_time: keep the normal scheduler.
         speed_factor: simulated seconds per second; 1 is real time.
         lock_step: one step for each answer of the controller, whatever the clock says.

@@ -35,12 +35,12 @@ class Run:
         source: sprint (self-paced), sprint-raw, keyboard, gamepad[:DEVICE] or profile:FILE.
         top_speed: highest commanded speed [m/s]; when left out, the highest at which the policy passes its
             audit in simulation.
-        distance: of a sprint [m].
+        distance: length of a sprint [m].
         log: write every step to this MCAP file; runs/<bus name>-<date>-<time>.mcap when left out.
         no_log: write none.
         duration: come down after this time [s].
-        priority: of the real-time scheduler, 1 to 99.
-        core: of the processor, on which the control loop stays: one that is kept free of other work.
+        priority: priority under the real-time scheduler, 1 to 99.
+        core: processor core for the control loop, one that is kept free of other work.
         no_real_time: keep the normal scheduler.
         lock_step: take time from a simulated robot and answer each of its steps.
         despite_audit: name of the policy, to let it drive a robot beyond this machine although it falls or

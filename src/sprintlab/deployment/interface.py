@@ -92,9 +92,9 @@ class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
         quaternion: body to world, w, x, y, z ``(4,)``.
         angular_velocity: body frame [rad/s] ``(3,)``.
         bus_voltage: [V].
-        command_sequence: of the last accepted command; 0 before the first.
+        command_sequence: number of the last accepted command; 0 before the first.
         status: ``RobotStatus`` flags.
-        session: of the controller that sent the last accepted command; 0 before the first.
+        session: number of the controller that sent the last accepted command; 0 before the first.
     """
 
     sequence: int
@@ -121,8 +121,8 @@ class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False
         stiffness: [N m/rad] ``(joints,)``, not negative.
         damping: [N m s/rad] ``(joints,)``, not negative.
         feedforward_torque: joint side [N m] ``(joints,)``.
-        state_sequence: of the state that the command answers.
-        session: of the controller: a random number that it draws once, 64 bits. It tells controllers apart;
+        state_sequence: number of the state that the command answers.
+        session: the controller's number, drawn once at random, 64 bits. It tells controllers apart;
             it is no secret.
     """
 
@@ -365,7 +365,7 @@ class ControlTick(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False)
         time: controller's clock since its start [s].
         mode: name of the controller's mode, see ``SourceView.mode``.
         state: the last accepted state; None before the first.
-        command: what was sent.
+        command: the command that was sent.
         velocity: commanded velocity that the policy was given: forward, sideways [m/s], yaw rate [rad/s]
             ``(3,)``.
         targets: joint targets before the safety layer [rad] ``(joints,)``.

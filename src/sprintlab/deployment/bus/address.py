@@ -31,7 +31,7 @@ class BusAddress(NamedTuple):
 
     Attributes:
         carrier: ``"shm"`` or ``"unitree"``.
-        name: the robot's.
+        name: the robot's name.
         place: what follows ``@``; empty if nothing does.
     """
 
@@ -67,8 +67,8 @@ def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
     """The controller's end of a bus.
 
     Args:
-        address: of the robot.
-        session: that the controller's commands carry; drawn at random when left out.
+        address: the robot's address.
+        session: number that the controller's commands carry; drawn at random when left out.
 
     Raises:
         InvalidValueError: the address makes no sense.

@@ -76,7 +76,7 @@ class ControllerEnd(BusEnd):
     """The controller's end of a bus.
 
     Args:
-        session: of the controller that holds this end.
+        session: number of the controller that holds this end.
     """
 
     def __init__(self, session: int) -> None:

@@ -80,8 +80,8 @@ class ControllerLock:
     """Held by the one controller of a robot on this machine; it ends with the process that holds it.
 
     Args:
-        place: of the robot; part of a file's name.
-        robot: its name, for the sentence.
+        place: the robot's place, part of a file's name.
+        robot: the robot's name, for the sentence.
 
     Raises:
         BusError: another controller holds it, or its file cannot be made.

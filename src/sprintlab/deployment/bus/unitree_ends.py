@@ -76,7 +76,7 @@ class UnitreeControllerEnd(ControllerEnd):
     """The controller's end: sends ``LowCmd_``, hears ``LowState_`` and the ``LowCmd_`` of others.
 
     Args:
-        session: of the controller; it is not sent, and tells its commands from those of others.
+        session: number of the controller; it is not sent, and tells its commands from those of others.
 
     Attributes:
         overheard: commands of others, damaged ones among them.

@@ -74,14 +74,14 @@ class Controller:
     Args:
         policy: the loaded policy.
         robot: the robot it drives.
-        source: where the commanded velocity comes from.
+        source: source of the commanded velocity.
         safety: thresholds.
         limits: bounds of the commanded velocity.
-        session: that its commands carry; drawn at random when left out.
+        session: number that its commands carry; drawn at random when left out.
 
     Attributes:
-        session: that its commands carry.
-        fault_counts: how often each fault was noticed.
+        session: number that its commands carry.
+        fault_counts: number of times each fault was noticed.
         stop_reason: the fault, or ``operator``, that led to the present or last ``stop``.
         policy_time: duration of the last policy step [s].
         moving_since: time in the last run at which the command was first not zero [s]; None before.
@@ -171,7 +171,7 @@ class Controller:
         Args:
             now: monotonic clock [ns], above that of the step before; a clock that runs back as far as a loop
                 may stand still counts as a loop that did.
-            states: what arrived since then, in order of arrival.
+            states: states that arrived since then, in order of arrival.
             fix: a position fix that arrived.
 
         Returns:
@@ -416,7 +416,7 @@ class Controller:
                 self._forget_robot()
 
     def _estimated_speed(self) -> float | None:
-        """Of the trunk along the ground, as the policy estimates it [m/s]."""
+        """Speed of the trunk along the ground, as the policy estimates it [m/s]."""
         estimate = self._runtime.last_estimate
         return None if estimate is None else float(np.hypot(estimate[0], estimate[1]))
 
@@ -458,7 +458,7 @@ class Controller:
 
     @property
     def _time(self) -> float:
-        """Of this step, since the controller's start [s]."""
+        """Time of this step since the controller's start [s]."""
         return (self._now - (self._start or 0)) * 1e-9
 
 

@@ -181,9 +181,9 @@ def level_feet(legs: Legs, pose: FloatArray, quaternion: FloatArray) -> FloatArr
     """Feet from the trunk's middle [m] ``(legs, 3)``, forward along the heading, z along gravity.
 
     Args:
-        legs: of the robot.
+        legs: the robot's legs.
         pose: joint positions [rad] ``(joints,)``.
-        quaternion: of the trunk, w first.
+        quaternion: orientation of the trunk, w first.
     """
     w, x, y, z = quaternion.tolist()
     roll = math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))

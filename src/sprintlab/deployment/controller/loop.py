@@ -38,11 +38,11 @@ class LoopOptions:
     Attributes:
         lock_step: take time from the robot's states and answer each: a simulated robot then waits for the
             controller, and the result does not depend on the machine's load.
-        priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
-        core: of the processor, on which the loop stays; None for any.
+        priority: priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
+        core: processor core on which the loop stays; None for any.
         duration: end after this time [s], in order; None for no end.
         attended: an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end.
-        patience: how long to wait for the robot's first state, or for another controller to leave it [s].
+        patience: time to wait for the robot's first state, or for another controller to leave it [s].
 
     Raises:
         InvalidValueError: a field is out of range.
@@ -70,9 +70,9 @@ class LoopReport:
     """What the loop measured.
 
     Attributes:
-        grant: what the operating system granted; None in lock-step.
-        steps: of the loop.
-        policy_steps: of the policy.
+        grant: scheduler and memory as the operating system granted them; None in lock-step.
+        steps: number of steps of the loop.
+        policy_steps: number of steps of the policy.
         deadline_misses: steps that ended after the next one was due.
         skipped: periods passed over to catch up.
         wake_up: lateness of each step's beginning.
@@ -134,11 +134,11 @@ def run_loop(
     Whatever ends the loop, the last command damps the joints or leaves them off.
 
     Args:
-        controller: what to run.
+        controller: the controller to run.
         bus: the controller's end; not closed here.
         options: clock and end.
         log: takes every step.
-        interrupted: how often the user asked to end so far.
+        interrupted: number of times the user has asked to end so far.
         status: told ten times a second how things stand.
 
     Raises:

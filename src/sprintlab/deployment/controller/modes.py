@@ -60,7 +60,8 @@ class Behaviour:
 
     Attributes:
         mode: which one.
-        ways: where a request leads; every other is ignored, but ``STOP``, which every active mode obeys.
+        ways: the mode to which a request leads; every other request is ignored, but ``STOP``, which every
+            active mode obeys.
         carried: whether the legs carry the trunk: then a collapse is a fault.
         policy_drives: whether the policy gives the targets.
         brakes: whether the commanded velocity is brought to zero.
@@ -158,8 +159,8 @@ class Run(Behaviour):
     """The policy drives.
 
     Args:
-        command_time: that the commanded velocity needs from its greatest value to zero [s].
-        planar_speed: of the trunk as the policy estimates it [m/s]; None where it estimates nothing.
+        command_time: time in which the commanded velocity falls from its greatest value to zero [s].
+        planar_speed: speed of the trunk as the policy estimates it [m/s]; None without an estimator.
     """
 
     mode = Mode.RUN
@@ -198,7 +199,7 @@ class LieDown(Behaviour):
         robot: geometry, mass and gains.
         here: the pose from which a motion starts without a jump.
         state: at the start.
-        time: of the start [s].
+        time: time of the start [s].
         after_run: whether feet may have to be gathered.
     """
 

@@ -57,7 +57,7 @@ class JointMotion:
     Args:
         start: pose at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
-        waypoints: where to go.
+        waypoints: poses to go through.
     """
 
     def __init__(self, start: FloatArray, start_time: float, *waypoints: Waypoint) -> None:
@@ -88,7 +88,7 @@ class SinkMotion:
         robot: link lengths and limits.
         start: pose at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
-        duration: of sinking over the feet [s].
+        duration: time of sinking over the feet [s].
         tuck_time: from there to the belly [s].
     """
 
@@ -125,7 +125,7 @@ class FootKey(NamedTuple):
     Attributes:
         feet: from the trunk's middle [m] ``(4, 3)``.
         loads: vertical forces [N] ``(4,)``.
-        duration: of the phase that ends here [s].
+        duration: time of the phase that ends here [s].
         airborne: legs that are lifted meanwhile.
     """
 
@@ -197,7 +197,7 @@ def gather_motion(
 
     Args:
         robot: geometry, mass and gains.
-        state: where the legs are and how the trunk is tilted.
+        state: the robot's state, for the legs' places and the trunk's tilt.
         start: targets at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
     """

@@ -21,7 +21,7 @@ class CommandWriter:
 
     Args:
         robot: to which they go.
-        session: that they carry.
+        session: number that they carry.
 
     Attributes:
         guard: the gate that every command passes.

@@ -27,8 +27,8 @@ class RealTimeGrant:
 
     Attributes:
         memory_locked: no page of the process can be swapped out.
-        priority: of the real-time scheduler (SCHED_FIFO); None where it was not permitted or not asked for.
-        remarks: what the loop lacks, in words: refused, or not set up on this machine.
+        priority: priority under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for.
+        remarks: missing privileges in words: refused, or not set up on this machine.
         cores: the loop runs on one of these.
     """
 
@@ -45,7 +45,7 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
     What is not permitted is left out and remarked upon: the loop runs anyway, and counts its misses.
 
     Args:
-        priority: of SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
+        priority: priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
         core: to stay on; None for any.
     """
     remarks: list[str] = []

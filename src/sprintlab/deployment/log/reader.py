@@ -42,7 +42,7 @@ class Messages:
     """Messages of one topic, as columns.
 
     Args:
-        kind: of the messages.
+        kind: type of the messages.
     """
 
     def __init__(self, kind: Any) -> None:
@@ -92,13 +92,13 @@ class RunRecord:
     """A log in memory. Times are of the controller's clock [s].
 
     Attributes:
-        facts: what the log says of its run; ``robot`` is always there, ``ticks dropped`` unless the
+        facts: notes about the run; ``robot`` is always there, ``ticks dropped`` unless the
             controller did not come to its end.
         contract: the policy's contract, JSON.
         states: the accepted states; their time is when each was accepted.
-        commands: what was sent.
+        commands: the commands that were sent.
         fixes: the position fixes.
-        ticks: what else the controller noted, one per command.
+        ticks: mode, targets, faults and times of each control step, one per command.
     """
 
     facts: dict[str, str]

@@ -57,7 +57,7 @@ class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_new_log(path: Path) -> None:
-    """That a log can be written to a file; leaves nothing behind but the file's folder.
+    """Check that a log can be written to a file; leaves nothing behind but the file's folder.
 
     Raises:
         LogError: the file exists, its folder cannot be written, or the package ``mcap`` is missing.
@@ -78,7 +78,7 @@ class McapRunLog:
 
     Args:
         path: where; must not exist yet.
-        facts: what to say of the run.
+        facts: the robot, the contract and notes about the run.
         wait: wait for the writing process rather than drop a tick, ten seconds at most: for runs that are not
             in real time.
 

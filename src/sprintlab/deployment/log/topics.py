@@ -22,7 +22,7 @@ class LogError(SprintlabError):
 
 
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What is not in the messages of the bus; see ``ControlTick``."""
+    """The rest of a ``ControlTick``, beside the messages of the bus."""
 
     time: float
     mode: str
@@ -59,7 +59,7 @@ class Frame(NamedTuple):
     Attributes:
         topic: index into ``TOPICS``, or ``START`` or ``END``.
         time: controller's clock [ns].
-        sequence: of the message.
+        sequence: the message's number.
         content: its bytes.
     """
 

@@ -56,7 +56,7 @@ class Response(NamedTuple):
     """The reaction to a fault.
 
     Attributes:
-        reaction: what happens.
+        reaction: the controller's reaction.
         within: greatest time from the fault's onset to the first command that shows the reaction [s].
         meaning: the fault in words.
     """

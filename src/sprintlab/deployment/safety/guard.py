@@ -60,7 +60,7 @@ class CommandGuard:
 
         Args:
             state: the last one.
-            age: of the state when the command acts [s].
+            age: age of the state when the command acts [s].
         """
         lower, upper = self._envelope(state, age)
         above = _share((self._upper - state.joint_position) / self._zone)

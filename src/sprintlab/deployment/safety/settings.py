@@ -13,7 +13,7 @@ class SafetySettings:
 
     Attributes:
         state_timeout: without a usable state [s].
-        frozen_time: of states or positions that do not change [s].
+        frozen_time: duration of states or positions that do not change [s].
         stuck_velocity: joint speed at which an unchanging position is a fault [rad/s].
         limit_margin: way beyond a joint's limits that elastic end stops may give [rad].
         limit_time: beyond that margin, or above the highest speed [s].
@@ -27,7 +27,7 @@ class SafetySettings:
         fall_tilt: tilt of the trunk [degrees].
         fall_time: above it [s].
         collapse_height: leg extension over standing extension below which a leg carries nothing.
-        collapse_time: of all legs [s].
+        collapse_time: duration without a carrying leg [s].
         tumble_rate: angular speed of the trunk [rad/s].
         tumble_time: above it [s].
         answer_timeout: without a newly accepted command [s].

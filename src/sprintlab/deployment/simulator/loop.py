@@ -58,15 +58,15 @@ class SimulatorReport:
 
     Attributes:
         simulated_time: [s].
-        distance: way along x [m].
-        greatest_distance: farthest the robot came along x [m].
+        distance: position along x at the end [m].
+        greatest_distance: greatest position along x [m].
         finish_times: simulated time at which each metre mark of ``marks`` was passed [s].
         top_speed: highest mean speed along x over half a second [m/s].
         fall_reason: empty if the robot did not fall.
         commands_accepted: by the robot.
         commands_dropped: by the robot, or by the bus, which could not decode them.
         drop_reasons: the same, counted by the reason.
-        watchdog_trips: how often the robot's watchdog took over.
+        watchdog_trips: number of times the robot's watchdog took over.
         late_steps: steps that began more than one step late (real time only).
         given_up: clock time that the simulation could not make up for [s] (real time only).
     """

@@ -23,8 +23,8 @@ class SensorNoise:
         joint_torque: [N m].
         angular_velocity: [rad/s].
         orientation: rotation about each axis [rad].
-        track_position: of the position fixes [m].
-        track_velocity: of the position fixes [m/s].
+        track_position: position fixes [m].
+        track_velocity: velocity in the position fixes [m/s].
 
     Raises:
         InvalidValueError: a field is negative or above 10.
@@ -68,11 +68,11 @@ class SimulatorOptions:
         trial: friction, payload, initial joint noise.
         to_controller: the link that carries states and position fixes.
         to_robot: the link that carries commands.
-        noise: of the sensors.
+        noise: noise of the sensors.
         start: ``"lying"``: sunk to the ground with damped joints; ``"standing"``: in the default pose.
         fix_rate: position fixes a second [Hz], 0 for none.
         watchdog_timeout: without a command for this long, the robot damps its joints by itself [s].
-        seed: of noise and links.
+        seed: seed of noise and links.
 
     Raises:
         InvalidValueError: a field is outside its range.

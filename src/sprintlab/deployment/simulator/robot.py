@@ -33,14 +33,14 @@ class SimulatedRobot:
     """A plant that behaves on the bus as ``sprintlab.deployment.interface`` asks of a robot.
 
     Args:
-        robot: what to simulate.
+        robot: the robot to simulate.
         options: how.
 
     Attributes:
         accepted: commands acted on.
         dropped: commands that were not acted on, counted by the reason.
-        watchdog_trips: how often the watchdog took over from a controller that drove the joints.
-        fall_reason: of the first fall; empty as long as there was none. A fall is a tilt beyond 60 degrees,
+        watchdog_trips: number of times the watchdog took over from a controller that drove the joints.
+        fall_reason: reason of the first fall; empty before it. A fall is a tilt beyond 60 degrees,
             or trunk or knee on the ground either above 0.5 m/s or within 0.3 s of standing under servo
             commands.
 

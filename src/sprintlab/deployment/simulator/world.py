@@ -17,7 +17,7 @@ class SimulatedWorld:
     """Robot and links in simulated time. It knows no bus: messages go in and come out.
 
     Args:
-        robot: what to simulate.
+        robot: the robot to simulate.
         options: how.
 
     Attributes:

@@ -21,7 +21,7 @@ def open_source(name: str, *, top_speed: float, distance: float = 100.0) -> Comm
     Args:
         name: one of ``SOURCES``.
         top_speed: highest speed that it wishes for [m/s]; a profile file brings its own.
-        distance: of a sprint [m].
+        distance: length of a sprint [m].
 
     Raises:
         InvalidValueError: there is no such source, or a number is not allowed.

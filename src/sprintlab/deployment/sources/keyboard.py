@@ -35,7 +35,7 @@ class KeyboardSource(OperatorSource):
     Args:
         top_speed: highest wish [m/s]; backwards a fifth of it.
         limits: slew limits.
-        descriptor: of the terminal.
+        descriptor: the terminal's file descriptor.
 
     Raises:
         SourceError: standard input is no terminal.

@@ -20,9 +20,9 @@ class SlewLimits:
     """Highest rates of change of a wish.
 
     Attributes:
-        acceleration: of forward and sideways speed, away from zero [m/s^2].
-        braking: of the same, towards zero [m/s^2].
-        yaw_acceleration: of the yaw rate [rad/s^2].
+        acceleration: change of forward and sideways speed, away from zero [m/s^2].
+        braking: change of the same speeds, towards zero [m/s^2].
+        yaw_acceleration: change of the yaw rate [rad/s^2].
 
     Raises:
         InvalidValueError: a rate is not positive.

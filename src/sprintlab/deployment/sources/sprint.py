@@ -23,10 +23,10 @@ class SprintSource(ScriptedSource):
         top_speed: [m/s].
         distance: [m].
         pace: keep the command near the measured speed, as ``self_paced`` does.
-        acceleration: of the command [m/s^2].
+        acceleration: rise and fall of the command [m/s^2].
 
     Attributes:
-        finish_time: when the distance was reached, since the start of the run [s].
+        finish_time: time from the start of the run to the end of the distance [s].
 
     Raises:
         InvalidValueError: a number is not positive.
