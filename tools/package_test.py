@@ -22,14 +22,13 @@ SMOKE = (
     ("motor", "show", "bp2", "hip", "--json"),
     ("race", "--top-speed", "3", "--trials", "1", "--no-video", "--output", "race"),
     ("replay", "race", "--json"),
+    ("limit", "--quick", "--starts", "1", "--json"),
+    ("motor", "identify", "BENCH", "--pole-pairs", "21", "--json"),
+    ("audit", "rollout.csv", "--motor", "go1", "--json"),
     ("doctor", "--json"),
 )
 BENCH = ROOT / "examples" / "motors" / "bench.csv"
-# What the extra `analysis` brings: refused without it, with the command that installs it.
-ANALYSIS = (
-    ("limit", "--quick", "--starts", "1", "--json"),
-    ("motor", "identify", str(BENCH), "--pole-pairs", "21", "--json"),
-)
+ROLLOUT = "time,joint_velocity_FL_calf,joint_torque_FL_calf\n0,1,5\n0.02,12,60\n"
 
 
 def call(*command: str | Path, folder: Path = ROOT) -> str:
@@ -50,26 +49,19 @@ def build(folder: Path) -> tuple[Path, Path]:
     return wheel, sdist
 
 
-def try_analysis(programs: Path, wheel: Path, folder: Path) -> float:
-    """Refused without the extra, done with it; returns the seconds that the extra took to install."""
-    command = "pip install 'sprintlab[analysis]'"
-    for arguments in ANALYSIS:
-        refused = subprocess.run(
-            [str(programs / "sprintlab"), *arguments], cwd=folder, capture_output=True, text=True, check=False
-        )
-        if refused.returncode != 2 or command not in refused.stderr:
-            sys.exit(f"sprintlab {arguments[0]} without SciPy does not name the extra: {refused.stderr}")
-    started = time.perf_counter()
-    install(programs, f"{wheel}[analysis]")
-    seconds = round(time.perf_counter() - started, 1)
-    for arguments in ANALYSIS:
-        call(programs / "sprintlab", *arguments, folder=folder)
-    return seconds
-
-
 def install(programs: Path, what: Path | str) -> None:
     """Install with every version as published in constraints.txt."""
-    call(programs / "python", "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", what)
+    call(
+        programs / "python",
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--only-binary=:all:",
+        "-c",
+        ROOT / "constraints.txt",
+        what,
+    )
 
 
 def environment_size(folder: Path) -> int:
@@ -97,11 +89,13 @@ def main() -> None:
         }
         (packages,) = (folder / "env").rglob("site-packages")
         found["installed_megabytes"] = round(environment_size(packages) / 1e6)
+        found["of_them_sprintlab"] = round(environment_size(packages / "sprintlab") / 1e6, 1)
+        (folder / "rollout.csv").write_text(ROLLOUT)
         for arguments in SMOKE:
             started = time.perf_counter()
-            call(programs / "sprintlab", *arguments, folder=folder)
+            words = [BENCH if word == "BENCH" else word for word in arguments]
+            call(programs / "sprintlab", *words, folder=folder)
             found["sprintlab " + " ".join(arguments)] = round(time.perf_counter() - started, 2)
-        found["analysis_seconds"] = try_analysis(programs, wheel, folder)
         # The sdist must hold everything that a wheel is made of.
         call(programs / "python", "-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall", sdist)
         call(programs / "sprintlab", "robot", "show", "bp2", folder=folder)

@@ -81,7 +81,8 @@ def stage(monkeypatch):
         utilities.configclass = configclass
         for module in (ModuleType("isaaclab"), actuators, utilities):
             monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.delitem(sys.modules, "sprintlab.integrations.isaaclab", raising=False)
+    monkeypatch.setitem(sys.modules, "sprintlab.integrations.isaaclab", None)  # gone again after the test
+    del sys.modules["sprintlab.integrations.isaaclab"]
     return importlib.import_module("sprintlab.integrations.isaaclab")
 
 

@@ -28,7 +28,8 @@ def stage(monkeypatch):
         actuators.ClampingBase = ClampingBase
         monkeypatch.setitem(sys.modules, "newton", ModuleType("newton"))
         monkeypatch.setitem(sys.modules, "newton.actuators", actuators)
-    monkeypatch.delitem(sys.modules, "sprintlab.integrations.newton", raising=False)
+    monkeypatch.setitem(sys.modules, "sprintlab.integrations.newton", None)  # gone again after the test
+    del sys.modules["sprintlab.integrations.newton"]
     return importlib.import_module("sprintlab.integrations.newton")
 
 

@@ -56,7 +56,8 @@ def stage(monkeypatch):
         for name, module in doubles().items():
             monkeypatch.setitem(sys.modules, name, module)
         monkeypatch.setattr(mujoco, "mjx", sys.modules["mujoco.mjx"], raising=False)
-    monkeypatch.delitem(sys.modules, "sprintlab.integrations.playground", raising=False)
+    monkeypatch.setitem(sys.modules, "sprintlab.integrations.playground", None)  # gone again after the test
+    del sys.modules["sprintlab.integrations.playground"]
     return importlib.import_module("sprintlab.integrations.playground")
 
 

@@ -35,7 +35,8 @@ def built(tmp_path_factory):
     """Folder with wheel and sdist."""
     folder = tmp_path_factory.mktemp("dist")
     command = [sys.executable, "-m", "hatchling", "build", "-d", str(folder)]
-    made = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "SPRINTLAB_URL": "https://forge.example/lab/sprintlab"}
+    made = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert made.returncode == 0, made.stderr
     return folder
 
@@ -69,8 +70,10 @@ def test_wheel_holds_data_and_nothing_foreign(built):
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert "Requires-Python: <3.14,>=3.10" in metadata
+    assert "Project-URL: Repository, https://forge.example/lab/sprintlab" in metadata
+    assert next(built.glob("*.whl")).stat().st_size < 10e6
     required = re.findall(r"^Requires-Dist: ([\w-]+)(?!.*extra ==)", metadata, re.MULTILINE)
-    assert "numpy" in required and not {"scipy", "torch", "viser"} & set(required)
+    assert {"numpy", "scipy"} <= set(required) and not {"torch", "viser"} & set(required)
 
 
 def test_sdist_holds_sources_and_tests(built):

@@ -12,7 +12,6 @@ from rich.console import RenderableType
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, written_for
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.extras import require_package
 from sprintlab.core.files import check_writable_file
 
 if TYPE_CHECKING:
@@ -151,10 +150,9 @@ def identify_motor(
         output: motor file to write; none when left out.
 
     Raises:
-        SprintlabError: the bench cannot be used, a choice is refused, or SciPy is not installed.
+        SprintlabError: the bench cannot be used, or a choice is refused.
         UnwrittenError: the disk has no room for the file any more; its ``found`` is the motor.
     """
-    require_package("scipy", extra="analysis", use="sprintlab motor identify")
     if output is not None:
         check_writable_file(output)
     from sprintlab.workbench.identification import behind_gear, identify, is_log, load_bench, rested

@@ -11,7 +11,6 @@ from rich.console import RenderableType
 
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
-from sprintlab.core.extras import require_package
 from sprintlab.core.reading import check_folder
 
 if TYPE_CHECKING:
@@ -123,11 +122,10 @@ def limit(
         progress: called with what is being done and the share done.
 
     Raises:
-        SprintlabError: an unknown robot, a bad option, no such folder, too many results, or no SciPy.
+        SprintlabError: an unknown robot, a bad option, no such folder, or too many results.
     """
     if results is not None:
         check_folder(results)
-    require_package("scipy", extra="analysis", use="sprintlab limit")
     from sprintlab.robots import load_robot
     from sprintlab.speed_limit import LIMITS_TO_LIFT, SearchSettings, speed_limit, trained_speeds
 

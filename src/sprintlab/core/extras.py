@@ -15,7 +15,7 @@ def require_package(module: str, *, extra: str, use: str) -> None:
     """Refuse where a module of an extra is not installed.
 
     Args:
-        module: top-level name under which the package is imported, e.g. ``"scipy"``.
+        module: top-level name under which the package is imported, e.g. ``"viser"``.
         extra: of sprintlab that brings it.
         use: what needs it, as the subject of the sentence.
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import SimulationError
-from sprintlab.core.extras import require_package
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray
 from sprintlab.speed_limit.runner import Runner
 from sprintlab.speed_limit.stride import (
@@ -116,9 +115,7 @@ def fastest_stride(
 
     Raises:
         SimulationError: no start came to a possible stride.
-        SprintlabError: SciPy, which the extra ``analysis`` brings, is not installed.
     """
-    require_package("scipy", extra="analysis", use="the speed limit")
     settings = settings or SearchSettings()
     search = _Search(runner, settings, tuple(groups), ceiling)
     known = (near,) if isinstance(near, Fastest) else tuple(near)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SprintlabError
-from sprintlab.core.extras import require_package
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.voltage import VOLTAGE_UTILIZATION
 from sprintlab.workbench.identification.bench import Bench
@@ -103,10 +102,9 @@ def identify(
 
     Raises:
         SprintlabError: too few rows, speeds or currents, too many rows, or units and signs that contradict
-            each other; or SciPy, which the extra ``analysis`` brings, is not installed.
+            each other.
         InvalidValueError: a setting is not allowed.
     """
-    require_package("scipy", extra="analysis", use="identifying a motor")
     check_range("pole_pairs", pole_pairs, 1, 200)
     for name in hold:
         check_choice("hold", name, tuple(PARAMETER_UNITS))
