@@ -71,7 +71,7 @@ def test_no_file_hides_a_policy_that_comes_with_the_package(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sprint").write_bytes(b"no policy")
     assert sl.load_policy("sprint").contract.robot_name == "bp2"
-    with pytest.raises(PolicyFileError, match="damaged or no policy"):
+    with pytest.raises(PolicyFileError, match="damaged or not a sprintlab policy"):
         sl.load_policy("./sprint")
 
 

@@ -43,7 +43,7 @@ def test_truncated_policy(call, tmp_path, policy):
 
 def test_foreign_policy(call, tmp_path, write_policy):
     foreign = write_policy(tmp_path / "foreign.onnx", with_contract=False)
-    assert_refused(call("evaluate", foreign), "no sprintlab policy")
+    assert_refused(call("evaluate", foreign), "not a sprintlab policy")
 
 
 @pytest.mark.parametrize("command", ["race", "evaluate"])

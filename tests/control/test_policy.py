@@ -50,7 +50,7 @@ def test_truncated_file(write_policy, share):
 def test_file_that_is_no_onnx(tmp_path):
     path = tmp_path / "policy.onnx"
     path.write_text("I am a poem.")
-    with pytest.raises(PolicyFileError, match="damaged or no policy"):
+    with pytest.raises(PolicyFileError, match="damaged or not a sprintlab policy"):
         load_policy(path)
 
 

@@ -8,14 +8,10 @@ from sprintlab.core import errors
 from sprintlab.core.checks import check_choice, check_finite, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 
-NESTED = []
-for _ in range(5000):
-    NESTED = [NESTED]
-
 
 @pytest.mark.parametrize(
-    "value", [math.nan, math.inf, -math.inf, True, "1", None, [1.0], 10**400, -(10**5000), 1j, NESTED],
-    ids=["nan", "inf", "-inf", "truth", "text", "none", "list", "huge", "unwritable", "complex", "nested"],
+    "value", [math.nan, math.inf, -math.inf, True, "1", None, [1.0], 10**400, 1j],
+    ids=["nan", "inf", "-inf", "truth", "text", "none", "list", "huge", "complex"],
 )  # fmt: skip
 def test_what_is_no_finite_number_is_refused(value):
     with pytest.raises(InvalidValueError, match=r"mass = .*finite number"):

@@ -14,10 +14,9 @@ from sprintlab.api.policies import robot_word
 from sprintlab.api.processes import leave_to_the_parent
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
-from sprintlab.core.errors import SprintlabError, printable_stderr
+from sprintlab.core.errors import SprintlabError
 from sprintlab.core.extras import require_package
 from sprintlab.core.reading import read_rows
-from sprintlab.core.streams import lasting_streams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -246,10 +245,7 @@ def run_script(main: Callable[[Options], object], defaults: Options) -> None:
     import tyro
 
     try:
-        with printable_stderr():
-            options = tyro.cli(type(defaults), default=defaults)
-        with lasting_streams():
-            print(main(options))
+        print(main(tyro.cli(type(defaults), default=defaults)))
     except SprintlabError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         raise SystemExit(2) from error

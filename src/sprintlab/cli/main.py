@@ -40,7 +40,7 @@ from sprintlab.cli.status import REFUSED, exit_status
 from sprintlab.cli.sweep import Sweep
 from sprintlab.cli.train import Train, run_training
 from sprintlab.cli.unknown import did_you_mean, refuse_unknown_option
-from sprintlab.core.errors import SprintlabError, printable, printable_lines
+from sprintlab.core.errors import SprintlabError, printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import default_folder
 
@@ -161,7 +161,7 @@ def parse(arguments: Sequence[str]) -> Any:
         if stop.code == REFUSED:
             named = command_words(arguments)
             refuse_unknown_option(" ".join(named), arguments[len(named) :], _help_of(named))
-        print(printable_lines(said.getvalue()), end="", file=sys.stderr)  # names of files may stand in it
+        print(said.getvalue(), end="", file=sys.stderr)
         raise
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 from sprintlab.cli.interruptions import tidy_termination
 from sprintlab.core.errors import SprintlabError, printable
-from sprintlab.core.streams import lasting_streams
 
 REFUSED = 2
 INTERRUPTED = 130
@@ -21,11 +20,6 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         program: name that begins the sentence on stderr.
         work: parses and runs; returns the status where nothing fails.
     """
-    with lasting_streams():
-        return _status(program, work)
-
-
-def _status(program: str, work: Callable[[], int]) -> int:
     try:
         with tidy_termination():
             status = work()

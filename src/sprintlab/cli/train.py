@@ -18,7 +18,7 @@ import tyro
 
 from sprintlab.api.training import require_training
 from sprintlab.cli.unknown import refuse_unknown_option
-from sprintlab.core.errors import SprintlabError, printable_lines
+from sprintlab.core.errors import SprintlabError
 
 if TYPE_CHECKING:
     from sprintlab.training.runs.options import TrainOptions
@@ -185,7 +185,7 @@ def _parse(default: TrainOptions, words: list[str]) -> TrainOptions:
             raise refusal from None
         if stop.code:
             refuse_unknown_option("train", [public_text(word) for word in words], _help(default))
-        print(printable_lines(public_text(without_decided(said.getvalue()))), end="", file=sys.stderr)
+        print(public_text(without_decided(said.getvalue())), end="", file=sys.stderr)
         raise
 
 

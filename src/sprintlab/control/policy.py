@@ -53,6 +53,8 @@ POLICY_LIMIT = 64 << 20
 ESTIMATE_SIZE = sum(term.size for term in ESTIMATE_TERMS)
 """Numbers of an estimate: body velocity 3 [m/s], base height 1 [m], probability of foot contact 4."""
 
+_ELSEWHERE = "policies of other packages are judged from a rollout, see sprintlab audit --help"
+
 _INPUT, _OUTPUT = "observation", "action"
 _PREVIOUS, _ESTIMATE = "previous_estimate", "estimate"
 
@@ -346,7 +348,9 @@ def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Polic
     session, digest = _open_session(Path(path))
     text = session.get_modelmeta().custom_metadata_map.get(CONTRACT_KEY)
     if text is None:
-        raise PolicyFileError(f"{path} is no sprintlab policy: its metadata has no {CONTRACT_KEY}")
+        raise PolicyFileError(
+            f"{path} is not a sprintlab policy: its metadata has no {CONTRACT_KEY}; {_ELSEWHERE}"
+        )
     try:
         contract = decode_contract(text)
     except PolicyFileError as error:
@@ -400,7 +404,9 @@ def _open_session(path: Path) -> tuple[Any, str]:
     try:
         check_graph(content)
     except GraphError as error:
-        raise PolicyFileError(f"{path} is damaged or no policy: its network {error}") from error
+        raise PolicyFileError(
+            f"{path} is damaged or not a sprintlab policy: its network {error}; {_ELSEWHERE}"
+        ) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1

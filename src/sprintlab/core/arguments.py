@@ -1,7 +1,6 @@
-"""Arguments that anybody may give: of the kinds that a signature says, or refused by name in one sentence.
+"""Arguments of public functions: of the kinds that a signature says, or refused by name in one sentence.
 
-Without this, a number read from a stranger's JSON goes on as a file's number, half a trial or a seed, and
-ends deep inside in Python's own words, sometimes after hours of work.
+Without this, a speed read from JSON as text raises an obscure TypeError, sometimes after hours of work.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-import os
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -19,21 +17,19 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, cast, get_args, get_
 
 from sprintlab.core.errors import InvalidValueError
 
-_LONGEST_NAME, _LONGEST_PATH = 255, 4000  # bytes
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _WORDS: dict[Any, str] = {
     int: "a whole number", float: "a finite number", str: "text", bool: "True or False",
-    Path: "a name or path, no part of it longer than 255 bytes", types.NoneType: "None",
+    Path: "a name or path", types.NoneType: "None",
 }  # fmt: skip
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, with its arguments held against its type hints before it begins.
+    """The function, with its arguments compared with its type hints before it begins.
 
-    Hints that exist for type checkers only, and values within the allowed kinds, are left to the function.
+    Hints that only type checkers can look up are left out.
 
     Raises:
         InvalidValueError: when called with an argument of another kind; it is named.
@@ -52,7 +48,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def check_fields(settings: Any) -> None:
-    """Hold the fields of a dataclass against their type hints. Raises as ``check_kind``."""
+    """Compare the fields of a dataclass with their type hints. Raises as ``check_kind``."""
     hints = get_type_hints(settings.__class__)
     for field in fields(settings):
         check_kind(field.name, getattr(settings, field.name), hints[field.name])
@@ -64,7 +60,7 @@ def check_kind(name: str, value: object, hint: Any) -> None:
     NumPy's numbers count as numbers, whole ones as floats, and text as a path.
 
     Raises:
-        InvalidValueError: it is of another kind, or a number beyond all floats.
+        InvalidValueError: it is of another kind, or not a finite number.
     """
     if not _fits(value, hint):
         raise InvalidValueError(name, value, f"must be {_described(hint)}")
@@ -72,7 +68,6 @@ def check_kind(name: str, value: object, hint: Any) -> None:
 
 @functools.cache
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """Type hints of the arguments, those left out that only type checkers can look up."""
     space, found = getattr(function, "__globals__", {}), dict[str, Any]()
     for name, hint in function.__annotations__.items():
         try:
@@ -87,19 +82,22 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is Any:
         return True
     if origin in (Union, types.UnionType):
-        if Path in inner and isinstance(value, str | Path):  # text, too, is the name of a file there
-            return _plain_fits(value, Path)
         return any(_fits(value, one) for one in inner)
     if origin is Literal:
         return isinstance(value, str)  # which ones, the function says itself
-    if hint in _WORDS:
-        return _plain_fits(value, hint)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(_fits(key, inner[0]) for key in cast("Any", value))
     if origin in (Sequence, tuple):
         return _is_list(value) and all(_fits(one, inner[0]) for one in value)
     if origin is Callable:
         return callable(value)
+    if hint is bool:
+        return type(value).__name__ in ("bool", "bool_")  # Python's or NumPy's
+    if hint is Path:
+        return isinstance(value, str | Path)
+    if hint in (int, float):
+        number = Integral if hint is int else Real
+        return type(value) is not bool and isinstance(value, number) and -math.inf < value < math.inf
     return not isinstance(hint, type) or isinstance(value, hint)
 
 
@@ -107,34 +105,6 @@ def _is_list(value: Any) -> bool:
     if hasattr(value, "ndim"):  # an array; NumPy itself is too heavy to be imported for every command
         return bool(value.ndim)
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
-
-def _plain_fits(value: Any, hint: Any) -> bool:
-    if hint is bool:
-        return type(value).__name__ in ("bool", "bool_")  # Python's or NumPy's
-    if hint is Path:
-        return isinstance(value, str | Path) and _is_name(value)
-    if hint in (int, float):
-        number = Integral if hint is int else Real
-        return type(value) is not bool and isinstance(value, number) and _finite(value)
-    return isinstance(value, hint)
-
-
-def _is_name(path: str | Path) -> bool:
-    """Whether a disk may know it: before Python 3.14, a longer one ends ``Path.exists`` with an error."""
-    try:
-        name = os.fsencode(path)
-    except UnicodeEncodeError:  # half of a pair of code units, as JSON can say
-        return False
-    parts = name.split(os.sep.encode())
-    return len(name) <= _LONGEST_PATH and max(map(len, parts)) <= _LONGEST_NAME
-
-
-def _finite(value: Any) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
 
 
 def _described(hint: Any) -> str:

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sprintlab.core.errors import printable, printable_lines
+from sprintlab.core.errors import printable
 from sprintlab.core.files import atomic_write_bytes, check_figure_path
 
 
@@ -180,7 +180,7 @@ def as_written(name: str) -> str:
 
 def set_title(axis: Axes, text: str, theme: Theme, pad: float | None = None) -> None:
     """A short bold title, flush left, ``pad`` points above the axes; formulas stay as they are written."""
-    shown = printable_lines(text).replace("$", r"\$")
+    shown = text.replace("$", r"\$")
     axis.set_title(shown, loc="left", pad=pad, fontweight="bold", fontsize=9.5, color=theme.foreground)
 
 

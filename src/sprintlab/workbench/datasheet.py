@@ -31,7 +31,7 @@ from typing import Any
 import tomli_w
 
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError, printable_lines
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors.i2t import I2tLimit
 from sprintlab.motors.parameters import PmsmParameters
@@ -125,7 +125,7 @@ def save_converted_motor(
     lines += [f"note: {note}" for note in conversion.notes]
     comment = "".join(f"# {' '.join(line.split())}".rstrip() + "\n" for line in lines)
     table = asdict(conversion.motor)
-    atomic_write_text(path, printable_lines(comment) + "\n" + tomli_w.dumps({"motor": table}))
+    atomic_write_text(path, comment + "\n" + tomli_w.dumps({"motor": table}))
 
 
 def save_converted_supply(conversion: DatasheetConversion, path: str | os.PathLike[str]) -> None:
