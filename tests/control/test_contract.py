@@ -210,18 +210,6 @@ def test_unreadable_contracts_are_refused_with_the_reason(contract, change, word
         decode_contract(json.dumps(data))
 
 
-def test_a_field_that_stands_twice_is_refused(contract):
-    """The last would count; another reader may take the first."""
-    text = encode_contract(contract)
-    for twice in (
-        '{"action_limit":9.0,' + text[1:],
-        text.replace('"terms":', '"terms":[],"terms":', 1),
-        text.replace('"action_limit"', '"action\\u005flimit":1.0,"action_limit"', 1),
-    ):
-        with pytest.raises(PolicyFileError, match="stands twice"):
-            decode_contract(twice)
-
-
 def test_missing_field_and_broken_json_are_refused(contract):
     data = json.loads(encode_contract(contract))
     del data["damping"]

@@ -5,7 +5,6 @@ import json
 import math
 import os
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest

@@ -301,7 +301,7 @@ def test_a_folder_that_says_nothing_of_its_study_is_refused(tmp_path, text):
         os.mkfifo(tmp_path / "study.json")
     else:
         (tmp_path / "study.json").write_text(text)
-    with pytest.raises(SprintlabError, match=r"another policy|no regular file"):
+    with pytest.raises(SprintlabError, match=r"another policy|not a regular file"):
         study.check_identity(tmp_path, {"policy": "a"})
     assert study.known_top_speed(tmp_path) is None
 

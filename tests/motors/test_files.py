@@ -90,7 +90,7 @@ def test_no_toml_is_refused(motor_file):
 
 def test_binary_file_is_refused(tmp_path):
     (tmp_path / "motor.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(SprintlabError, match="no text in UTF-8"):
+    with pytest.raises(SprintlabError, match="not text in UTF-8"):
         load_motor(tmp_path / "motor.toml")
 
 

@@ -6,6 +6,7 @@ import torch
 
 from sprintlab.motors import (
     Gear,
+    PreparedDrive,
     copper_loss,
     drive_torque,
     electrical_power,
@@ -14,7 +15,6 @@ from sprintlab.motors import (
     saturate,
     shaft_torque,
 )
-from sprintlab.plant import PreparedDrive
 from sprintlab.robots import load_robot
 
 VELOCITY = np.array([-30.0, -6.0, -0.3, -0.01, 0.01, 0.3, 6.0, 30.0])
@@ -71,7 +71,7 @@ def test_the_gear_passes_all_on_at_rest_and_turns_smoothly():
 def test_the_prepared_law_and_tensors_are_the_same_law(robot, points):
     desired, velocity = points
     wanted = drive_torque(robot.motors, robot.gear, desired, velocity, robot.bus_voltage).torque
-    prepared = PreparedDrive(robot, robot.bus_voltage)
+    prepared = PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)
     for row in range(len(desired)):
         np.testing.assert_allclose(prepared(desired[row], velocity[row]).torque, wanted[row], rtol=1e-12)
     tensors = drive_torque(

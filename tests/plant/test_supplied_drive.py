@@ -11,6 +11,7 @@ from sprintlab.motors import (
     HousedHeat,
     I2tLimit,
     MotorValues,
+    PreparedDrive,
     WindingHeat,
     battery_current,
     copper_loss,
@@ -29,7 +30,7 @@ from sprintlab.motors import (
     warmed,
     warmed_with_housing,
 )
-from sprintlab.plant import BlindRecorder, Plant, PlantOptions, PreparedDrive, SuppliedDrive, TrialSettings
+from sprintlab.plant import BlindRecorder, Plant, PlantOptions, SuppliedDrive, TrialSettings
 from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
@@ -138,7 +139,10 @@ def test_a_stiff_battery_and_cold_windings_change_nothing():
     table = (3.0, 60.0 / 14, 60.0 / 14 + 1e-9)
     battery = Battery(internal_resistance=0.0, charge_table=(0.0, 0.1, 1.0), voltage_table=table)
     heat = WindingHeat(heat_capacity=1e9)
-    supplied, plain = SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat), PreparedDrive(ROBOT, 60.0)
+    supplied, plain = (
+        SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat),
+        PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0),
+    )
     for desired, velocity in zip(*motion(50), strict=True):
         for got, wanted in zip(supplied(desired, velocity), plain(desired, velocity), strict=True):
             np.testing.assert_allclose(got, wanted, atol=1e-4)

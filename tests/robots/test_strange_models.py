@@ -80,7 +80,7 @@ def test_who_waits_for_a_model_asks_for_work_not_for_time(tmp_path, monkeypatch)
 
 def test_pipe_for_a_model(tmp_path):
     os.mkfifo(tmp_path / "pipe.xml")
-    with pytest.raises(RobotModelError, match="no regular file"):
+    with pytest.raises(RobotModelError, match="not a regular file"):
         read_source(tmp_path / "pipe.xml")
 
 

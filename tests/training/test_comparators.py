@@ -15,8 +15,7 @@ import torch
 
 from sprintlab.control import pd_torque
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import Battery
-from sprintlab.plant import PreparedDrive
+from sprintlab.motors import Battery, PreparedDrive
 from sprintlab.robots import load_robot
 from sprintlab.training.environment.actuator_network import network_torque, read_networks
 from sprintlab.training.environment.simulation import BatchSimulation
@@ -127,7 +126,7 @@ def test_the_networks_torques_are_those_of_plain_layers_and_near_the_drives() ->
     expected = network_torque(networks, wanted, velocity)
     np.testing.assert_allclose(simulation.drive_torque.numpy(), expected, atol=2e-3)
     inside = np.abs(velocity) < 0.8 * networks["no_load_speed"][networks["kind"]]
-    law = np.asarray(PreparedDrive(robot, robot.bus_voltage)(wanted, velocity).torque)
+    law = np.asarray(PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)(wanted, velocity).torque)
     peak = networks["peak_torque"][networks["kind"]]
     assert np.sqrt(np.mean(((expected - law) / peak)[inside] ** 2)) < 0.05
 

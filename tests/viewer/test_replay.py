@@ -273,7 +273,7 @@ def test_incomplete_trajectory_is_refused(tmp_path):
     [
         ("time", lambda values: values[::-1], "time does not rise"),
         ("time", lambda values: values[0], "no two samples"),
-        ("time", lambda values: values.astype(str), "time holds what is no finite number"),
+        ("time", lambda values: values.astype(str), "time holds what is not a finite number"),
         ("qpos", lambda values: np.where(values == values[9, 0], np.nan, values), "qpos holds"),
         ("qpos", lambda values: values[:, 0], "qpos has shape"),
         ("command", lambda values: values[:100], "command has shape"),

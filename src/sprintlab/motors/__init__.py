@@ -46,6 +46,7 @@ from sprintlab.motors.parameters import single as single
 from sprintlab.motors.parameters import stack_motors as stack_motors
 from sprintlab.motors.power import copper_loss as copper_loss
 from sprintlab.motors.power import electrical_power as electrical_power
+from sprintlab.motors.prepared import PreparedDrive as PreparedDrive
 from sprintlab.motors.saturation import desaturate as desaturate
 from sprintlab.motors.saturation import saturate as saturate
 from sprintlab.motors.supply_files import SupplyFile as SupplyFile

@@ -155,7 +155,7 @@ def critical_speed(
         torque,
         motor.pole_pairs,
         motor.stator_resistance,
-        motor.q_axis_inductance if model == "refined" else 0.0,
+        _inductance(motor, model),
         motor.flux_linkage,
         phase_voltage_limit(bus_voltage),
     )
@@ -182,6 +182,14 @@ def no_load_speed(motor: PmsmParameters, bus_voltage: Array) -> Array:
     return voltage / (pole_pairs * flux)
 
 
+def _inductance(motor: PmsmParameters, model: MotorModel) -> Array:
+    """Inductance in a model [H]; raises ``InvalidValueError`` for a model without a law here."""
+    if model == "refined":
+        return motor.q_axis_inductance
+    check_choice("model", model, ("refined", "simplified-dc", "square"))
+    return 0.0
+
+
 def _voltage_interval(
     motor: PmsmParameters, speed: Array, bus_voltage: Array, model: MotorModel
 ) -> tuple[Any, _VoltageInterval, Array]:
@@ -190,7 +198,7 @@ def _voltage_interval(
         speed,
         motor.pole_pairs,
         motor.stator_resistance,
-        motor.q_axis_inductance if model == "refined" else 0.0,
+        _inductance(motor, model),
         motor.flux_linkage,
         motor.peak_torque,
         phase_voltage_limit(bus_voltage),

@@ -1,6 +1,5 @@
 """The simulated robot that evaluation measures and deployment drives: MuJoCo C, true motor limits."""
 
-from sprintlab.plant.drive import PreparedDrive as PreparedDrive
 from sprintlab.plant.drive import SuppliedDrive as SuppliedDrive
 from sprintlab.plant.drive import SupplyState as SupplyState
 from sprintlab.plant.engines import DRAKE_TIMESTEP as DRAKE_TIMESTEP

@@ -21,8 +21,16 @@ from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError, SimulationError
-from sprintlab.motors import MOTOR_MODELS, Battery, DriveOutput, I2tLimit, MotorModel, WindingHeat
-from sprintlab.plant.drive import PreparedDrive, SuppliedDrive, SupplyState
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    Battery,
+    DriveOutput,
+    I2tLimit,
+    MotorModel,
+    PreparedDrive,
+    WindingHeat,
+)
+from sprintlab.plant.drive import SuppliedDrive, SupplyState
 from sprintlab.plant.ground import LEVEL, Ground, RoughGround
 from sprintlab.plant.pad import PadLaw, Pads
 from sprintlab.plant.settings import TrialSettings
@@ -432,7 +440,7 @@ def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | Su
     voltage = options.bus_voltage or robot.bus_voltage
     followed = options.battery or options.heat or options.i2t
     if followed is None and options.motor_model != "flux-weakening":
-        return PreparedDrive(robot, voltage, options.motor_model)
+        return PreparedDrive(robot.motors, robot.gear, voltage, options.motor_model)
     return SuppliedDrive(
         robot,
         voltage,

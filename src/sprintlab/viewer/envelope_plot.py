@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.array_types import FloatArray
-from sprintlab.motors import MotorModel, no_load_speed
-from sprintlab.plant import PreparedDrive
+from sprintlab.motors import MotorModel, PreparedDrive, no_load_speed
 from sprintlab.robots import RobotDescription, joint_kind
 
 LEG_COLORS = ("#228be6", "#e8590c", "#12b886", "#be4bdb")
@@ -106,7 +105,10 @@ class EnvelopePlot:
         return "".join(axes) + area + ("" if model == "refined" else used) + labels
 
     def _outline(self, panel: _Panel, model: MotorModel, bus_voltage: float) -> str:
-        drive, joint = PreparedDrive(self._robot, bus_voltage, model), panel.joints[0]
+        drive, joint = (
+            PreparedDrive(self._robot.motors, self._robot.gear, bus_voltage, model),
+            panel.joints[0],
+        )
         speed = np.linspace(-panel.top_speed, panel.top_speed, _SPEEDS)
         limits = [drive.limits(np.full(len(self._ratio), value) / self._ratio) for value in speed]
         lower, upper = (np.array([pair[side][joint] for pair in limits]) for side in (0, 1))

@@ -19,8 +19,8 @@ from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import SimulationError
-from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, electrical_power
-from sprintlab.plant import Plant, PlantOptions, PreparedDrive, TrialSettings
+from sprintlab.motors import MOTOR_MODELS, DriveOutput, MotorModel, PreparedDrive, electrical_power
+from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription, set_friction
 
 POLICY_RATE = 50.0
@@ -85,7 +85,7 @@ class LivePlant(Plant):
 
     def change_motors(self, model: MotorModel, bus_voltage: float) -> None:
         """Give every joint another motor law or bus voltage [V]."""
-        self.use_drive(PreparedDrive(self.robot, bus_voltage, model))
+        self.use_drive(PreparedDrive(self.robot.motors, self.robot.gear, bus_voltage, model))
 
     def change_surroundings(self, friction: float, payload: float, slope: float) -> None:
         """Set friction, payload [kg] and uphill slope [rad]; the slope turns gravity, the ground stays."""

@@ -146,7 +146,7 @@ def _checked(path: Path, name: str, values: Array, samples: int) -> Array:
             f"{path} is no trajectory: {name} has shape {values.shape} instead of {expected}"
         )
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
-        raise SprintlabError(f"{path} is no trajectory: {name} holds what is no finite number")
+        raise SprintlabError(f"{path} is no trajectory: {name} holds what is not a finite number")
     with np.errstate(over="ignore"):
         numbers = values.astype(np.float64)
     if np.abs(numbers).max() > _LARGEST:

@@ -203,7 +203,7 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, content):
 def test_a_cell_that_is_no_number_is_named_by_line_and_column(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("time,forward\n0,1\n1,2_2.0\n")
-    with pytest.raises(SourceError, match=r"line 3, column forward: '2_2\.0' is no finite number"):
+    with pytest.raises(SourceError, match=r"line 3, column forward: '2_2\.0' is not a finite number"):
         load_velocity_table(path)
 
 

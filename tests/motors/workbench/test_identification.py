@@ -630,9 +630,9 @@ REFUSED = {
     "decimal commas between commas": (lambda text: text.replace(".", ","), "decimal commas"),
     "both decimal signs": (lambda text: text.replace(",", ";") + "1,5;2.5;1;1;1;1;0\n", "commas and decimal"),
     "a cell too many": (lambda text: text + "1,2,3,4,5,60,0,9\n", "has 8 cells, the header 7"),
-    "a cell too few": (lambda text: text + "1,2\n", "no finite number"),
-    "an underscore": (lambda text: text + "1,2_2.0,3,4,5,60,0\n", "'2_2.0', no finite number"),
-    "full-width digits": (lambda text: text + "1,２,3,4,5,60,0\n", "'２', no finite number"),
+    "a cell too few": (lambda text: text + "1,2\n", "not a finite number"),
+    "an underscore": (lambda text: text + "1,2_2.0,3,4,5,60,0\n", "'2_2.0', not a finite number"),
+    "full-width digits": (lambda text: text + "1,２,3,4,5,60,0\n", "'２', not a finite number"),
     "no bus": (lambda text: text + "1,2,3,4,5,0,0\n", "greater than 0"),
 }
 

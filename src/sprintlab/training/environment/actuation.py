@@ -11,12 +11,12 @@ from __future__ import annotations
 # pyright: reportGeneralTypeIssues=false, reportInvalidTypeForm=false, reportOperatorIssue=false
 import warp as wp
 
-from sprintlab.motors import COPPER_COEFFICIENT, MOTOR_MODELS, TURNING_SPEED
+from sprintlab.motors import COPPER_COEFFICIENT, TURNING_SPEED
 from sprintlab.robots import AIR_DENSITY
 
 wp.set_module_options({"enable_backward": False})  # no gradients: half the code to compile
 
-MODEL_CODES = {name: code for code, name in enumerate(MOTOR_MODELS)}
+MODEL_CODES = {"refined": 0, "simplified-dc": 1, "square": 2, "flux-weakening": 3}
 FRICTION_SPEED = 0.2
 """Joint speed over which dry friction reaches 76 % of its value [rad/s]: a smooth stand-in for sticking."""
 

@@ -289,7 +289,7 @@ def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, tit
         except (ValueError, IndexError):
             written = cells[index] if index < len(cells) else "nothing"
             raise SprintlabError(
-                f"{path} line {line}: {title.strip()} is {written!r}, no finite number"
+                f"{path} line {line}: {title.strip()} is {written!r}, not a finite number"
             ) from None
     return numbers
 

@@ -1,0 +1,87 @@
+"""The prepared motor law is the general one."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from sprintlab.core.errors import InvalidValueError
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    PreparedDrive,
+    critical_speed,
+    drive,
+    drive_torque,
+    envelope,
+    no_load_speed,
+    prepared,
+    torque_limits,
+    voltage_infeasible,
+)
+from sprintlab.robots import load_robot
+
+ROBOT = load_robot("bp2")
+TORQUES = arrays(float, 12, elements=st.floats(-400.0, 400.0))
+VELOCITIES = arrays(float, 12, elements=st.floats(-500.0, 500.0))
+
+
+@pytest.mark.parametrize("model", MOTOR_MODELS)
+@given(torque=TORQUES, velocity=VELOCITIES, voltage=st.floats(10.0, 100.0))
+def test_equals_the_general_law_also_far_beyond_the_no_load_speed(model, torque, velocity, voltage):
+    expected = drive_torque(ROBOT.motors, ROBOT.gear, torque, velocity, voltage, model)
+    for got, wanted in zip(
+        PreparedDrive(ROBOT.motors, ROBOT.gear, voltage, model)(torque, velocity), expected, strict=True
+    ):
+        np.testing.assert_allclose(np.broadcast_to(got, 12), np.broadcast_to(wanted, 12), atol=1e-9)
+
+
+def test_equals_the_general_law_around_the_speed_where_no_current_fits():
+    no_load = no_load_speed(ROBOT.motors, 60.0) / ROBOT.gear.ratio
+    for share in np.linspace(0.9, 4.0, 4001):
+        lower, upper = PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0).limits(share * no_load)
+        expected = drive_torque(ROBOT.motors, ROBOT.gear, np.zeros(12), share * no_load, 60.0)
+        np.testing.assert_allclose(lower, expected.lower, atol=1e-6)
+        np.testing.assert_allclose(upper, expected.upper, atol=1e-6)
+
+
+def test_refuses_a_voltage_of_zero_and_an_unknown_model():
+    with pytest.raises(InvalidValueError, match="bus_voltage"):
+        PreparedDrive(ROBOT.motors, ROBOT.gear, 0.0)
+    with pytest.raises(InvalidValueError, match="square"):
+        PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0, "cubic")
+
+
+def test_a_model_without_a_law_raises_everywhere(monkeypatch):
+    """A name that is added to the list alone gave the plant the torque of another model."""
+    for module in (envelope, prepared):
+        monkeypatch.setattr(module, "MOTOR_MODELS", (*MOTOR_MODELS, "cubic"))
+    motors, still = ROBOT.motors, np.zeros(12)
+    for ask in (
+        lambda: torque_limits(motors, still, 60.0, "cubic"),
+        lambda: voltage_infeasible(motors, still, 60.0, "cubic"),
+        lambda: critical_speed(motors, still, 60.0, "cubic"),
+        lambda: drive_torque(motors, ROBOT.gear, still, still, 60.0, "cubic"),
+        lambda: PreparedDrive(motors, ROBOT.gear, 60.0, "cubic")(still, still),
+    ):
+        with pytest.raises(InvalidValueError, match="cubic"):
+            ask()
+
+
+def test_a_model_without_a_fast_form_has_the_torque_of_the_general_law(monkeypatch):
+    """Half the torque at every speed: 6 and 7.5 N m, not 12 and 15."""
+    for module in (envelope, prepared):
+        monkeypatch.setattr(module, "MOTOR_MODELS", (*MOTOR_MODELS, "half"))
+    whole = envelope.torque_limits
+
+    def with_half(motor, speed, bus_voltage, model="refined"):
+        lower, upper = whole(motor, speed, bus_voltage, "square" if model == "half" else model)
+        return (lower / 2, upper / 2) if model == "half" else (lower, upper)
+
+    for module in (envelope, drive, prepared):
+        monkeypatch.setattr(module, "torque_limits", with_half)
+    asked, still = np.full(12, 1e4), np.zeros(12)
+    given = PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0, "half")(asked, still)
+    np.testing.assert_allclose(given.motor_torque, ROBOT.motors.peak_torque / 2)
+    expected = drive_torque(ROBOT.motors, ROBOT.gear, asked, still, 60.0, "half")
+    np.testing.assert_allclose(given.torque, expected.torque)
