@@ -97,7 +97,7 @@ def bench(
     robot: RobotDescription, points: int, noise: float, seed: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Wanted torque [N m], velocity [rad/s] and measured torque [N m] of every joint ``(points, joints)``."""
-    from sprintlab.plant import PreparedDrive
+    from sprintlab.motors import PreparedDrive
     from sprintlab.training.environment.actuator_network import SPEED_REACH, TORQUE_REACH, drive_scales
 
     random = np.random.default_rng(seed)
@@ -105,7 +105,7 @@ def bench(
     shape = (points, len(peak))
     wanted = random.uniform(-TORQUE_REACH, TORQUE_REACH, shape) * peak
     velocity = random.uniform(-SPEED_REACH, SPEED_REACH, shape) * no_load
-    given = np.asarray(PreparedDrive(robot, robot.bus_voltage)(wanted, velocity).torque)
+    given = np.asarray(PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)(wanted, velocity).torque)
     return wanted, velocity, given + noise * peak * random.standard_normal(shape)
 
 

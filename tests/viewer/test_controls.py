@@ -1,11 +1,11 @@
 """Every control of the live page, turned in a real browser; what it did is read from the session."""
 
-import math
 import os
 import struct
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from sprintlab.viewer.live import Session
@@ -206,12 +206,15 @@ def event(kind, number, value):
     return struct.pack("=IhBB", 0, value, kind, number)
 
 
-def test_a_visitor_who_sends_what_no_control_offers_does_not_end_the_page(robot, policy):
-    """Each of these ended ``sprintlab play``, the pace with a traceback."""
-    page = Page(Session(robot, {"sprint": policy}), PageOptions(port=8281, duration=0.3))
-    before = page.session.knobs
-    for name, value in (("speed", math.nan), ("policy", "another"), ("motor_model", "none")):
-        page._actions.put(lambda name=name, value=value: page.session.turn(**{name: value}))
-    page._controls._pace._impl.value = "twice"
-    page.run()
-    assert page.session.knobs == before
+def test_no_key_of_the_page_also_moves_the_camera(page):
+    """W, S, A, D and Q flew viser's camera away: after four presses the robot was gone."""
+    taken = {"W", "A", "S", "D", "Q", "E", "ARROWUP", "ARROWDOWN", "ARROWLEFT", "ARROWRIGHT"}
+    keys = {command.hotkey for command in page.server.gui._command_handle_from_uuid.values()}
+    assert len(keys) == 7 and not taken & {str(key).upper() for key in keys}
+
+
+def test_the_robot_is_found_again(window, page):
+    (client,) = page.server.get_clients().values()
+    client.camera.position = (500.0, 0.0, 200.0)
+    press(window, "Find")
+    until(window, lambda: np.allclose(client.camera.position, (-1.6, -2.4, 0.9), atol=1e-3))

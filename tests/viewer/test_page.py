@@ -18,6 +18,9 @@ from sprintlab.viewer.live import Session
 
 pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'")
 
+import viser
+from websockets.sync.client import connect
+
 from sprintlab.viewer.page import Page, PageOptions
 
 
@@ -139,6 +142,23 @@ def test_address_can_be_opened_on_this_machine(robot, policy, host, address):
     page.end()
     page.run()
     assert page.address.startswith(address)
+
+
+def test_a_page_for_other_machines_is_opened_by_the_machines_name(robot, policy):
+    """Its page was served and its socket refused, with status 403; behind a forwarder of HTTPS too."""
+    page = Page(Session(robot, {"sprint": policy}), PageOptions(host="0.0.0.0", port=8291))
+    try:
+        for scheme in ("http", "https"):
+            with connect(
+                page.address.replace("http:", "ws:"),
+                origin=f"{scheme}://robot-lab",
+                additional_headers={"Host": "robot-lab"},
+                subprotocols=[f"viser-v{viser.__version__}"],
+            ) as socket:
+                assert socket.recv(timeout=60.0)
+    finally:
+        page.end()
+        page.run()
 
 
 def test_port_out_of_range_is_refused():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -56,12 +57,23 @@ class ChosenMotor(Printed):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Parameters, bus voltage [V] and speeds [rad/s]."""
-        return {"motor": self.parameters(), "bus_voltage": self.drive.bus_voltage, **self.speeds()}
+        """Parameters, constants [N m/A, rpm/V], bus voltage [V] and speeds [rad/s]."""
+        return {
+            "motor": self.parameters(),
+            "torque_constant": float(self.drive.motor.torque_constant),
+            "kv": float(self.drive.motor.speed_constant) * 60.0 / (2.0 * math.pi),
+            "bus_voltage": self.drive.bus_voltage,
+            **self.speeds(),
+        }
 
     def tables(self) -> Iterator[RenderableType]:
-        """Parameters and speeds."""
+        """Parameters and speeds, then the constants that data sheets print, with their convention."""
+        numbers = self.to_dict()
         yield motor_table(self.title, "quantity", self.parameters(), self.speeds())
+        yield (
+            f"torque constant {numbers['torque_constant']:.4g} N m/A, per ampere of phase amplitude; "
+            f"KV {numbers['kv']:.4g} rpm/V, per volt of the line-to-line amplitude"
+        )
 
 
 @checked

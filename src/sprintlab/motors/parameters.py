@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
@@ -76,6 +77,11 @@ class PmsmParameters:
     def torque_constant(self) -> Array:
         """Torque per ampere of q-axis current, ``1.5 N psi`` [N m/A]."""
         return 1.5 * self.pole_pairs * self.flux_linkage
+
+    @property
+    def speed_constant(self) -> Array:
+        """KV: no-load speed per volt of the line-to-line amplitude, ``1 / (sqrt(3) N psi)`` [rad/s/V]."""
+        return 1.0 / (math.sqrt(3.0) * self.pole_pairs * self.flux_linkage)
 
 
 class MotorValues(NamedTuple):

@@ -20,7 +20,7 @@ from sprintlab.viewer.live import Session
 PACES = {"real time": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1, "1/25": 0.04}
 TOP_SPEED = 14.0
 
-_KEYS_HINT = "Keys: W faster, S slower, A left, D right, Q straight on, X stop"
+_KEYS_HINT = "Keys: I faster, K slower, J left, L right, U straight on, X stop, F find the robot"
 # Where a push comes from, and the direction forward and left that it gives.
 _PUSHES = {"Front": (-1.0, 0.0), "Back": (1.0, 0.0), "Left": (0.0, -1.0), "Right": (0.0, 1.0)}
 _PAD_HELP = (
@@ -39,6 +39,7 @@ class Controls:
         session: what the knobs turn.
         do: runs an action between two frames.
         darken: makes the page dark or light.
+        find: puts the camera back to the robot.
     """
 
     def __init__(
@@ -47,8 +48,10 @@ class Controls:
         session: Session,
         do: Callable[[Callable[[], object]], None],
         darken: Callable[[bool], None],
+        find: Callable[[], None],
     ) -> None:
-        self._gui, self._session, self._do, self._darken = server.gui, session, do, darken
+        self._gui, self._session, self._do = server.gui, session, do
+        self._darken, self._find = darken, find
         gui = server.gui
         with gui.add_folder("Command"):
             self._add_command()
@@ -62,7 +65,7 @@ class Controls:
 
     @property
     def pace(self) -> float:
-        """Simulated seconds a second; 0 while paused, and at a pace that only a visitor knows."""
+        """Simulated seconds a second; 0 while paused."""
         return 0.0 if self._paused.value else PACES.get(self._pace.value, 0.0)
 
     def follow(self, reading: PadReading) -> None:
@@ -101,27 +104,30 @@ class Controls:
         self._turns(self._turn, "yaw_rate", float)
         self._turns(paced, "self_paced", bool)
         self._add_keys()
-        buttons = gui.add_button_group("Robot", ("Stop", "Stand up"), hint=_KEYS_HINT)
+        buttons = gui.add_button_group("Robot", ("Stop", "Stand up", "Find"), hint=_KEYS_HINT)
 
         @buttons.on_click
         def _(_: Any) -> None:
-            if buttons.value == "Stop":
-                self._stop()
-            else:
-                self._do(self._session.reset)
+            actions: dict[str, Callable[[], object]] = {
+                "Stop": self._stop,
+                "Stand up": lambda: self._do(self._session.reset),
+                "Find": self._find,
+            }
+            actions[buttons.value]()
 
         self._pad = gui.add_html("", visible=False)
 
     def _add_keys(self) -> None:
-        """Let keys of the keyboard move the sliders."""
+        """Let keys of the keyboard move the sliders; viser's camera has W, A, S, D, Q, E and the arrows."""
         speed, turn = self._speed, self._turn
         keys: dict[Any, tuple[str, Callable[[], object]]] = {
-            "W": ("Faster", lambda: _move(speed, speed.value + 0.5)),
-            "S": ("Slower", lambda: _move(speed, speed.value - 0.5)),
-            "A": ("Turn left", lambda: _move(turn, turn.value + 0.1)),
-            "D": ("Turn right", lambda: _move(turn, turn.value - 0.1)),
-            "Q": ("Straight on", lambda: _move(turn, 0.0)),
+            "I": ("Faster", lambda: _move(speed, speed.value + 0.5)),
+            "K": ("Slower", lambda: _move(speed, speed.value - 0.5)),
+            "J": ("Turn left", lambda: _move(turn, turn.value + 0.1)),
+            "L": ("Turn right", lambda: _move(turn, turn.value - 0.1)),
+            "U": ("Straight on", lambda: _move(turn, 0.0)),
             "X": ("Stop", self._stop),
+            "F": ("Find the robot", self._find),
         }
         for key, (label, action) in keys.items():
             self._add_key(key, label, action)
@@ -178,7 +184,7 @@ class Controls:
 
     def _push(self, side: str) -> None:
         direction, impulse = _PUSHES.get(side, (0.0, 0.0)), self._impulse.value
-        if not self._impulse.min <= impulse <= self._impulse.max:  # which only a visitor's own message says
+        if not self._impulse.min <= impulse <= self._impulse.max:
             return
         forward, left = (impulse * part for part in direction)
         self._do(lambda: self._session.push(forward, left))

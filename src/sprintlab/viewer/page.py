@@ -20,7 +20,6 @@ from sprintlab.viewer.controls import Controls
 from sprintlab.viewer.gamepad import Gamepad
 from sprintlab.viewer.listening import free_port
 from sprintlab.viewer.live import Session, Snapshot
-from sprintlab.viewer.origin import own_origin_only
 from sprintlab.viewer.plots import Plots
 from sprintlab.viewer.scene import Scene
 
@@ -97,14 +96,16 @@ class Page:
         self._ended = False
         self._pace = PaceMeter()
         # viser's banner is not shown: the command says where the page is.
-        with redirect_stdout(io.StringIO()), own_origin_only(options.host):
+        with redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(
                 host=options.host, port=port, label="sprintlab play", verbose=False
             )
         self._scene = Scene(self.server, session)
         self._darken(False)
         self._plots = Plots(self.server, session.robot)
-        self._controls = Controls(self.server, session, self._actions.put, self._darken)
+        self._controls = Controls(
+            self.server, session, self._actions.put, self._darken, self._scene.find_robot
+        )
 
     @property
     def address(self) -> str:
@@ -152,7 +153,7 @@ class Page:
 
     def _take_actions(self) -> None:
         while not self._actions.empty():
-            with suppress(SprintlabError):  # a visitor may send what no knob can be turned to: it stays
+            with suppress(SprintlabError):
                 self._actions.get_nowait()()
 
     def _advance(self, wall_time: float) -> Snapshot:

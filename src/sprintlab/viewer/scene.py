@@ -21,6 +21,7 @@ _LINE = 0.025  # half the width of a line [m]
 _TRACK, _DARK_TRACK = (152, 72, 50), (96, 46, 34)
 _GRASS, _DARK_GRASS = (96, 122, 84), (40, 52, 38)
 _PAINT = (238, 238, 238)
+_CAMERA, _LOOK_AT = (-1.6, -2.4, 0.9), (0.1, 0.0, 0.35)  # beside the trunk, which stays in the middle [m]
 
 
 class Scene:
@@ -41,8 +42,8 @@ class Scene:
         self._add_ground()
         self._frames: dict[int, viser.FrameHandle] = {}
         self._add_robot(session)
-        server.initial_camera.position = (-1.6, -2.4, 0.9)
-        server.initial_camera.look_at = (0.1, 0.0, 0.35)
+        self._server = server
+        server.initial_camera.position, server.initial_camera.look_at = _CAMERA, _LOOK_AT
         self._slope = 0.0
 
     def _add_ground(self) -> None:
@@ -85,6 +86,12 @@ class Scene:
         if slope != self._slope:
             self._slope = slope
             self._world.wxyz = (math.cos(0.5 * slope), 0.0, -math.sin(0.5 * slope), 0.0)
+
+    def find_robot(self) -> None:
+        """Put the camera of every open page back to where it began, beside the robot."""
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = _CAMERA, _LOOK_AT
+            client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def darken(self, dark: bool) -> None:
         """Give the ground the colour that fits a dark or a light page."""

@@ -31,7 +31,7 @@ from typing import Any
 import tomli_w
 
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
 from sprintlab.core.files import atomic_write_text
 from sprintlab.motors.i2t import I2tLimit
 from sprintlab.motors.parameters import PmsmParameters
@@ -46,6 +46,7 @@ TOLERANCE = 0.05
 """Difference between entries that say the same, taken for rounding [-]."""
 
 _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
+_GEAR_TOLERANCE = 0.25  # of a ratio of torques to the gear ratio: efficiency and saturation are in it
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
 _VOLTAGE_READINGS = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
 _READINGS = {
@@ -123,7 +124,7 @@ def save_converted_motor(
     lines = [f"{sheet.name or 'Motor'}, from its data sheet", *([sheet.source] if sheet.source else []), ""]
     lines += [str(step) for step in conversion.steps]
     lines += [f"note: {note}" for note in conversion.notes]
-    comment = "".join(f"# {' '.join(line.split())}".rstrip() + "\n" for line in lines)
+    comment = "".join(f"# {printable(' '.join(line.split()))}".rstrip() + "\n" for line in lines)
     table = asdict(conversion.motor)
     atomic_write_text(path, comment + "\n" + tomli_w.dumps({"motor": table}))
 
@@ -428,6 +429,13 @@ class _Conversion:
             if word != entry.convention and -self._tolerance <= alpha < 0.35:
                 readings.append(f"'{word}' (saturation {max(alpha, 0.0):.2f})")
         hint = f"; possible if peak_current is {' or '.join(readings)}" if readings else ""
+        ratio = self._sheet.gear_ratio
+        if ratio and _agree(delivered / before, ratio, _GEAR_TOLERANCE):
+            hint += (
+                f"; the two differ by the gear's ratio of {ratio:g}: write at = 'output' beside peak_torque"
+            )
+        elif implied < 0.0 or not readings:
+            hint += "; is peak_current the current at the supply? The phase current is needed"
         raise InvalidValueError(
             "datasheet.peak_torque",
             self._sheet.entries["peak_torque"].text,
@@ -516,9 +524,16 @@ class _Conversion:
         expected = constant * self._amplitude(current)
         given = self._motor_side(torque)
         if not _agree(given, expected, _RATED_TOLERANCE):
+            ratio = self._sheet.gear_ratio
+            geared = bool(ratio) and _agree(given / expected, float(ratio or 1.0), _GEAR_TOLERANCE)
+            cause = (
+                f"that is the gear's ratio, {ratio:g}: write at = 'output'"
+                if geared
+                else "one of the two follows another convention"
+            )
             self._notes.append(
                 f"rated_torque is {given:.4g} N m, torque constant and rated_current give {expected:.4g} N m "
-                f"({given / expected - 1.0:+.0%}): one of the two follows another convention"
+                f"({given / expected - 1.0:+.0%}): {cause}"
             )
 
     def _check_no_load(self, flux: float) -> None:

@@ -221,6 +221,23 @@ def test_an_impossible_saturation_names_the_current():
         convert(table)
 
 
+def test_torques_that_differ_by_the_gears_ratio_name_the_gear():
+    table = sheet_of(MOTOR, peak_torque=f"{7.6 * MOTOR.peak_torque} N m", gear_ratio=8.0)
+    with pytest.raises(InvalidValueError, match="the gear's ratio of 8: write at = 'output'"):
+        convert(table)
+    rated = sheet_of(MOTOR, rated_current={"value": "5 A", "current": "line amplitude"}, gear_ratio=8.0)
+    notes = convert({**rated, "rated_torque": f"{40 * MOTOR.torque_constant} N m"}).notes
+    assert any("rated_torque" in note and "the gear's ratio, 8" in note for note in notes)
+
+
+def test_a_peak_current_that_is_the_supplys_is_asked_for():
+    """30 A flow in the phases while the supply gives 9."""
+    table = sheet_of(MOTOR, peak_torque=f"{MOTOR.peak_torque} N m")
+    table["peak_current"] = {"value": "9 A", "current": "line amplitude"}
+    with pytest.raises(InvalidValueError, match="is peak_current the current at the supply"):
+        convert(table)
+
+
 def test_peak_torque_alone_is_taken_at_the_output():
     table = sheet_of(
         MOTOR,

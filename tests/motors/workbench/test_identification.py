@@ -423,6 +423,34 @@ def test_the_power_catches_unit_mistakes(fit, motor):
         fit(keep, motor, {**UNITS, "power": "W"})
 
 
+@pytest.mark.parametrize("kept", ["power", "bus_voltage"])
+def test_a_log_without_voltages_says_that_it_cannot_check_the_scale_of_the_current(fit, motor, kept):
+    """A current 1.5 times too large was taken: 1/1.5 of the flux, 1/2.25 of the resistance."""
+    columns = bench_columns(motor)
+    columns["power"] = 1.5 * (columns["vq"] * columns["iq"])
+    columns["iq"] = 1.5 * columns["iq"]
+    columns = {name: columns[name] for name in ("speed", "iq", "torque", kept)}
+    found = fit(columns, motor, UNITS | {"power": "W"}, peak_current=None)
+    assert found.estimates["flux_linkage"].value == pytest.approx(motor.flux_linkage / 1.5, rel=0.05)
+    (told,) = (warning for warning in found.warnings if "cannot check the scale of current" in warning)
+    assert f"{found.torque_constant:.2g}"[:3] in told and "data sheet" in told
+
+
+def test_a_torque_table_in_another_unit_says_that_nothing_checks_it(tmp_path, motor):
+    """Torque in N cm under a header of N m gave a hundred times the flux, without a word."""
+    columns = {name: bench_columns(motor)[name] for name in ("iq", "torque")}
+    columns["torque"] = 100.0 * columns["torque"]
+    found = identify(load_bench(write_bench(tmp_path / "t.csv", columns), needs_speed=False), pole_pairs=21)
+    assert found.estimates["flux_linkage"].value > 50 * motor.flux_linkage
+    assert any("cannot check the scale of current and torque" in warning for warning in found.warnings)
+    with pytest.raises(InvalidValueError, match="--saturation-only"):
+        load_bench(tmp_path / "t.csv")
+
+
+def test_with_q_voltages_the_scale_is_checked(fit, motor):
+    assert not any("scale" in warning for warning in fit(bench_columns(motor), motor).warnings)
+
+
 @pytest.mark.parametrize("motor_speed", [False, True])
 def test_torque_behind_a_gear_is_referred_to_the_motor(tmp_path, motor, motor_speed):
     columns = bench_columns(motor)

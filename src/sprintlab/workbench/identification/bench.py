@@ -298,10 +298,11 @@ def _require(path: object, name: str, values: Mapping[str, Any], header: Sequenc
     if name not in values:
         headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
         mapping = f'or say which it is with --column "{name}=HEADING:{next(iter(COLUMNS[name]))}"'
+        table = "; --saturation-only takes a torque-current table" if name == "speed" else ""
         raise InvalidValueError(
             f"{path}: columns",
             ", ".join(header),
-            f"{name} is missing ({MEANINGS[name]}): write {headings}, {mapping}",
+            f"{name} is missing ({MEANINGS[name]}): write {headings}, {mapping}{table}",
         )
 
 

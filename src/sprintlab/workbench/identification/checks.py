@@ -122,14 +122,31 @@ def check_units(bench: Bench, pole_pairs: int) -> list[str]:
     """
     from_torque = torque_flux(bench, pole_pairs)
     from_voltage = voltage_flux(bench, pole_pairs)
+    warnings: list[str] = []
     if from_voltage is not None:
         warnings = _compare_fluxes(from_torque, *from_voltage, pole_pairs)
         _check_direct_voltage(bench)
-        return [*warnings, *_check_limited(bench)]
-    if bench.bus_voltage is None:
-        return ["no voltages that tell the flux: nothing checks the units of torque, current and speed"]
-    _check_back_emf(bench, from_torque, pole_pairs)
-    return []
+        warnings += _check_limited(bench)
+    elif bench.speed is not None and bench.bus_voltage is not None:
+        _check_back_emf(bench, from_torque, pole_pairs)
+    if from_voltage is None or bench.q_voltage is None:
+        warnings.append(_unchecked_scale(bench, from_torque, pole_pairs))
+    return warnings
+
+
+def _unchecked_scale(bench: Bench, flux: float, pole_pairs: int) -> str:
+    """What a wrong gain of the current sensor, or a wrong unit, would do where v_q does not check it."""
+    constant, kv = 1.5 * pole_pairs * flux, 60.0 / (2.0 * math.pi * math.sqrt(3.0) * pole_pairs * flux)
+    if bench.speed is None:
+        cause = "there are no speeds, so a unit of the torque or a gain of the current goes into the flux"
+    elif bench.power is not None:
+        cause = "k times too much current gives 1/k of the flux and 1/k^2 of the resistance"
+    else:
+        cause = "without v_q, k times too much current gives 1/k of the flux"
+    return (
+        f"this log cannot check the scale of current and torque: {cause}. Compare {constant:.4g} N m/A "
+        f"(torque constant, amplitude; KV {kv:.4g} rpm/V, line-to-line amplitude) with the data sheet"
+    )
 
 
 def likely_mistakes(ratio: float, pole_pairs: int) -> list[str]:

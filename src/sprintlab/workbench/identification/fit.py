@@ -122,8 +122,7 @@ def identify(
         check_positive("peak_current", peak_current, "A")
     check_levels(bench)
     warnings = [*bench.remarks, *standing, *repeated_rows(bench)]
-    if bench.speed is not None:
-        warnings += check_units(bench, pole_pairs)
+    warnings += check_units(bench, pole_pairs)
     largest = float(np.max(np.abs(bench.current)))
     if peak_current is None:
         peak_current = largest
