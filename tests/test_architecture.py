@@ -18,7 +18,7 @@ LONGEST_FUNCTION = 100  # lines
 
 IMPORT_WITHOUT_LEARNING = """
 import importlib, pkgutil, sys
-for name in ("torch", "warp", "mujoco_warp", "rsl_rl", "tensordict", "onnx", "onnxscript"):
+for name in ("torch", "warp", "mujoco_warp", "rsl_rl", "tensordict", "onnxscript"):
     sys.modules[name] = None  # importing it now raises ImportError
 seen = 0
 for name in sys.argv[1:]:

@@ -172,12 +172,11 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("1\n", "no row of numbers"),
-        ('{"reward": "x"}\n', "no row of numbers"),
-        ("{}\n" * 100_001, "100000 lines"),
+        ("1\n", "not a row of numbers"),
+        ('{"reward": "x"}\n', "not a row of numbers"),
     ],
 )
-def test_a_trainings_log_holds_rows_of_numbers_and_not_too_many(tmp_path, text, said):
+def test_a_trainings_log_holds_rows_of_numbers(tmp_path, text, said):
     from sprintlab.api.training import Training
 
     (tmp_path / "log.jsonl").write_text(text)

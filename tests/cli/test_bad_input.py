@@ -161,19 +161,6 @@ def test_an_interruption_ends_with_130(call, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [("race", "sprint"), ("motor", "envelope", "bp2", "hip"), ("train", "--resume"), ("report", "a.mcap")],
-    ids=lambda words: words[0],
-)
-def test_a_name_that_is_one_argument_too_many_does_not_speak_to_the_terminal(call, words):
-    """A shell's ``*`` puts what strangers named into the line, and the parser repeats it."""
-    outcome = call(*words, "\x1b]0;title\x07\x9b2J\u202ename")
-    assert outcome.status == 2
-    assert r"\x1b]0;title\x07" in outcome.err
-    assert all(line.isprintable() for line in outcome.err.split("\n"))
-
-
-@pytest.mark.parametrize(
     "kind", ["pipe", "link to itself", "file", "folder of others", "study that tells nothing"]
 )
 def test_a_place_that_is_no_folder_of_sprints_is_refused_before_the_search_for_a_speed(

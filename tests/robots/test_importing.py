@@ -297,6 +297,28 @@ def test_a_motors_control_range_is_its_torque_limit(tmp_path):
     assert efforts == {24.0}
 
 
+def test_the_smaller_of_joint_effort_and_actuator_range_is_the_limit(tmp_path):
+    """A joint that may bear 50 N m behind an actuator of 35 gives 35."""
+    joints = [joint.name for leg in read_source(GO1 / "go1.xml").legs for joint in leg.joints]
+    motors = "".join(f'<motor joint="{name}" forcerange="-35 35" forcelimited="true"/>' for name in joints)
+    text = re.sub(r'actuatorfrcrange="[^"]*"', 'actuatorfrcrange="-50 50"', (GO1 / "go1.xml").read_text())
+    path = tmp_path / "dog.xml"
+    path.write_text(text.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>"), encoding="utf-8")
+    assert {joint.effort for leg in read_source(path).legs for joint in leg.joints} == {35.0}
+
+
+def test_legs_that_differ_are_flagged_and_not_averaged(edited, tmp_path):
+    """Three knees of 35.55 N m and one of 30: 34.2 stood in no file."""
+    weak = edited(('actuatorfrcrange="-35.55 35.55"', 'actuatorfrcrange="-30 30"'))
+    fitted = fit_robot(read_source(weak))
+    assert fitted.efforts["knee"] == 30.0
+    made = import_robot(weak, choices(), tmp_path / "robots")
+    (flag,) = [check for check in made.checks if check.what == "legs unlike"]
+    assert (
+        not flag.good and "knee effort" in flag.outcome and "30" in flag.outcome and "35.55" in flag.outcome
+    )
+
+
 def test_a_urdfs_impossible_inertia_is_raised_and_told(urdf, tmp_path):
     """Published files hold such links, most often sensors; the masses stay what they are."""
     camera = """<link name="camera"><inertial><mass value="0.1"/>

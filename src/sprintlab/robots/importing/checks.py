@@ -39,6 +39,7 @@ def run_checks(
             outcome=f"lengths and masses differ by at most {fitted.spread:.1%}",
             good=fitted.spread < 0.01,
         ),
+        *(Check(what="legs unlike", outcome=words, good=False) for words in fitted.unlike),
         Check(what="mass", outcome=f"{robot.total_mass:.3f} kg, trunk {fitted.trunk.mass:.3f} kg", good=True),
         *_corrected(source),
         Check(what="inertia matrix", outcome=f"differs by at most {inertia:.2%}", good=inertia < 0.02),

@@ -55,10 +55,11 @@ class FittedRobot:
         trunk_half_size: of its collision box.
         radii: of the collision shapes of thigh and shank.
         ranges: lower and upper limit by joint type.
-        viscous_friction, dry_friction, armature: mean by joint type.
-        efforts: torque limits that the source states, by joint type.
+        viscous_friction, dry_friction, armature: by joint type; where legs differ, the value of most legs.
+        efforts: torque limits that the source states, by joint type; where legs differ, the smallest.
         maps: for each of the table's 12 joints.
         spread: greatest relative difference between legs in lengths and masses.
+        unlike: joints whose numbers differ between legs, with the value of each leg.
     """
 
     origin: FloatArray
@@ -82,6 +83,7 @@ class FittedRobot:
     efforts: dict[str, float | None]
     maps: dict[str, JointMap]
     spread: float
+    unlike: tuple[str, ...]
 
 
 def fit_robot(source: SourceRobot) -> FittedRobot:
@@ -126,14 +128,15 @@ def fit_robot(source: SourceRobot) -> FittedRobot:
         trunk_half_size=np.array((0.9 * hip_x, hip_y, 0.5 * hip_y)) if half_size is None else half_size,
         radii=_radii(legs, mean),
         ranges={joint: _range(source, plans, index) for index, joint in enumerate(JOINTS_PER_LEG)},
-        viscous_friction=_means(legs, "damping"),
-        dry_friction=_means(legs, "dry_friction"),
-        armature=_means(legs, "armature"),
+        viscous_friction=_of_most(legs, "damping"),
+        dry_friction=_of_most(legs, "dry_friction"),
+        armature=_of_most(legs, "armature"),
         efforts={joint: _effort(legs, index) for index, joint in enumerate(JOINTS_PER_LEG)},
         maps={
             f"{name}_{joint}": plan.maps[joint] for name, plan in plans.items() for joint in JOINTS_PER_LEG
         },
         spread=spread,
+        unlike=_unlike(legs),
     )
 
 
@@ -289,13 +292,31 @@ def _range(source: SourceRobot, plans: dict[str, _LegPlan], index: int) -> tuple
     return float(low), float(high)
 
 
-def _means(legs: dict[str, SourceLeg], field: str) -> dict[str, float]:
-    return {
-        joint: float(np.mean([getattr(leg.joints[index], field) for leg in legs.values()]))
-        for index, joint in enumerate(JOINTS_PER_LEG)
-    }
+def _of_most(legs: dict[str, SourceLeg], field: str) -> dict[str, float]:
+    """A number of the source by joint type: that of most legs, the first of equally many."""
+    found: dict[str, float] = {}
+    for index, joint in enumerate(JOINTS_PER_LEG):
+        values = [float(getattr(leg.joints[index], field)) for leg in legs.values()]
+        found[joint] = max(values, key=values.count)
+    return found
+
+
+def _unlike(legs: dict[str, SourceLeg]) -> tuple[str, ...]:
+    """What differs between legs, e.g. ``knee effort: FL 50, FR 35, RL 50, RR 50``."""
+    found: list[str] = []
+    for index, joint in enumerate(JOINTS_PER_LEG):
+        for field in ("effort", "damping", "dry_friction", "armature"):
+            values = {name: getattr(leg.joints[index], field) for name, leg in legs.items()}
+            if len(set(values.values())) > 1:
+                each = ", ".join(f"{leg} {_shown(value)}" for leg, value in values.items())
+                found.append(f"{joint} {field.replace('_', ' ')}: {each}")
+    return tuple(found)
+
+
+def _shown(value: float | None) -> str:
+    return "none" if value is None else f"{value:g}"
 
 
 def _effort(legs: dict[str, SourceLeg], index: int) -> float | None:
     stated = [leg.joints[index].effort for leg in legs.values()]
-    return float(np.mean([value for value in stated if value is not None])) if None not in stated else None
+    return min((value for value in stated if value is not None), default=None)

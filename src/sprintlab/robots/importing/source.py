@@ -276,15 +276,15 @@ class _Reader:
         )
 
     def _effort(self, joint: int) -> float | None:
-        """The joint's stated torque limit: its actuators', else its own."""
+        """The joint's stated torque limit: the smallest of its own and its actuators'."""
         model = self._model
-        if model.jnt_actfrclimited[joint]:
-            return float(model.jnt_actfrcrange[joint, 1])
+        stated = [float(model.jnt_actfrcrange[joint, 1])] if model.jnt_actfrclimited[joint] else []
         for actuator in range(model.nu):
             on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
             if on_joint and model.actuator_trnid[actuator, 0] == joint:
-                return self._actuator_torque(actuator)
-        return None
+                torque = self._actuator_torque(actuator)
+                stated += [] if torque is None else [torque]
+        return min(stated, default=None)
 
     def _actuator_torque(self, actuator: int) -> float | None:
         """Greatest joint torque of an actuator: by its force range, or a motor's by its control range."""
