@@ -89,7 +89,7 @@ def test_folder_that_is_a_file_is_told_in_one_sentence(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="makes a pipe")
 def test_a_pipe_is_neither_written_nor_replaced(tmp_path):
-    """As root, ``--out /dev/null`` would put a file in its place."""
+    """As root, ``--output /dev/null`` would put a file in its place."""
     path = tmp_path / "out.png"
     os.mkfifo(path)
     for refuse in (

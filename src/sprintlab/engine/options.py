@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import MOTOR_MODELS, HousedHeat, MotorModel, WindingHeat
+from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 
 WINDOW = 0.005
 """Over which a foot's force is averaged [s], as the audit does."""
@@ -43,9 +43,7 @@ class EngineOptions:
         check_range("robots", self.robots, 1, 1 << 20)
         check_range("timestep", self.timestep, 1e-5, 0.0025, "s")
         check_range("substeps", self.substeps, 1, 10_000)
-        check_choice("motor_model", self.motor_model, MOTOR_MODELS)
-        if self.motor_model == "flux-weakening":
-            raise InvalidValueError("motor_model", self.motor_model, "refined, simplified-dc or square")
+        check_choice("motor_model", self.motor_model, ("refined", "simplified-dc", "square"))
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
 
