@@ -17,7 +17,11 @@ from sprintlab.deployment.interface import new_session
 if TYPE_CHECKING:
     from sprintlab.deployment.bus.ends import ControllerEnd, RobotEnd
 
-_CARRIERS = {"shm": "shared_memory", "unitree": "unitree_bus"}
+_CARRIERS = {
+    "shm": ("shared_memory", "SharedMemoryInterface", "SharedMemoryEndpoint"),
+    "unitree": ("unitree_bus", "UnitreeInterface", "UnitreeEndpoint"),
+}
+"""Module, controller's end and robot's end."""
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
 _FORM = "an address like shm://bp2 or unitree://go2@enp2s0"
 
@@ -75,7 +79,7 @@ def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
         BusError: no robot is there, another controller drives it, or a package is missing.
     """
     parsed = parse_address(address)
-    return _carrier(parsed).open_interface(parsed, new_session() if session is None else session)
+    return _end(parsed, 1)(parsed, new_session() if session is None else session)
 
 
 def open_endpoint(address: str) -> RobotEnd:
@@ -86,13 +90,14 @@ def open_endpoint(address: str) -> RobotEnd:
         BusError: another robot of this name runs, or a package is missing.
     """
     parsed = parse_address(address)
-    return _carrier(parsed).open_endpoint(parsed)
+    return _end(parsed, 2)(parsed)
 
 
-def _carrier(address: BusAddress) -> Any:
-    """The module that speaks for a carrier; its package is imported only now."""
+def _end(address: BusAddress, which: int) -> Any:
+    """The class of one end; the carrier's package is imported only now."""
+    names = _CARRIERS[address.carrier]
     try:
-        return import_module(f"sprintlab.deployment.bus.{_CARRIERS[address.carrier]}")
+        return getattr(import_module(f"sprintlab.deployment.bus.{names[0]}"), names[which])
     except ModuleNotFoundError as error:
         raise BusError(
             f"{address.carrier}:// needs the package {error.name}: pip install 'sprintlab[{address.carrier}]'"

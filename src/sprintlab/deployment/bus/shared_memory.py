@@ -56,26 +56,6 @@ def shared_folder() -> Path:
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
 
-def open_interface(address: BusAddress, session: int) -> SharedMemoryInterface:
-    """The controller's end.
-
-    Raises:
-        BusError: no robot of this name runs on this machine, or another controller drives it.
-    """
-    _refuse_place(address)
-    return SharedMemoryInterface(address.name, session)
-
-
-def open_endpoint(address: BusAddress) -> SharedMemoryEndpoint:
-    """The robot's end.
-
-    Raises:
-        BusError: a robot of this name runs already, or the memory cannot be had.
-    """
-    _refuse_place(address)
-    return SharedMemoryEndpoint(address.name)
-
-
 class ControllerLock:
     """Held by the one controller of a robot on this machine; it ends with the process that holds it.
 
@@ -151,12 +131,17 @@ class _Mapped(BusEnd):
 
 
 class SharedMemoryInterface(_Mapped, ControllerEnd):
-    """The controller's end in shared memory."""
+    """The controller's end in shared memory.
+
+    Raises:
+        BusError: no robot of this name runs on this machine, or another controller drives it.
+    """
 
     _reads, _peer_word = STATE, _ROBOT_LEFT
 
-    def __init__(self, name: str, session: int) -> None:
+    def __init__(self, address: BusAddress, session: int) -> None:
         super().__init__(session)
+        name = _local_name(address)
         self._lock = ControllerLock(name, name)
         try:
             self._map(_open_running(_path(name), name))
@@ -175,12 +160,17 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
 
 
 class SharedMemoryEndpoint(_Mapped, RobotEnd):
-    """The robot's end in shared memory; it makes the file, and removes it when closed."""
+    """The robot's end in shared memory; it makes the file, and removes it when closed.
+
+    Raises:
+        BusError: a robot of this name runs already, or the memory cannot be had.
+    """
 
     _reads, _peer_word = COMMAND, _CONTROLLER_LEFT
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, address: BusAddress) -> None:
         super().__init__()
+        name = _local_name(address)
         self._path = _path(name)
         self._map(_create(self._path, name))
         self._open_rings(writes=(STATE, FIX), reads=(COMMAND,))
@@ -194,9 +184,10 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
             self._release()
 
 
-def _refuse_place(address: BusAddress) -> None:
+def _local_name(address: BusAddress) -> str:
     if address.place:
         raise BusError(f"shared memory is on this machine: leave @{address.place} out of the address")
+    return address.name
 
 
 def _path(name: str) -> Path:

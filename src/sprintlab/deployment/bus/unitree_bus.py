@@ -83,24 +83,6 @@ _PACKETS = {
 }
 
 
-def open_interface(address: BusAddress, session: int) -> UnitreeInterface:
-    """The controller's end.
-
-    Raises:
-        BusError: no robot is there, or another program sends commands to it.
-    """
-    return UnitreeInterface(address, session)
-
-
-def open_endpoint(address: BusAddress) -> UnitreeEndpoint:
-    """The robot's end.
-
-    Raises:
-        BusError: a robot is there already.
-    """
-    return UnitreeEndpoint(address)
-
-
 class _DdsEnd(BusEnd):
     """A participant with readers and writers of Unitree's topics."""
 
@@ -174,7 +156,11 @@ class _DdsEnd(BusEnd):
 
 
 class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
-    """The controller's end over DDS."""
+    """The controller's end over DDS.
+
+    Raises:
+        BusError: no robot is there, or another program sends commands to it.
+    """
 
     def __init__(self, address: BusAddress, session: int) -> None:
         super().__init__(session)
@@ -226,7 +212,7 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
 
 
 class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
-    """The robot's end over DDS."""
+    """The robot's end over DDS; raises ``BusError`` where a robot is there already."""
 
     def __init__(self, address: BusAddress) -> None:
         super().__init__()
