@@ -1,9 +1,9 @@
 """Motor benches measured by others, as bench files of ours: ``python tools/fetch_bench_data.py ri50 CLONE``.
 
 None of these data may be copied into this project (three sources have no licence, one is GPL), so nothing is
-downloaded and nothing is committed: clone a source yourself, or save an archive of it, and give its path.
-Files are read at the commit that our results name (of a clone, whatever is checked out), must have the
-SHA-256 that stands here, and are converted into ``--output``, on which ``python -m studies.benches`` works.
+downloaded and nothing is committed: clone a source yourself and give its path. Files are read at the commit
+that our results name, whatever is checked out; each must have the SHA-256 that stands here. They are
+converted into ``--output``, on which ``python -m studies.benches`` works.
 """
 
 from __future__ import annotations
@@ -13,41 +13,22 @@ import ast
 import csv
 import hashlib
 import io
-import itertools
-import lzma
-import os
-import struct
 import subprocess
 import sys
-import tarfile
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
-from sprintlab.core.reading import open_regular, read_bytes
 
 Table = dict[str, NDArray[np.float64]]
 Tables = dict[str, Table]
 
 REFUSED = 2
-LARGEST_FILE, LARGEST_ARCHIVE = 64 << 20, 1 << 30
-"""Most bytes of a file, and of an archive, packed or unpacked."""
-MOST_MEMBERS = 20_000
-"""Of a .tar archive, that are looked at."""
-_LONGEST = 10.0  # s that git may take
-_NO_FETCHING = {"GIT_ALLOW_PROTOCOL": "", "GIT_NO_LAZY_FETCH": "1"}
-_DAMAGED = (
-    zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, EOFError, OSError, ValueError,
-    NotImplementedError, RuntimeError, struct.error,
-)  # fmt: skip
 HOLD = 15
 """Rows of a HEJ-90 log between two updates of its signals: 1 kHz written, 67 Hz measured."""
 
@@ -357,82 +338,22 @@ SOURCES = {
 
 
 def read_member(source: Source, place: Path, name: str) -> bytes:
-    """One file of a source, from a git clone at its commit, a .zip or .tar archive, or a plain folder.
+    """One file of a source, from a git clone at its commit, or from a plain folder.
 
     Raises:
-        SprintlabError: the place does not exist or does not have the file.
+        SprintlabError: the place is not a folder or does not have the file.
     """
     path = f"{source.folder}/{name}" if source.folder else name
-    if place.is_file():
-        content = _from_archive(place, path)
-    elif place.is_dir():
-        content = _from_clone(place, source.commit, path)
-        if content is None and (place / path).is_file():
-            content = read_bytes(place / path, LARGEST_FILE)
-    else:
-        raise SprintlabError(f"{place} does not exist: {_how_to_get(source)}")
-    if content is None:
-        raise SprintlabError(f"{place} does not have {path}: {_how_to_get(source)}")
-    return content
-
-
-def _how_to_get(source: Source) -> str:
-    return (
-        f"clone github.com/{source.repository}, which holds commit {source.commit[:7]}, and give its folder"
+    shown = ["git", "-C", str(place), "cat-file", "blob", f"{source.commit}:{path}"]
+    run = subprocess.run(shown, capture_output=True, check=False) if place.is_dir() else None
+    if run is not None and run.returncode == 0:
+        return run.stdout
+    if (place / path).is_file():
+        return (place / path).read_bytes()
+    raise SprintlabError(
+        f"{place} does not have {path}: clone github.com/{source.repository}, which holds commit "
+        f"{source.commit[:7]}, and give its folder"
     )
-
-
-def _from_clone(place: Path, commit: str, path: str) -> bytes | None:
-    size = _git(place, "-s", f"{commit}:{path}")
-    return None if size is None or int(size) > LARGEST_FILE else _git(place, "blob", f"{commit}:{path}")
-
-
-def _git(place: Path, *asked: str) -> bytes | None:
-    """What git says of an object, from what lies in the clone alone.
-
-    A clone that came as an archive has settings of a stranger. They may name a program with which git would
-    fetch what is missing, so it may fetch in no way.
-    """
-    try:
-        run = subprocess.run(
-            ["git", "-C", str(place), "cat-file", *asked], capture_output=True, check=False,
-            stdin=subprocess.DEVNULL, env={**os.environ, **_NO_FETCHING}, timeout=_LONGEST,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired as error:
-        raise SprintlabError(f"{place} keeps git waiting") from error
-    return run.stdout if run.returncode == 0 else None
-
-
-def _from_archive(place: Path, path: str) -> bytes | None:
-    """The member whose path ends so (archives of repositories begin with a folder of their own)."""
-    try:
-        with open_regular(place, LARGEST_ARCHIVE, what="archive") as file:
-            return _from_zip(file, path) if zipfile.is_zipfile(file) else _from_tar(file, path)
-    except SprintlabError:
-        raise
-    except _DAMAGED as error:
-        raise SprintlabError(f"{place} is no .zip or .tar archive") from error
-
-
-def _from_zip(file: IO[bytes], path: str) -> bytes | None:
-    with zipfile.ZipFile(file) as archive:
-        for entry in archive.infolist():
-            if f"/{entry.filename}".endswith(f"/{path}") and entry.file_size <= LARGEST_FILE:
-                with archive.open(entry) as member:  # read without a size, all that comes is unpacked first
-                    return member.read(entry.file_size)
-    return None
-
-
-def _from_tar(file: IO[bytes], path: str) -> bytes | None:
-    file.seek(0)
-    with tarfile.open(fileobj=file) as archive:
-        for entry in itertools.islice(archive, MOST_MEMBERS):
-            if entry.offset_data + entry.size > LARGEST_ARCHIVE:  # unpacked, to come to the next one
-                break
-            if f"/{entry.name}".endswith(f"/{path}") and entry.isfile() and entry.size <= LARGEST_FILE:
-                member = archive.extractfile(entry)
-                return None if member is None else member.read()
-    return None
 
 
 def checked_text(source: Source, name: str, content: bytes) -> str:
@@ -470,7 +391,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Convert one source; a refusal is one sentence on stderr and status 2."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("source", choices=tuple(SOURCES))
-    parser.add_argument("place", type=Path, help="a git clone, an archive (.zip, .tar.gz) or a folder of it")
+    parser.add_argument("place", type=Path, help="a git clone, or a folder of its files")
     parser.add_argument("--output", type=Path, default=Path("bench-data"), help="folder of the bench files")
     chosen = parser.parse_args(arguments)
     try:

@@ -16,7 +16,7 @@ PEAK_CURRENT = {"ri50": 11.0, "d5065": 54.0, "hej90": 53.0}
 """Amplitude to which the saturation refers [A]: the largest of each bench."""
 
 POLE_PAIRS = {"ri50": 7, "d5065": 7, "hej90": 1}
-"""As the drives' files say; nobody says the joint's, and only its torque constant is used."""
+"""As the drives' files say; the joint's is not stated, and only its torque constant is used."""
 
 STATED_CONSTANT = {"ri50": 0.1095229868838896, "d5065": 8.27 / 270.0}
 """Torque per ampere that the drive's calibration (RI50) and the motor's kV (D5065) promise [N m/A]."""
