@@ -1,6 +1,9 @@
 """Run a notebook's cells in this process and keep what they show, without Jupyter.
 
 python tools/run_notebook.py examples/quickstart.ipynb
+
+The cells run in a copy of the notebook's folder. HTML of more than 100 kB (a replay) stays out of the file: a
+notebook server shows it when the cell runs.
 """
 
 from __future__ import annotations
@@ -9,7 +12,10 @@ import ast
 import base64
 import io
 import json
+import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +23,7 @@ from PIL import Image
 
 PICTURE_WIDTH = 760
 """Width to which pictures are reduced [pixels]: a notebook is text, and small."""
+LARGEST_HTML = 100_000
 
 
 def run_notebook(path: Path) -> None:
@@ -24,10 +31,15 @@ def run_notebook(path: Path) -> None:
     notebook = json.loads(path.read_text(encoding="utf-8"))
     names: dict[str, Any] = {"__name__": "__main__"}
     codes = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    for count, cell in enumerate(codes, start=1):
-        shown = executed("".join(cell["source"]), names)
-        cell["execution_count"] = count
-        cell["outputs"] = [] if shown is None else [output(shown, count)]
+    home = Path.cwd()
+    with tempfile.TemporaryDirectory() as copy:
+        shutil.copytree(path.parent, copy, dirs_exist_ok=True)
+        os.chdir(copy)
+        for count, cell in enumerate(codes, start=1):
+            shown = executed("".join(cell["source"]), names)
+            cell["execution_count"] = count
+            cell["outputs"] = [] if shown is None else [output(shown, count)]
+        os.chdir(home)
     path.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
@@ -46,7 +58,7 @@ def output(shown: Any, count: int) -> dict[str, Any]:
     if hasattr(shown, "_repr_png_"):
         data = {"image/png": small_picture(shown._repr_png_()), "text/plain": "<Figure>"}
     elif hasattr(shown, "_repr_mimebundle_"):
-        data = shown._repr_mimebundle_()
+        data = {kind: text for kind, text in shown._repr_mimebundle_().items() if len(text) < LARGEST_HTML}
     else:
         data = {"text/plain": repr(shown)}
     lines = {kind: text if kind == "image/png" else text.splitlines(True) for kind, text in data.items()}

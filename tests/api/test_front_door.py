@@ -3,6 +3,7 @@
 import ast
 import json
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -150,7 +151,8 @@ def test_a_script_without_a_guard_is_told_so_once(tmp_path):
 
 
 @pytest.mark.usefixtures("brief_trials")
-def test_the_notebook_runs(tmp_path, monkeypatch):
+def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
+    shutil.copytree(ROOT / "examples" / "motors", tmp_path / "motors")
     monkeypatch.chdir(tmp_path)
     notebook = json.loads((ROOT / "examples/quickstart.ipynb").read_text(encoding="utf-8"))
     codes = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
@@ -158,16 +160,11 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
     cells = ["".join(cell["source"]) for cell in codes]
     full, tiny = "top_speed=3.0, distance=5.0", "top_speed=1.0, distance=0.5"
     assert sum(full in cell for cell in cells) == 1
-    cells = [cell.replace(full, tiny) for cell in cells]
-    names: dict[str, object] = {}
+    executed, names = load_script("tools/run_notebook.py").executed, {}
     for cell in cells:
-        *before, last = ast.parse(cell).body
-        exec(compile(ast.Module(before, []), "cell", "exec"), names)
-        if isinstance(last, ast.Expr):
-            names["shown"] = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
-        else:
-            exec(compile(ast.Module([last], []), "cell", "exec"), names)
+        executed(cell.replace(full, tiny), names)
     assert "<pre" in names["race"]._repr_mimebundle_()["text/html"]
+    assert "<iframe srcdoc=" in sl.replay([names["page"].parent])._repr_mimebundle_()["text/html"]
     assert names["settings"].rewards.progress == 0.3
 
 

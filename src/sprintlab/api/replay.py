@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,12 @@ class ReplayPage(Printed):
     def tables(self) -> Iterator[RenderableType]:
         """Where the page lies."""
         yield f"replay: {self.path}"
+
+    def _repr_mimebundle_(self, **_: Any) -> dict[str, str]:
+        """For notebooks: the page itself, inside of the cell."""
+        page = escape(self.path.read_text(encoding="utf-8"))
+        frame = f'<iframe srcdoc="{page}" width="100%" height="520" style="border: 0"></iframe>'
+        return {"text/plain": str(self), "text/html": frame}
 
 
 @checked
