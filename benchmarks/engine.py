@@ -32,6 +32,13 @@ def options(robots: int, timestep: float, substeps: int) -> EngineOptions:
     return EngineOptions(robots=robots, timestep=timestep, substeps=substeps)
 
 
+def processor() -> str:
+    """What Linux calls the CPU, and how many threads PyTorch would use."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.machine()}, {torch.get_num_threads()} threads"
+
+
 def wait(device: str) -> None:
     """Let the device finish."""
     if device.startswith("cuda"):
@@ -164,7 +171,7 @@ def main() -> None:
     cuda = device.startswith("cuda")
     result = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "device": torch.cuda.get_device_name(device) if cuda else platform.processor() or platform.machine(),
+        "device": torch.cuda.get_device_name(device) if cuda else processor(),
         "torch": torch.__version__,
         "threads": torch.get_num_threads(),
         "compile": compile_times(device),

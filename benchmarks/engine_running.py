@@ -119,9 +119,14 @@ def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[
     )
 
 
-def compare(name: str, path: Path, robot: RobotDescription) -> dict[str, dict[str, dict[str, float]]]:
+def compare(
+    name: str, path: Path, robot: RobotDescription, known: dict | None
+) -> dict[str, dict[str, dict[str, float]]]:
     """Plant and engine at every time step and speed; prints the engine's numbers over the plant's."""
-    plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot.name]}
+    if known is None:
+        plant = {speed: in_plant(path, robot, speed) for speed in SPEEDS[robot.name]}
+    else:
+        plant = {float(speed): tuple(row.values()) for speed, row in known["plant"].items()}
     result = {"plant": {f"{speed:g}": dict(zip(NAMES, row, strict=True)) for speed, row in plant.items()}}
     for timestep, substeps in STEPS:
         rows = Runners(path, robot, timestep, substeps).run()
@@ -151,12 +156,14 @@ def main() -> None:
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--policy", type=Path, action="append", help="more policies of bp2")
     parser.add_argument("--only", help="a policy's name")
+    parser.add_argument("--plant", type=Path, help="an earlier file, whose numbers of the plant are kept")
     arguments = parser.parse_args()
+    known = json.loads(arguments.plant.read_text(encoding="utf-8")) if arguments.plant else {}
     robots = {"sprint": "bp2", "go1-sprint": "go1", "go2-sprint": "go2"}
     policies = [(name, path, robots[name]) for name, path in shipped_policies().items()]
     policies += [(path.stem, path, "bp2") for path in arguments.policy or ()]
     result = {
-        name: compare(name, path, load_robot(robot))
+        name: compare(name, path, load_robot(robot), known.get(name))
         for name, path, robot in policies
         if arguments.only in (None, name)
     }

@@ -11,7 +11,7 @@ from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 WINDOW = 0.005
 """Over which a foot's force is averaged [s], as the audit does."""
 BIN = 0.001
-"""Over which a gear's torque is averaged [s]."""
+"""Period of the motors' loop, over which a gear's torque is averaged, too [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class EngineOptions:
 
     @property
     def bin(self) -> int:
-        """Substeps over which a gear's torque is averaged: 1 ms, or one where a step is longer."""
+        """Substeps of one turn of the motors' loop: 1 ms, or one where a step is longer."""
         wanted = max(round(BIN / self.timestep), 1)
         return max(count for count in range(1, wanted + 1) if self.substeps % count == 0)
 

@@ -5,10 +5,12 @@ struct FootWatch {
   number sum, recent[WINDOW], loaded, since, carried;          // left to the next one
 };
 
-FUNCTION void watch_joint(JointWatch& watch, const Drive& drive, const Driven& driven, number qd, number qdd, number share) {
-  watch.power = watch.power + driven.power * share;
+FUNCTION void watch_joint(JointWatch& watch, const Drive& drive, const Driven& driven, number depth, number qd, number qdd,
+                          number step, number share) {
+  // the torque acts while the velocity goes from qd to qd + h qdd
+  watch.power = watch.power + (driven.shaft * (qd + S(0.5) * step * qdd) + driven.loss) * share;
   watch.limited = watch.limited + driven.limited * share;
-  watch.depth = larger(watch.depth, driven.depth);
+  watch.depth = larger(watch.depth, depth);
   watch.speed = larger(watch.speed, magnitude(qd) * drive.inverse_no_load);
   // through the gear goes what the motor delivers, less what turns its rotor
   watch.gear_sum = watch.gear_sum + (driven.delivered - qdd * drive.armature);

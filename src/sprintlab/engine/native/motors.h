@@ -7,7 +7,7 @@ struct Drive {  // motor side unless said otherwise, SI
 };
 struct Supplied { number voltage, resistance_factor, friction_factor; };
 struct Control { number target, stiffness, damping, strength; };
-struct Driven { number torque, delivered, power, limited, depth, loss; };
+struct Driven { number delivered, shaft, loss, limited; };  // torques on the joint, after and before the gear
 
 // exp(x) for |x| < 1 by its series at x / 4
 FUNCTION number small_exponential(number x) {
@@ -48,6 +48,7 @@ FUNCTION void motor_interval(const Drive& drive, const Motor& motor, number spee
 #endif
 }
 
+// The motor's loop: once a millisecond, as in the plant; in between its torque stays.
 FUNCTION Driven drive_joint(const Drive& drive, const Supplied& supplied, const Control& control, number temperature,
                             number q, number qd) {
   const number zero = splat(S(0));
@@ -63,18 +64,23 @@ FUNCTION Driven drive_joint(const Drive& drive, const Supplied& supplied, const 
   const number turning = tangent(qd * S(1 / TURNING_SPEED));
   const number direction = if_greater(torque, zero, turning, if_greater(zero, torque, -turning, zero));
   Driven driven;
-  driven.delivered = shaft * drive.ratio * small_exponential(direction * drive.log_efficiency) * control.strength;
+  driven.shaft = shaft * drive.ratio;
+  driven.delivered = driven.shaft * small_exponential(direction * drive.log_efficiency) * control.strength;
   driven.limited = if_greater(magnitude(desired - torque), zero, splat(S(1)), zero);
   driven.loss = S(1.5) * motor.resistance * current * current;
-  driven.power = shaft * speed + driven.loss;
+  return driven;
+}
+
+// Dry friction and the end stop, which push and never pull; `depth`: how far the joint is in a stop's zone
+FUNCTION number passive_torque(const Drive& drive, const Supplied& supplied, number q, number qd, number& depth) {
+  const number zero = splat(S(0));
   const number below = drive.lower - q, above = q - drive.upper;
-  driven.depth = larger(larger(below, above), zero);
+  depth = larger(larger(below, above), zero);
   const number up = larger(below * drive.stop_stiffness - qd * drive.stop_damping, zero);
   const number down = larger(above * drive.stop_stiffness + qd * drive.stop_damping, zero);
   const number stop = if_greater(below, zero, up, zero) - if_greater(above, zero, down, zero);
   const number friction = supplied.friction_factor * drive.dry_friction * tangent(qd * S(1 / FRICTION_SPEED));
-  driven.torque = driven.delivered - friction + stop;
-  return driven;
+  return stop - friction;
 }
 
 // One node: C dT/dt = loss - (T - T_ambient) / R, exact over a step in which the loss is constant

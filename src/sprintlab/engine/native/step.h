@@ -3,7 +3,7 @@ struct Leg {
   number q[LINKS], qd[LINKS], tau[LINKS], kept[KEPT], foot[FOOT_VALUES], bristle[2], force[3];
   scalar constants[LEG_CONSTANTS];
   Control control[DRIVES];
-  number previous[DRIVES], temperature[DRIVES];
+  number previous[DRIVES], temperature[DRIVES], depth[DRIVES];
   JointWatch joint[DRIVES];
   FootWatch watch;
   Driven driven[DRIVES];
@@ -20,7 +20,7 @@ struct Robot {
 #ifdef WAIST
   number q[1], qd[1], tau[1], kept[WAIST_KEPT + 1];
   Control control;
-  number previous, temperature;
+  number previous, temperature, depth;
   JointWatch joint;
   Driven driven;
 #endif
@@ -228,6 +228,16 @@ FUNCTION void sense(Robot& robot, const Carrier& front, const Carrier& rear, Pla
   }
 }
 
+// The motor loop's turn, once in BIN substeps; the target changes when the delay is over
+FUNCTION void actuate(const Drive& drive, const Robot& robot, int index, Control control, number previous, number q, number qd,
+                      number& temperature, Driven& driven) {
+  if (index % BIN == 0) {
+    control.target = if_greater(robot.delay, splat(S(index)), previous, control.target);
+    driven = drive_joint(drive, robot.supplied, control, temperature, q, qd);
+  }
+  temperature = warmed(temperature, driven.loss);
+}
+
 FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& robot, number* acceleration) {
   const number step = robot.step, half = step * S(0.5);
   const number share = splat(S(1.0 / SUBSTEPS));
@@ -240,11 +250,10 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     const int l = leg_number(i, place);
     Leg& leg = robot.legs[i];
     UNROLL for (int k = 0; k < DRIVES; k++) {
-      Control control = leg.control[k];
-      control.target = if_greater(robot.delay, splat(S(index)), leg.previous[k], control.target);
-      leg.driven[k] = drive_joint(leg_drive(k, leg.constants), robot.supplied, control, leg.temperature[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]]);
-      leg.tau[DRIVE_LINK[k]] = leg.driven[k].torque;
-      leg.temperature[k] = warmed(leg.temperature[k], leg.driven[k].loss);
+      const Drive drive = leg_drive(k, leg.constants);
+      const int link = DRIVE_LINK[k];
+      actuate(drive, robot, index, leg.control[k], leg.previous[k], leg.q[link], leg.qd[link], leg.temperature[k], leg.driven[k]);
+      leg.tau[link] = leg.driven[k].delivered + passive_torque(drive, robot.supplied, leg.q[link], leg.qd[link], leg.depth[k]);
     }
 #ifdef GIVEN_TORQUE
     UNROLL for (int k = 0; k < LINKS; k++) leg.tau[k] = read(buffers.given_torque, NV, QVEL[l * LINKS + k], place);
@@ -256,11 +265,8 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
 #ifdef WAIST
   number rear_sum[27], through[27], qdd_waist[1], rear_start[6];
   sum_pairs(parts, sum, rear_sum, place);
-  Control waist = robot.control;
-  waist.target = if_greater(robot.delay, splat(S(index)), robot.previous, waist.target);
-  robot.driven = drive_joint(waist_drive(), robot.supplied, waist, robot.temperature, robot.q[0], robot.qd[0]);
-  robot.tau[0] = robot.driven.torque;
-  robot.temperature = warmed(robot.temperature, robot.driven.loss);
+  actuate(waist_drive(), robot, index, robot.control, robot.previous, robot.q[0], robot.qd[0], robot.temperature, robot.driven);
+  robot.tau[0] = robot.driven.delivered + passive_torque(waist_drive(), robot.supplied, robot.q[0], robot.qd[0], robot.depth);
 #ifdef GIVEN_TORQUE
   robot.tau[0] = read(buffers.given_torque, NV, WAIST_QVEL, place);
 #endif
@@ -290,7 +296,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     settle(leg.touch, robot.pad, leg.foot + 1, contact, step, leg.bristle);
     UNROLL for (int k = 0; k < 3; k++) leg.force[k] = leg.touch.force[k];
     UNROLL for (int k = 0; k < DRIVES; k++)
-      watch_joint(leg.joint[k], leg_drive(k, leg.constants), leg.driven[k], leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], share);
+      watch_joint(leg.joint[k], leg_drive(k, leg.constants), leg.driven[k], leg.depth[k], leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], step, share);
     watch_foot(leg.watch, leg.touch.force[2], leg.touch.depth, step, share, robot.stride, robot.stance);
     if (index % BIN == BIN - 1) {
       UNROLL for (int k = 0; k < DRIVES; k++) end_joint_window(leg.joint[k], leg_drive(k, leg.constants));
@@ -305,7 +311,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     }
   }
 #ifdef WAIST
-  watch_joint(robot.joint, waist_drive(), robot.driven, robot.qd[0], qdd_waist[0], share);
+  watch_joint(robot.joint, waist_drive(), robot.driven, robot.depth, robot.qd[0], qdd_waist[0], step, share);
   if (index % BIN == BIN - 1) end_joint_window(robot.joint, waist_drive());
 #ifdef GIVEN_TORQUE
   if (first_leg(place)) write(buffers.qacc, NV, WAIST_QVEL, qdd_waist[0], place);

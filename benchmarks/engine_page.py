@@ -1,0 +1,71 @@
+"""Writes the tables of docs/engine.md from the files below results/engine.
+
+python benchmarks/engine_page.py
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, RESULTS = ROOT / "docs" / "engine.md", ROOT / "results" / "engine"
+
+
+def running_table() -> str:
+    """Worst deviation from the plant and worst effect of halving the step, of each policy and step."""
+    found = json.loads((RESULTS / "running.json").read_text(encoding="utf-8"))
+    lines = ["| policy | step | held speed | touchdowns | power | foot force | halving: speed, foot force |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    for policy, numbers in found.items():
+        steps = [step for step in numbers if step != "plant"]
+        for step, half in zip(steps, [*steps[1:], None], strict=True):
+            worst = _worst(numbers[step], numbers["plant"])
+            halved = _worst(numbers[step], numbers[half]) if half else None
+            last = "" if halved is None else f"{halved[0]:.1%}, {halved[3]:.1%}"
+            cells = [
+                policy,
+                f"{1e3 * float(step.split()[0]):g} ms",
+                *(f"{value:.1%}" for value in worst),
+                last,
+            ]
+            lines.append("| " + " | ".join(cells).replace("%", " %") + " |")
+    return "\n".join(lines)
+
+
+def _worst(ours: dict, theirs: dict) -> list[float]:
+    """Greatest relative difference of each number over the speeds."""
+    names = next(iter(theirs.values()))
+    return [max(abs(ours[v][name] / theirs[v][name] - 1.0) for v in theirs) for name in names]
+
+
+def throughput_table() -> str:
+    """Policy steps per second of every file of ``benchmarks/engine.py``."""
+    lines = [
+        "| device | date | step | robots | policy steps/s | compiling, first and cached |",
+        "|---|---|---|---|---|---|",
+    ]
+    for path in sorted(RESULTS.glob("throughput-*.json")):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        compiled = " and ".join(f"{seconds:.1f} s" for seconds in found["compile"].values())
+        for row in found["throughput"]:
+            step = f"{row['substeps']} x {1e3 * row['timestep [s]']:g} ms"
+            rate = f"{row['policy steps/s'] / 1e6:.3g} M"
+            cells = (found["device"], found["date"][:10], step, str(row["robots"]), rate, compiled)
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def page(text: str) -> str:
+    """The page with its tables as the results have them."""
+    for name, table in (("running", running_table()), ("throughput", throughput_table())):
+        pattern = rf"(<!-- {name} -->).*?(<!-- /{name} -->)"
+        text = re.sub(
+            pattern, lambda found, table=table: f"{found[1]}\n\n{table}\n\n{found[2]}", text, flags=re.S
+        )
+    return text
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
