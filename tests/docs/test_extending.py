@@ -42,7 +42,7 @@ def test_power_limited_drive(example):
     power = np.asarray(given.motor_torque) * 20.0 * np.asarray(robot.gear.ratio)
     assert power.max() <= 1500.0 * (1 + 1e-9)
     roomy = names["PowerLimitedDrive"](robot, robot.bus_voltage, 1e6)
-    refined = names["PreparedDrive"](robot, robot.bus_voltage)
+    refined = names["PreparedDrive"](robot.motors, robot.gear, robot.bus_voltage)
     for speed in (-30.0, 0.0, 25.0):
         assert_allclose(roomy.limits(np.full(12, speed)), refined.limits(np.full(12, speed)))
     assert refined(np.full(12, 200.0), np.full(12, 20.0)).motor_torque.max() * 120.0 > 1500.0
