@@ -4,19 +4,17 @@ import gc
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
-from tests.forked import Forked
 from tests.short_trials import BRIEF, shorten_trials
 
 from sprintlab.control import (
@@ -138,23 +136,6 @@ def unlocked_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of a race take seconds to draw: for tests that do not look at them."""
     monkeypatch.setattr("sprintlab.evaluation.report.png_in_both_looks", lambda draw: (b"light", b"dark"))
-
-
-@pytest.fixture
-def forked_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Model files are compiled in a copy of a process that has imported MuJoCo, under the same limits.
-
-    The process that users get is in ``tests/cli/test_robot_new.py``.
-    """
-    from sprintlab.robots.importing import compiling
-
-    def start(command: Sequence[str], *, cwd: Path, **_: object) -> Forked:
-        path, binary = command[3:5]
-        return Forked(compiling.child, path, binary, cwd=cwd)
-
-    names = ("DEVNULL", "PIPE", "TimeoutExpired")
-    kept = {name: getattr(subprocess, name) for name in names}
-    monkeypatch.setattr(compiling, "subprocess", SimpleNamespace(Popen=start, **kept))
 
 
 @pytest.fixture(scope="session")

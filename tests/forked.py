@@ -17,7 +17,6 @@ _CONTEXT.set_forkserver_preload(
         "sprintlab.cli.main",
         "sprintlab.deployment.controller",
         "sprintlab.deployment.simulator",
-        "sprintlab.robots.importing.compiling",
         "tests.deployment.quick",
         "tests.forked",
     ]

@@ -53,7 +53,6 @@ def test_options_alone_are_enough(call, here, monkeypatch):
     assert (here / "robots" / "go1" / "train.py").is_file()
 
 
-@pytest.mark.usefixtures("forked_compiler")
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -18,7 +18,7 @@ MOVING = np.array([2.0, 0.0, 0.0])
 
 @pytest.fixture
 def hold() -> StandingHold:
-    """Of a robot that has run."""
+    """The hold of a robot that has run."""
     hold = StandingHold(StandingContract(), rate_hz=50.0)
     assert hold.share(MOVING, MOVING, UPRIGHT) == 1.0
     return hold

@@ -22,8 +22,6 @@ from sprintlab.robots.importing import (
 )
 from sprintlab.robots.importing.compiling import possible_inertias
 
-pytestmark = pytest.mark.usefixtures("forked_compiler")
-
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")
 

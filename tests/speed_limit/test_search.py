@@ -130,7 +130,7 @@ def test_the_whole_answer_and_its_picture(bp2, fastest, monkeypatch):
 
 
 def panels(limit, runner):
-    """Titles of a picture's panels: there is none for what was not asked for."""
+    """Titles of a picture's panels: only what was asked for has one."""
     return [axes.get_title(loc="left") for axes in limit_figure(limit, runner).axes]
 
 

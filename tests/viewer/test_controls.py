@@ -169,7 +169,7 @@ def test_slow_motion_and_pause(window):
 
 
 def test_curves_are_drawn_and_go_on(window):
-    """Of every plot: some pixels have the curve's colour, and the picture changes."""
+    """In every plot some pixels have the curve's colour, and the picture changes."""
     plots = window.locator(".uplot canvas")
     assert plots.count() == 2
     picture = "canvas => canvas.toDataURL()"

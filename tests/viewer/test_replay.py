@@ -322,7 +322,7 @@ def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numb
 
 
 def test_numbers_beside_a_recording_do_not_say_which_file_is_read(trajectory_file, tmp_path, capsys):
-    """A stranger's could name any path of this machine, or of a network that is mounted on the way."""
+    """A file from elsewhere could name any path of this machine."""
     shutil.copy(trajectory_file, tmp_path)
     (tmp_path / "result.json").write_text(json.dumps({"robot": str(robot_table_path("bp2"))}))
     assert main(["replay", str(tmp_path)]) == 2

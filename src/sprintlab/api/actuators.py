@@ -38,12 +38,12 @@ class Actuators(Drawn):
         yield _comparison(self.chosen)
         yield (
             "joint side, speeds in rad/s, torques in N m; corner: up to there the peak torque fits; "
-            "lost: what v_d takes from the corner; estimated: numbers that nobody published"
+            "lost: what v_d takes from the corner; estimated: numbers without a published source"
         )
 
     def plot(self) -> Figure:
         """The envelopes of all actuators, absolute and normalised."""
-        from sprintlab.evaluation.library_figures import library_figure
+        from sprintlab.evaluation.motor_figures import library_figure
         from sprintlab.motors import library_motors, load_library_motor
 
         return in_notebook(library_figure([load_library_motor(name) for name in library_motors()]))

@@ -101,7 +101,7 @@ class IdentifiedMotor(Drawn):
 
     def plot(self) -> Figure:
         """Fit against data, and residuals over current and speed."""
-        from sprintlab.evaluation.identification_figures import identification_figure
+        from sprintlab.evaluation.motor_figures import identification_figure
 
         return in_notebook(identification_figure(self.found, self.name))
 
@@ -132,7 +132,7 @@ def identify_motor(
 
     Args:
         bench: the measurements (CSV).
-        pole_pairs: of the motor; the base motor's when left out.
+        pole_pairs: pole pairs of the motor; the base motor's when left out.
         peak_current: amplitude of the drive's current limit [A], to which saturation and peak torque refer;
             the base motor's when left out.
         base: motor file, robot or actuator that supplies what the bench does not determine.
@@ -140,11 +140,11 @@ def identify_motor(
             voltage_utilization: 0.95).
         also: parameters fitted only on request: torque_offset and current_offset (what the sensors read at
             zero), gear_efficiency (a gear that loses a share of the load), rotor_inertia (of a log).
-        window: of a log with a time column, e.g. 100 rows a second: means over windows of this length [s] in
+        window: for a log with a time column, e.g. 100 rows a second: means over windows of this length [s] in
             which current and speed rest.
         rotor_inertia: [kg m^2] for the motor file; the base motor's when left out.
         column: name=heading or name=heading:unit, for a column that the file calls otherwise.
-        gear_ratio: of a gear between the motor and the torque sensor; results are the motor's.
+        gear_ratio: ratio of a gear between the motor and the torque sensor; results are the motor's.
         motor_speed: behind a gear, the speed is the motor's already.
         saturation_only: the file is a torque-current table at one speed; fit flux and saturation alone.
         output: motor file to write; none when left out.

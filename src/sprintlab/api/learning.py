@@ -24,7 +24,7 @@ UNITS = {
     "range_upper": "m/s",
     "falls": "a robot and step",
 }
-"""Of the numbers that have one."""
+"""Units by name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

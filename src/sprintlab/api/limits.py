@@ -116,7 +116,7 @@ def limit(
         starts: random strides to begin from; more find a little more.
         max_stride: highest stride frequency that counts [Hz]; what the motors allow when left out.
         min_duty: lowest share of a stride in which a foot stands; what the motors allow when left out.
-        seed: of the random strides.
+        seed: seed of the random strides.
         results: folder whose result.json files, at most 16 MB, say what trained policies reach; results,
             where there is one, when left out.
         progress: called with what is being done and the share done.

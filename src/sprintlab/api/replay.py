@@ -146,7 +146,7 @@ def trajectory_path(run: Path | None) -> Path:
 
 
 def race_result(path: Path) -> dict[str, Any]:
-    """The numbers beside a trajectory; empty where there are none.
+    """The numbers beside a trajectory; empty without them.
 
     Raises:
         SprintlabError: the file is there and is not what a race writes.

@@ -35,7 +35,7 @@ class CalibrationContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     Attributes:
         commanded: forward commands of the robot [m/s] ``(2 to 64,)``, strictly rising.
         given: forward command that the network is given for each of them [m/s], as many, strictly rising;
-            beyond the last one it stays, since nobody has measured more.
+            beyond the last measured speed it stays constant.
         estimated: forward speeds as the network estimates them [m/s] ``(2 to 64,)``, strictly rising.
         true: forward speed for each of them [m/s], as many, strictly rising; beyond the last one the
             estimate's error stays.

@@ -123,7 +123,7 @@ class TrainingRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         actuator_model: motor model in training, one of ``sprintlab.motors.MOTOR_MODELS``.
         command_line: as typed.
         config_hash: SHA-256 of the whole configuration.
-        seed: of every random generator.
+        seed: seed of every random generator.
         iterations: policy updates.
         environment_steps: policy steps of all environments together.
         device: the accelerator, in words.
@@ -149,9 +149,9 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """What a policy was made for; joints in policy order, SI units.
 
     Attributes:
-        format_version: of this structure.
+        format_version: version of this structure.
         robot_name: the robot's name.
-        joint_names: of the actuated joints in policy order.
+        joint_names: names of the actuated joints in policy order.
         default_pose: joint positions of a zero action [rad].
         action_scale: radians for an action of one.
         action_limit: greatest magnitude of an action that is used.
@@ -162,7 +162,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         policy_rate_hz: rate of the policy [Hz].
         motor_rate_hz: rate of the motor loop that the policy is meant for [Hz].
         motors: the motors behind the joints.
-        robot_fingerprint: of the whole robot description, masses and lengths included.
+        robot_fingerprint: hash of the whole robot description, masses and lengths included.
         software: versions of the packages that made the policy.
         training: how it was trained.
         position_limits: lowest and highest position of each joint [rad]; None in files that do
@@ -179,7 +179,7 @@ class PolicyContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     Raises:
         InvalidValueError: a vector has not one number a joint, a number is not finite or positive, or the
-            hash of the configuration is none.
+            hash of the configuration is not a hash.
     """
 
     format_version: int = FORMAT_VERSION

@@ -13,7 +13,7 @@ from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
 _LARGEST_SCALE = 1e6  # what a sensor can show stays finite in 32 bits
-_LONGEST_HISTORY = 1000  # frames, twenty seconds: more is a stranger's, and takes gigabytes
+_LONGEST_HISTORY = 1000  # frames: twenty seconds
 
 
 class TermSpecification(NamedTuple):
@@ -52,12 +52,12 @@ class ObservationLayout:
     """Order, scales and history of the observation.
 
     Attributes:
-        angular_velocity_scale: of the body angular velocity, per rad/s.
-        projected_gravity_scale: of the unit gravity vector in the body frame.
-        command_scale: of forward speed (per m/s), sideways speed (per m/s), yaw rate (per rad/s).
-        joint_position_scale: of the joint position minus the default pose, per rad.
-        joint_velocity_scale: of the joint velocity, per rad/s.
-        previous_action_scale: of the previous action.
+        angular_velocity_scale: scale of the body angular velocity, per rad/s.
+        projected_gravity_scale: scale of the unit gravity vector in the body frame.
+        command_scale: scales of forward speed (per m/s), sideways speed (per m/s), yaw rate (per rad/s).
+        joint_position_scale: scale of the joint position minus the default pose, per rad.
+        joint_velocity_scale: scale of the joint velocity, per rad/s.
+        previous_action_scale: scale of the previous action.
         history_length: frames in the network input, oldest first.
 
     Raises:
@@ -178,7 +178,7 @@ def projected_gravity(quaternion: Array, slope: Array | None = None) -> Array:
     """Unit gravity vector in the body frame ``(..., 3)`` from a unit quaternion w, x, y, z ``(..., 4)``.
 
     Args:
-        quaternion: of the body, against the ground.
+        quaternion: orientation of the body, against the ground.
         slope: angle ``(...)`` [rad] by which the ground rises along x; ``None``: it is level.
     """
     xp = namespace(quaternion)

@@ -64,7 +64,7 @@ def limit_braking(contract: PaceContract, previous: float, asked: float, rate_hz
         contract: power and deceleration.
         previous: what this returned one policy step before [m/s].
         asked: forward speed that is commanded now [m/s].
-        rate_hz: of the policy [Hz].
+        rate_hz: rate of the policy [Hz].
     """
     step = min(contract.deceleration, contract.power / max(abs(previous), _SLOWEST)) / rate_hz
     if previous > 0.0:

@@ -172,7 +172,7 @@ class Measurement(NamedTuple):
     Attributes:
         angular_velocity: body frame [rad/s] ``(3,)``.
         projected_gravity: unit gravity vector, body frame ``(3,)``.
-        joint_position: of the motor encoders [rad] ``(joints,)``.
+        joint_position: angles of the motor encoders [rad] ``(joints,)``.
         joint_velocity: [rad/s] ``(joints,)``.
     """
 
@@ -253,7 +253,7 @@ class PolicyRuntime:
         """Joint position targets [rad] ``(joints,)`` for the next policy period.
 
         Args:
-            measurement: of this step.
+            measurement: sensor readings of this step.
             command: forward speed, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
 
         Raises:
@@ -383,7 +383,7 @@ def shipped_policy(name: str = "sprint") -> Path:
     """Path of a policy that comes with the package.
 
     Raises:
-        PolicyFileError: there is none of that name; the message lists those there are.
+        PolicyFileError: the name is unknown; the message lists the known ones.
     """
     known = shipped_policies()
     if name not in known:

@@ -30,7 +30,7 @@ class StandingContract(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     Attributes:
         hold_speed: it is held from an estimated horizontal speed below this on [m/s].
-        release_tilt: of the trunk, above which it is the policy's again [rad].
+        release_tilt: tilt of the trunk above which the policy acts again [rad].
         blend_time: time constant with which the pose takes over [s].
 
     Raises:
@@ -70,7 +70,7 @@ def standing_share(
         command: forward, sideways speed [m/s], yaw rate [rad/s] ``(..., 3)``.
         velocity: estimated, body frame [m/s] ``(..., 2)`` or more.
         gravity: unit vector, body frame ``(..., 3)``.
-        rate_hz: of the policy [Hz].
+        rate_hz: rate of the policy [Hz].
     """
     xp = namespace(command)
     asked = xp.all(xp.abs(command) < REST_COMMAND, axis=-1)
@@ -91,7 +91,7 @@ class StandingHold:
 
     Args:
         contract: speed, tilt and time constant.
-        rate_hz: of the policy [Hz].
+        rate_hz: rate of the policy [Hz].
     """
 
     def __init__(self, contract: StandingContract, rate_hz: float) -> None:

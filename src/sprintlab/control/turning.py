@@ -17,7 +17,7 @@ FADING = 0.5
 BRAKING = 1.0
 """A forward command that falls faster than this brakes [m/s^2]: the ground is needed for that."""
 _FASTEST, _LARGEST, _SLOWEST = 10.0, 100.0, 0.1
-"""Of the doubling speed, of yaw rates [rad/s] and of forward commands [m/s]: beyond, nothing grows, so that
+"""Largest doubling speed, yaw rate [rad/s] and forward command [m/s]: beyond, nothing grows, so that
 any command and any measurement give a finite yaw rate."""
 
 
@@ -65,7 +65,7 @@ class TurningLoop:
 
     Args:
         contract: gains and limit.
-        rate_hz: of the policy [Hz].
+        rate_hz: rate of the policy [Hz].
     """
 
     def __init__(self, contract: TurningContract, rate_hz: float) -> None:

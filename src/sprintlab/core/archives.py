@@ -59,9 +59,9 @@ def named_floats(
     """The named arrays as doubles.
 
     Args:
-        path: of the archive, for the sentence.
+        path: path of the archive, for the message.
         found: from ``read_arrays``.
-        names: of the arrays.
+        names: names of the arrays.
         wanted: as in ``read_arrays``.
 
     Raises:

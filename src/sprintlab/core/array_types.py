@@ -8,6 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-"""Of any kind of element."""
+"""An array of any element type."""
 FloatArray = NDArray[np.float64]
-"""Of doubles."""
+"""An array of doubles."""

@@ -16,7 +16,7 @@ def _every(condition: Any) -> bool:
 
 
 def check_finite(field: str, value: Any) -> None:
-    """Refuse NaN, infinity and what is no number. Raises ``InvalidValueError``."""
+    """Refuse NaN, infinity and values that are not numbers. Raises ``InvalidValueError``."""
     try:  # compared, not abs(): a complex number has one, too
         finite = _every((value > -_INFINITE) & (value < _INFINITE))
         if isinstance(value, int):

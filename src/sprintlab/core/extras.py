@@ -16,7 +16,7 @@ def require_package(module: str, *, extra: str, use: str) -> None:
 
     Args:
         module: top-level name under which the package is imported, e.g. ``"viser"``.
-        extra: of sprintlab that brings it.
+        extra: extra of sprintlab that brings it.
         use: what needs it, as the subject of the sentence.
 
     Raises:

@@ -80,7 +80,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse, before any work, a place where nothing can be written; leaves nothing behind.
 
     Args:
-        path: of the file or folder that is to be written; folders above it may be missing.
+        path: path of the file or folder that is to be written; folders above it may be missing.
 
     Raises:
         UnwrittenError: a folder above it is a file, nothing can be made there, or a device has the name.

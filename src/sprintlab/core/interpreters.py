@@ -9,7 +9,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def new_interpreter() -> list[str]:
-    """How to start Python for ``-m`` or ``-c``, which look in the working folder first: perhaps a stranger's.
+    """How to start Python for ``-m`` or ``-c``, which look in the working folder first.
 
     Python 3.10 cannot be told.
     """

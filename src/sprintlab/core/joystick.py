@@ -27,7 +27,7 @@ _NON_BLOCKING = getattr(os, "O_NONBLOCK", 0)  # other systems lack it, and have 
 
 
 class JoystickError(SprintlabError):
-    """A joystick device is missing, may not be read, or is none."""
+    """A joystick device is missing, may not be read, or is not a joystick."""
 
 
 class Joystick:

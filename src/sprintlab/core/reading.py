@@ -40,7 +40,7 @@ def check_file(
     """Refuse a missing or too large file, and pipes and devices, before it is opened.
 
     Args:
-        path: of the file; a link to a file is followed.
+        path: path of the file; a link to a file is followed.
         limit: most bytes that it may have.
         what: kind of file, for the sentence.
         error: class of the error that is raised.
@@ -215,7 +215,7 @@ def refused_as_damaged(path: object, how: str = "is damaged") -> Generator[None]
     """Re-raise errors that impossible numbers in a file lead to as one sentence about the file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         how: the sentence goes on.
 
     Raises:

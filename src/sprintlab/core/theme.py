@@ -119,7 +119,7 @@ def save_figure(path: str | Path, figure: Figure, dpi: int = 130) -> None:
     Args:
         path: the file; ``core.files.check_figure_path`` refuses a bad one before work is done.
         figure: what to write.
-        dpi: of a PNG, and of what is drawn as pixels inside the others.
+        dpi: resolution of a PNG, and of what is drawn as pixels inside the others.
 
     Raises:
         InvalidValueError: another ending, or a folder that does not exist.

@@ -1,16 +1,28 @@
-"""Pictures of one motor: its envelopes, and what happens inside them."""
+"""Pictures of motors: envelopes of one, the library side by side, and the fit of an identification."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sprintlab.core.array_types import Array
+from sprintlab.core.array_types import Array, FloatArray
 from sprintlab.core.theme import LIGHT, figure_legend, labelled, set_title, themed_figure
 from sprintlab.evaluation.operating_points import OperatingPoints
-from sprintlab.motors import MOTOR_MODELS, MotorModel, voltage_infeasible
+from sprintlab.motors import (
+    MOTOR_MODELS,
+    LibraryMotor,
+    MotorModel,
+    joint_torque,
+    no_load_speed,
+    saturate,
+    torque_limits,
+    voltage_infeasible,
+)
 from sprintlab.motors.chart import (
     SATURATED,
     JointDrive,
@@ -20,6 +32,7 @@ from sprintlab.motors.chart import (
     joint_limits,
     peak_torque_speed,
 )
+from sprintlab.workbench.identification import ChannelFit, Identification
 
 LABELS = {
     "refined": "refined",
@@ -172,3 +185,101 @@ def _finish(axis: Axes, text: str, top: float, drive: JointDrive) -> None:
     axis.set_ylim(-1.12 * drive.peak_torque, 1.12 * drive.peak_torque)
     axis.set_xlabel("joint speed [rad/s]")
     set_title(axis, text, LIGHT)
+
+
+# --- the library ----------------------------------------------------------------------------------------
+
+_POINTS = 400
+_COLORS = ("#0b6bcb", "#c2410c", "#0e9384", "#7a5af8", "#d92d20", "#667085")
+_DASHES = ("-", "--", ":")  # six colours in each
+
+
+def library_figure(actuators: Sequence[LibraryMotor]) -> Figure:
+    """Driving torque over speed behind the gear, refined with saturation: absolute, and normalised.
+
+    On the right speed is a share of the no-load speed and torque one of the torque at standstill: the longer
+    a curve stays at 1, the later the voltage takes its torque away.
+    """
+    figure, (absolute, normalised) = themed_figure(LIGHT, (12.5, 5.6), 1, 2)
+    for index, actuator in enumerate(actuators):
+        speed, torque = driving_envelope(actuator)
+        look: dict[str, Any] = {
+            "color": _COLORS[index % len(_COLORS)],
+            "linestyle": _DASHES[index // len(_COLORS) % len(_DASHES)],
+            "linewidth": 1.6,
+        }
+        absolute.plot(speed, torque, label=actuator.title, **look)
+        normalised.plot(speed / speed[-1], torque / torque[0], **look)
+    _title_library(absolute, "Behind the gear", "joint speed [rad/s]", "joint torque after saturation [N m]")
+    _title_library(normalised, "Normalised", "speed / no-load speed", "torque / torque at standstill")
+    absolute.set(xscale="log", yscale="log")
+    absolute.set(xlim=(2.0, None), ylim=(0.5, 2.0 * absolute.dataLim.y1))
+    normalised.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05))
+    figure_legend(figure, LIGHT, labelled(absolute), columns=3, place="lower")
+    return figure
+
+
+def driving_envelope(actuator: LibraryMotor) -> tuple[FloatArray, FloatArray]:
+    """Joint speeds from near standstill to no load [rad/s] and the greatest joint torques there [N m]."""
+    ratio = float(actuator.gear.ratio)
+    top = float(no_load_speed(actuator.motor, actuator.bus_voltage))
+    speed = np.linspace(0.0, top, _POINTS)
+    _, upper = torque_limits(actuator.motor, speed, actuator.bus_voltage)
+    return speed / ratio, joint_torque(actuator.gear, saturate(actuator.motor, upper))
+
+
+def _title_library(axis: Axes, title: str, xlabel: str, ylabel: str) -> None:
+    set_title(axis, title, LIGHT)
+    axis.set(xlabel=xlabel, ylabel=ylabel)
+
+
+# --- an identification -----------------------------------------------------------------------------------
+
+
+def identification_figure(result: Identification, title: str) -> Figure:
+    """One row a measured quantity: against the model, residuals over current, residuals over speed.
+
+    Args:
+        result: what ``identify`` found.
+        title: printed above the first axes.
+    """
+    rows = len(result.channels)
+    figure, axes = themed_figure(LIGHT, (12.0, 2.9 * rows + 0.6), rows, 3)
+    outlying = np.isin(result.bench.lines, result.outliers)
+    for row, channel in enumerate(result.channels):
+        met, over_current, over_speed = axes[3 * row : 3 * row + 3]
+        _draw_met(met, channel, outlying)
+        current = result.bench.current[channel.rows]
+        _draw_residuals(over_current, channel, current, "i_q [A]", outlying)
+        speed = result.bench.speed
+        if speed is None:
+            over_speed.set_visible(False)
+        else:
+            _draw_residuals(over_speed, channel, speed[channel.rows], "speed [rad/s]", outlying)
+        set_title(met, f"{title}: {channel.name}" if row == 0 else channel.name, LIGHT)
+    figure_legend(figure, LIGHT, labelled(axes[0]), columns=3, place="lower")
+    return figure
+
+
+def _draw_met(axis: Axes, channel: ChannelFit, outlying: Array) -> None:
+    ends = [float(np.min(channel.predicted)), float(np.max(channel.predicted))]
+    axis.plot(ends, ends, color=LIGHT.muted, linewidth=0.9, label="model")
+    _scatter(axis, channel, channel.predicted, channel.measured, outlying)
+    axis.set(xlabel=f"model [{channel.unit}]", ylabel=f"measured [{channel.unit}]")
+
+
+def _draw_residuals(axis: Axes, channel: ChannelFit, across: Array, label: str, outlying: Array) -> None:
+    axis.axhspan(-2 * channel.noise, 2 * channel.noise, color=LIGHT.shade, zorder=0)
+    axis.axhline(0.0, color=LIGHT.muted, linewidth=0.9)
+    _scatter(axis, channel, across, channel.measured - channel.predicted, outlying)
+    axis.set(xlabel=label, ylabel=f"residual [{channel.unit}], band: 2 sigma")
+
+
+def _scatter(axis: Axes, channel: ChannelFit, across: Array, values: Array, outlying: Array) -> None:
+    outlier = outlying[channel.rows]
+    for mask, colour, name in (
+        (~outlier, LIGHT.inside, "measured"),
+        (outlier, LIGHT.on_limit, "outlier, set aside"),
+    ):
+        if mask.any():
+            axis.scatter(across[mask], values[mask], s=11, color=colour, linewidths=0, label=name)

@@ -76,7 +76,7 @@ def actuator_from_toml(name: str, text: str) -> LibraryMotor:
     Args:
         name: names the file in errors.
         text: ``title``, and for ``bus_voltage`` and each field of ``motor`` and ``gear`` a table with
-            ``value``, ``source`` and, where nobody published the number, ``estimated = true``.
+            ``value``, ``source`` and, where the number is not published, ``estimated = true``.
 
     Raises:
         InvalidValueError: a number or its source is missing, unknown or impossible.

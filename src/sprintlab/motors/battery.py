@@ -43,9 +43,9 @@ class Battery:
     voltage_table: tuple[float, ...] = (2.80, 3.15, 3.30, 3.45, 3.62, 3.80, 4.00, 4.20)
     """Open-circuit voltage of one cell at those states [V], rising; linear between them."""
     internal_resistance: float = 0.075
-    """Of the whole pack [ohm]."""
+    """Resistance of the whole pack [ohm]."""
     capacity: float = 12.6
-    """Of the whole pack [A h]."""
+    """Charge of the whole full pack [A h]."""
     regeneration_limit: float = 25.0
     """Greatest current that the pack takes back [A]; a brake resistor burns what comes beyond. 0: none."""
 
@@ -167,7 +167,7 @@ def battery_current(battery: Battery, voltage: Array, power: Array) -> Array:
 
     Args:
         battery: the pack.
-        voltage: of the bus, from ``loaded_voltage`` or ``shared_bus_voltage`` [V].
+        voltage: voltage of the bus, from ``loaded_voltage`` or ``shared_bus_voltage`` [V].
         power: drawn by all joints together [W], broadcasts with ``voltage``.
     """
     xp, (voltage, power) = as_arrays(voltage, power)

@@ -21,7 +21,7 @@ from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.voltage import phase_voltage_limit
 
 _SMALLEST_SHARE = 1e-12
-"""Of the largest voltage at hand: keeps quotients finite at standstill."""
+"""Share of the largest voltage at hand that keeps quotients finite at standstill."""
 _SECTIONS = 64
 """Golden sections of the d-axis current; 0.618^64 is 4e-14."""
 _SCANNED = 33
@@ -49,7 +49,7 @@ class _CurrentPlane(NamedTuple):
     radius: Array
     """Radius of the voltage disk [A]."""
     distance: Array
-    """Of the voltage disk's centre from the origin [A]."""
+    """Distance of the voltage disk's centre from the origin [A]."""
     direct: Array
     """d-axis component of the unit vector toward the centre, not positive."""
     quadrature: Array

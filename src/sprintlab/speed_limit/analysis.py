@@ -131,7 +131,7 @@ class SpeedLimit:
         robot: its name.
         speed: upper estimate of the top speed [m/s].
         cause: what stops the robot: the limit whose absence lets it run fastest; None where none was lifted.
-        facts: of the fastest stride.
+        facts: facts of the fastest stride.
         stride: the fastest stride, a batch of one.
         lifted: the limit without each cause, in the order of ``LIMITS_TO_LIFT``.
         sensitivities: the limit with one quantity scaled.
@@ -163,7 +163,7 @@ def speed_limit(
         robot: the robot.
         settings: how hard to search.
         factors: by which bus voltage, gear ratio, leg length, mass and knee spring are scaled, one at a time.
-        causes: of ``LIMITS_TO_LIFT``, to be taken away one at a time.
+        causes: names in ``LIMITS_TO_LIFT``, to be taken away one at a time.
         trained: measured speeds to put beside it.
         progress: called with what is done and the share done.
 
@@ -388,7 +388,7 @@ def _entries(folder: str) -> list[os.DirEntry[str]]:
 
 
 def _held_speed(result: dict[str, Any]) -> float | None:
-    """Highest speed held under the raw command without a fall that counts; None where there is none."""
+    """Highest speed held under the raw command without a fall that counts; None if there is no such speed."""
     if "held_speed_m_s" in result:
         speeds = [result["held_speed_m_s"]] if result.get("falls") == 0 else []
     else:

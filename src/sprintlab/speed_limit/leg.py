@@ -45,7 +45,7 @@ class PlanarLeg:
         thigh: from hip to knee.
         shank: from knee to foot, with the foot and, if there is one, the knee carrier.
         armature: reflected rotor inertia of hip and knee ``(2,)`` [kg m^2].
-        foot_radius: of the sphere that rolls on the ground [m].
+        foot_radius: radius of the sphere that rolls on the ground [m].
     """
 
     thigh: PlanarLink

@@ -20,13 +20,13 @@ class Runner:
 
     Attributes:
         leg: kinematics and inertia of a leg in the sagittal plane.
-        motors: of hip and knee, each field ``(2,)``.
-        gear: of hip and knee, each field ``(2,)``.
+        motors: motors of hip and knee, each field ``(2,)``.
+        gear: gears of hip and knee, each field ``(2,)``.
         bus_voltage: [V].
-        viscous_friction: of hip and knee ``(2,)`` [N m s/rad].
-        dry_friction: of hip and knee ``(2,)`` [N m].
+        viscous_friction: viscous friction of hip and knee ``(2,)`` [N m s/rad].
+        dry_friction: dry friction of hip and knee ``(2,)`` [N m].
         position_limits: that the stride keeps to, end stops left out ``(2, 2)`` [rad].
-        mass: of the robot [kg].
+        mass: mass of the robot [kg].
         legs: number of legs that share the load.
         foot_friction: sliding friction coefficient.
         knee_spring: series spring between the knee's drive and the shank; None without one.

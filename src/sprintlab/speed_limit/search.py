@@ -49,7 +49,7 @@ class SearchSettings:
 
     Attributes:
         starts: random strides to begin from; as many more begin at the best stride so far, shaken.
-        seed: of the random strides.
+        seed: seed of the random strides.
         max_stride: highest stride frequency that counts [Hz]; None: what the motors allow.
         min_duty: lowest share of a stride in which a foot is on the ground; None: what the motors allow.
 
@@ -77,7 +77,7 @@ class Fastest:
 
     Attributes:
         speed: [m/s].
-        parameters: of the stride ``(PARAMETERS,)``: the witness that this speed is possible in the model.
+        parameters: parameters of the stride ``(PARAMETERS,)`` that proves this speed possible.
         bounded: False where the search ended at its ceiling.
         found: speed that each start came to, in order; 0 where it came to no possible stride [m/s].
     """

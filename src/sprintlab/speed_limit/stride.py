@@ -66,19 +66,19 @@ class Stride(NamedTuple):
     Attributes:
         time: since touchdown ``(b, p)`` [s].
         position: hip and knee ``(b, p, 2)`` [rad].
-        velocity: of the drives ``(b, p, 2)`` [rad/s]; with a series spring the knee's drive leads the knee.
+        velocity: speeds of the drives ``(b, p, 2)`` [rad/s]; with a series spring the drive leads the knee.
         torque: that the drives must give ``(b, p, 2)`` [N m].
         lower, upper: that they can give at this velocity ``(b, p, 2)`` [N m].
-        force: of the ground on the foot, forward and up ``(b, p, 2)`` [N].
+        force: force of the ground on the foot, forward and up ``(b, p, 2)`` [N].
         foot: middle of the foot from the hip ``(b, p, 2)`` [m].
-        deflection: of a series spring in the knee, in stance ``(b, STANCE_POINTS)`` [rad].
+        deflection: deflection of a series spring in the knee, in stance ``(b, STANCE_POINTS)`` [rad].
         mismatch: velocity of the knee before touchdown against that of its drive after it ``(b,)`` [rad/s];
             zero in a possible stride with a series spring, whose rotor no impact reaches.
         period: stride period ``(b,)`` [s].
         duty: share of the stride in which the foot is on the ground ``(b,)``.
-        share: of the robot's mass that one stance carries ``(b,)``.
+        share: share of the robot's mass that one stance carries ``(b,)``.
         impact: share of the vertical impulse that comes at touchdown ``(b,)``.
-        height: of the hip over the ground ``(b,)`` [m].
+        height: height of the hip over the ground ``(b,)`` [m].
     """
 
     time: FloatArray
@@ -133,7 +133,7 @@ def evaluate(runner: Runner, parameters: FloatArray, speed: float | FloatArray) 
     Args:
         runner: the robot.
         parameters: ``(b, PARAMETERS)``.
-        speed: of the trunk, constant [m/s]: of all strides, or of each ``(b,)``.
+        speed: constant speed of the trunk [m/s], one for all strides or one per stride ``(b,)``.
     """
     shape: dict[str, FloatArray] = dict(zip(SHAPES, parameters[:, : len(SHAPES)].T, strict=True))
     waves = parameters[:, len(SHAPES) :].reshape(-1, 2, SWING_WAVES)

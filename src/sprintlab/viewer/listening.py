@@ -12,7 +12,7 @@ MOST_TRIES = 100
 
 
 def free_port(host: str, first: int) -> int:
-    """The first port from ``first`` on that nobody uses, at every address of a host.
+    """The first port from ``first`` on that is free, at every address of a host.
 
     Raises:
         SprintlabError: the host is unknown or no interface of this machine, the port is not for everybody,

@@ -103,7 +103,7 @@ class _Curves:
 
     Args:
         gui: where it is added.
-        colors: of the curves by their names.
+        colors: colors of the curves by name.
     """
 
     def __init__(self, gui: Any, colors: Mapping[str, str]) -> None:

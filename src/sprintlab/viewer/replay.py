@@ -35,7 +35,7 @@ FRAME_RATE = 125.0
 
 JOINT_ARRAYS = ("joint_velocity", "motor_torque", "torque_lower", "torque_upper")
 COLORS = ("#0b6bcb", "#d9480f", "#0e9384", "#7a5af8", "#b45309", "#be185d")
-"""Of the runs, in the order of their lanes."""
+"""Lane colours."""
 PACE_COLOR = "#d4a72c"
 MOST_SAMPLES = 500_000
 """Longest trajectory of a page [samples]: a quarter of an hour at 500 Hz."""
@@ -71,7 +71,7 @@ class ReplayRun:
     """One recorded run of a page.
 
     Attributes:
-        arrays: of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
+        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
         robot: the robot that ran.
         name: what the page calls it where it runs against others.
     """
@@ -83,7 +83,7 @@ class ReplayRun:
 
 @dataclass(frozen=True, kw_only=True)
 class Pace:
-    """A pace that nobody recorded, as a runner on a lane of its own.
+    """A pace without a recording, as a runner on a lane of its own.
 
     Attributes:
         name: what the page calls it.
@@ -166,7 +166,7 @@ def write_replay(
 
     Args:
         path: the HTML file.
-        arrays: of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
+        arrays: arrays of a trajectory, from ``load_arrays`` or ``Trajectory.arrays``.
         robot: the robot that ran.
         text: what the page says about it.
         ghosts: further runs, each on the next lane; all clocks start with the first command.

@@ -33,11 +33,10 @@ import tomli_w
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import InvalidValueError, SprintlabError, printable
 from sprintlab.core.files import atomic_write_text
-from sprintlab.motors.i2t import I2tLimit
+from sprintlab.motors.files import SupplyFile, save_supply, table_of
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.saturation import desaturate
-from sprintlab.motors.supply_files import SupplyFile, save_supply, table_of
-from sprintlab.motors.thermal import HousedHeat
+from sprintlab.motors.thermal import HousedHeat, I2tLimit
 from sprintlab.workbench.datasheet_file import ENTRIES, Datasheet, Entry
 
 FLUX_ENTRIES = ("flux_linkage", "back_emf_constant", "kv", "torque_constant")

@@ -130,7 +130,7 @@ class Datasheet:
     """A data sheet as read.
 
     Attributes:
-        name: of the motor.
+        name: name of the motor.
         source: where its numbers come from.
         connection: ``"star"``, ``"delta"`` or empty.
         pole_pairs: N.

@@ -186,7 +186,7 @@ def test_rows_that_stand_are_left_out_of_the_torque():
     assert abs(viscous.value - VISCOUS) < 1.6 * viscous.half_width
 
 
-def test_the_command_reads_a_strangers_log(tmp_path, capsys):
+def test_the_command_reads_a_log_of_another_program(tmp_path, capsys):
     """A date above the header, other names, a gear of 9 with a loss, and a load cell that reads 0.3 N m."""
     current, speed, random = points(9, largest=20.0)
     torque = 9.0 * shaft(current, speed, 0.9) + 0.3 + random.normal(0.0, 0.02, len(current))

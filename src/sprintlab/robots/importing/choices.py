@@ -22,7 +22,7 @@ from sprintlab.robots.loader import load_robot
 
 @dataclass(frozen=True, kw_only=True)
 class JointChoice:
-    """Drive and controller of one joint type; what is None is derived.
+    """Drive and controller of one joint type; a field that is None is derived.
 
     Attributes:
         motor: a motor file (TOML), the name of a library motor, or ``ROBOT:JOINT`` for the motor of a known
@@ -67,7 +67,7 @@ class RobotChoices:
     """Everything about a robot that its model file does not say.
 
     Attributes:
-        name: of the robot; letters, digits, ``-`` and ``_``.
+        name: name of the robot; letters, digits, ``-`` and ``_``.
         bus_voltage: [V].
         joints: one ``JointChoice`` for each of abad, hip and knee.
         foot_radius: [m], where the source has no foot sphere.

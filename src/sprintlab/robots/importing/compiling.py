@@ -1,17 +1,7 @@
-"""A model file from elsewhere, compiled in a process of its own that may not take long nor much.
-
-A few lines of MJCF can ask for two million bodies, or for a terrain of 40 GB; MuJoCo would try. The process
-has a limit of time, memory and file size, and works in an empty folder; back comes MuJoCo's own binary.
-"""
+"""A robot's MJCF or URDF file, compiled by MuJoCo without the meshes that decide nothing."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-import tempfile
-import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -23,15 +13,7 @@ from sprintlab.core.reading import read_text
 
 MODEL_LIMIT = 16 << 20
 """Largest model file that is read [bytes]."""
-LONGEST = 7.0
-"""Time of a core that a model may take to compile [s]: with the start of both processes, ten at most."""
-_ASLEEP = 2.0  # s without work: it waits at a pipe; where the system does not tell, all time is work
-_NAP = 0.02  # s of work that are none
-_MEMORY = 6 << 30
-_BINARY = 256 << 20
 _MOST_BODIES = 500
-_MOST_WRAPS = 4000  # of tendons; to pose one takes a time that grows with their square
-_STATE = 64 << 20  # bytes of a model's data, which is made anew for each pose that is compared
 _ROUNDING = 1e-6  # relative; files are written with six or seven digits
 _NUMBERS = (
     "qpos0", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "jnt_pos",
@@ -39,113 +21,27 @@ _NUMBERS = (
     "geom_size", "actuator_forcerange",
 )  # fmt: skip
 _LARGEST = 1e12
-_READY = "ready"
-_CHILD = (
-    "import sys; sys.path[:] = sys.argv[3:]; from sprintlab.robots.importing import compiling; "
-    "compiling.child(sys.argv[1], sys.argv[2])"
-)
 
 
 def compiled(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     """The compiled file, and the links whose inertia had to be corrected for it.
 
     Raises:
-        RobotModelError: the file cannot be read, MuJoCo refuses it, or it would take longer than ``LONGEST``
-            or more memory than a robot does.
+        RobotModelError: the file cannot be read, MuJoCo refuses it, or it holds numbers that no robot has.
     """
-    read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
-    with tempfile.TemporaryDirectory(prefix="sprintlab-") as folder:
-        binary = Path(folder) / "model.mjb"
-        answer = _answer(path, binary)
-        if "refused" in answer:
-            raise RobotModelError(f"robot model {path} cannot be used: {printable(answer['refused'])}")
-        try:
-            return mujoco.MjModel.from_binary_path(str(binary)), tuple(answer["corrected"])
-        except (ValueError, KeyError, mujoco.FatalError) as error:
-            raise RobotModelError(f"robot model {path} cannot be used: {printable(error)}") from error
-
-
-def _answer(path: Path, binary: Path) -> dict[str, list[str] | str]:
-    """What the process says: names of corrected links, or why it refuses."""
-    command = [sys.executable, "-c", _CHILD, str(path.resolve()), str(binary), *filter(None, sys.path)]
-    process = subprocess.Popen(
-        command,
-        cwd=binary.parent,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    with process:
-        try:
-            assert process.stdout is not None
-            process.stdout.readline()  # it has started: a busy machine does not count as a slow model
-            _await(process)
-            return json.loads(binary.with_suffix(".json").read_bytes())
-        except subprocess.TimeoutExpired:
-            return {"refused": "its files keep it waiting, or it takes too long to compile"}
-        except (OSError, ValueError):  # it was stopped at a limit, or MuJoCo ended it
-            most = f"{LONGEST:g} s, {_MEMORY >> 30} GB or the room in {binary.parent.parent}"
-            return {"refused": f"to compile, it takes more than {most}"}
-        finally:
-            process.kill()
-
-
-def _await(process: subprocess.Popen[str]) -> None:
-    """Wait for a process with a limit of its own for work; raises ``TimeoutExpired`` where it does none.
-
-    On a busy machine a core's seconds take longer than the clock's, and what waits at a pipe takes none.
-    """
-    if sys.platform != "linux":
-        process.wait(timeout=LONGEST)
-        return
-    clock = ~process.pid << 3 | 2  # of its work, as the kernel numbers clocks of other processes
-    while process.poll() is None:
-        before = time.clock_gettime(clock)
-        try:
-            process.wait(timeout=_ASLEEP)
-        except subprocess.TimeoutExpired:
-            if time.clock_gettime(clock) - before < _NAP:
-                raise
-
-
-def child(path: str, binary: str) -> None:
-    """The process's work: compile ``path`` into ``binary``; how it went stands beside it as JSON."""
-    import resource
-
-    print(_READY, flush=True)
-    spent = int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2]))
-    for kind, limit in (
-        (resource.RLIMIT_CPU, spent + int(LONGEST)),
-        (resource.RLIMIT_AS, _MEMORY),
-        (resource.RLIMIT_FSIZE, _BINARY),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        resource.setrlimit(kind, (limit, limit))
+    text = read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
     try:
-        model, corrected = _compile(Path(path))
+        model, corrected = _compile(path, text)
         if model.nbody > _MOST_BODIES:
             raise ValueError(f"it has {model.nbody} bodies, more than {_MOST_BODIES}")
-        if mujoco.mj_sizeModel(model) >= _BINARY:
-            raise ValueError(f"it is larger than {_BINARY >> 20} MB, compiled")
-        if model.nwrap > _MOST_WRAPS:
-            raise ValueError(f"its tendons have {model.nwrap} parts, more than {_MOST_WRAPS}")
-        if mujoco.MjData(model).nbuffer > _STATE:
-            raise ValueError(f"it has more than {_STATE >> 20} MB of state")
         _check_numbers(model)
-        mujoco.mj_saveModel(model, binary, None)
-        answer: dict[str, list[str] | str] = {"corrected": list(corrected)}
     except (ElementTree.ParseError, ValueError, SprintlabError, mujoco.FatalError) as error:
-        answer = {"refused": " ".join(str(error).split()) or type(error).__name__}
-    except (MemoryError, RecursionError) as error:
-        answer = {"refused": f"it is larger than a robot ({type(error).__name__})"}
-    Path(binary).with_suffix(".json").write_text(json.dumps(answer), encoding="utf-8")
-    os._exit(0)
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RobotModelError(f"robot model {path} cannot be used: {printable(reason)}") from error
+    return model, corrected
 
 
-def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
-    text = read_text(path, MODEL_LIMIT, what="robot model", error=RobotModelError)
+def _compile(path: Path, text: str) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ValueError("it defines entities, which no robot needs")
     root = ElementTree.fromstring(text)
@@ -219,7 +115,7 @@ def _plain_urdf(root: ElementTree.Element) -> str:
 
 
 def _drop_meshes(spec: mujoco.MjSpec) -> None:
-    """Take out mesh shapes where the body's inertia does not depend on them, then meshes nobody uses."""
+    """Take out mesh shapes where the body's inertia does not depend on them, then unused meshes."""
     for body in spec.bodies:
         for geom in list(body.geoms):
             if geom.type == mujoco.mjtGeom.mjGEOM_MESH and body.explicitinertial:

@@ -50,10 +50,10 @@ class FittedRobot:
         hip_x, hip_y: distances of an abduction axis from the middle.
         abad_offset: from the abduction axis to the leg's plane.
         thigh_length, shank_length: joint to joint, joint to foot.
-        foot_radius, foot_mass: of the foot.
+        foot_radius, foot_mass: radius and mass of the foot.
         trunk, abad, thigh, shank: mass properties; the shank without the foot.
-        trunk_half_size: of its collision box.
-        radii: of the collision shapes of thigh and shank.
+        trunk_half_size: half sizes of its collision box.
+        radii: radii of the collision shapes of thigh and shank.
         ranges: lower and upper limit by joint type.
         viscous_friction, dry_friction, armature: by joint type; where legs differ, the value of most legs.
         efforts: torque limits that the source states, by joint type; where legs differ, the smallest.
@@ -263,7 +263,7 @@ def _without(shank: FittedLink, foot_mass: float, lengths: dict[str, float]) -> 
 
 
 def _radii(legs: dict[str, SourceLeg], lengths: dict[str, float]) -> tuple[float, float]:
-    """Collision radii of thigh and shank; a twelfth and a twentieth of their lengths where there are none."""
+    """Collision radii of thigh and shank; without shapes a twelfth and a twentieth of their lengths."""
     defaults = (lengths["thigh_length"] / 12.0, lengths["shank_length"] / 20.0)
     stated = [leg.radii for leg in legs.values()]
     first, second = (

@@ -70,7 +70,7 @@ class SourceLeg:
         foot: middle of the foot ``(3,)`` [m].
         foot_radius: [m].
         foot_mass: mass of a body that is only the foot [kg]; None where shank and foot are one.
-        radii: radius of the collision shapes of thigh and shank [m]; None where there are none.
+        radii: radius of the collision shapes of thigh and shank [m]; None without shapes.
     """
 
     joints: tuple[SourceJoint, ...]
@@ -90,7 +90,7 @@ class SourceRobot:
         model: the compiled source.
         base: index of the body that carries the trunk.
         trunk: what moves with the base.
-        trunk_half_size: of its largest collision box ``(3,)`` [m]; None without.
+        trunk_half_size: half sizes of its largest collision box ``(3,)`` [m]; None without.
         legs: 4, in no particular order.
         corrected: links of a URDF whose inertia no body can have; it was raised to one that a body can.
     """
@@ -136,7 +136,7 @@ def read_source(source: Path | SourceRobot, foot_radius: float | None = None) ->
 def posed(model: mujoco.MjModel, base: int, angles: dict[str, float]) -> mujoco.MjData:
     """The model with its base at the origin, the named hinges at their angles [rad], all others at zero.
 
-    Positions and inertia only: no contacts, of which a stranger's shapes may have millions.
+    Positions and inertia only: no contacts, of which detailed shapes may have millions.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
@@ -241,7 +241,7 @@ class _Reader:
             if len(bodies) > 1 or len(joints) == JOINTS_OF_A_LEG:
                 raise self.refuse(
                     f"the limb at {self._name(start)} has more than three joints in a row "
-                    f"(at {self._name(bodies[0])}); take out what is no hip or knee"
+                    f"(at {self._name(bodies[0])}); take out every body but hips and knees"
                 )
             joints.append(self._joint(bodies[0]))
             groups.append(self.welded(bodies[0]))

@@ -42,7 +42,7 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
     Args:
         fitted: what the model file says.
         choices: what it does not say.
-        source_name: of the model file, for the column of sources.
+        source_name: name of the model file, for the column of sources.
 
     Raises:
         SprintlabError: a motor cannot be found.

@@ -76,10 +76,10 @@ class Bench:
         d_voltage: v_d [V] or ``None``.
         power: electrical, into the three phases [W], or ``None``.
         bus_voltage: DC bus [V] or ``None``.
-        temperature: of the winding [degC] or ``None``.
+        temperature: temperature of the winding [degC] or ``None``.
         limited: the inverter gives all its voltage, bool.
-        time: of a log [s] or ``None``: rows that follow each other closely (``transients``).
-        acceleration: of the shaft [rad/s^2] or ``None``, of a log's windows.
+        time: time in a log [s] or ``None``: rows that follow each other closely (``transients``).
+        acceleration: acceleration of the shaft [rad/s^2] or ``None``, of a log's windows.
         lines: line of each row in its file, to name it.
         unused: columns that were not understood and not read.
         remarks: what was done to the rows before a fit, which a reader must know.
@@ -255,7 +255,7 @@ def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, fl
         match = _HEADER.fullmatch(cell)
         name = _known_name(match[1]) if match else None
         if match is None or name is None or (name == "time" and not match[2]):
-            continue  # strangers' tables have a time in any form; only one with a unit makes a log
+            continue  # a time in any form may be there; only one with a unit makes a log
         if name in found:
             raise InvalidValueError(f"{path}: column {name}", cell, "is given twice")
         found[name] = (index, _unit_factor(path, name, cell, match[2] or ""))

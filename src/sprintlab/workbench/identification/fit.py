@@ -1,4 +1,4 @@
-"""The fit: robust first, then exact on what is no outlier, with intervals that say what the data know.
+"""The fit: robust first, then exact without the outliers, with intervals that say what the data know.
 
 1. Least squares with the soft-L1 loss over all channels in the unit of their own noise, which is estimated
    from the median absolute residual; repeated until the noise settles.
@@ -98,7 +98,7 @@ def identify(
         peak_current: amplitude of the drive's current limit [A]; the largest of the bench when left out.
         base: a motor that supplies held values and is compared with.
         hold: parameters taken from ``base`` (gamma: 0.95, friction and flux's drift: 0) and not fitted.
-        also: of ``OPTIONAL_UNITS``, fitted too: the sensors' zeros, a gear's efficiency, the rotor's inertia.
+        also: names in ``OPTIONAL_UNITS`` that are fitted too.
 
     Raises:
         SprintlabError: too few rows, speeds or currents, too many rows, or units and signs that contradict

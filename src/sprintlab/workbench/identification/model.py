@@ -92,7 +92,7 @@ class Channel:
 
     Attributes:
         name: ``torque``, ``vq``, ``vd``, ``power`` or ``voltage limit``.
-        unit: of its residuals.
+        unit: unit of its residuals.
         measured: (m,) values that the residuals are subtracted from.
         predict: model values (m,) for parameters.
         rows: (m,) rows of the bench.

@@ -26,7 +26,7 @@ class Estimate:
     Attributes:
         name: a key of ``PARAMETER_UNITS``.
         value: SI; ``None`` where the data say nothing.
-        half_width: of the 95 % interval; ``None`` where nothing was fitted.
+        half_width: half width of the 95 % interval; ``None`` where nothing was fitted.
         determined: the interval is narrow enough to use the value.
         reason: why it is not determined, or that it was held.
     """
@@ -43,8 +43,8 @@ class ChannelFit:
     """How one measured quantity was met.
 
     Attributes:
-        name: of the channel.
-        unit: of the values.
+        name: name of the channel.
+        unit: unit of the values.
         rows: (m,) rows of the bench.
         measured: (m,) as measured.
         predicted: (m,) by the fitted model.
@@ -72,7 +72,7 @@ class Identification:
         estimates: one a parameter, by name.
         channels: fit of each measured quantity.
         outliers: (k,) lines of the file that were set aside.
-        singular_values: of the scaled Jacobian, largest first.
+        singular_values: singular values of the scaled Jacobian, largest first.
         warnings: what a reader must know before using the values.
         trustworthy: ``False`` where a warning means that the fit is no description of the data.
     """

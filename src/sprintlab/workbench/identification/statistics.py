@@ -61,7 +61,7 @@ def freedom(decomposition: Decomposition, rows: Sequence[int]) -> list[float]:
     """Residuals less parameters of each channel: a row's leverage is what the fit took of it.
 
     Args:
-        decomposition: of the weighted Jacobian.
+        decomposition: decomposition of the weighted Jacobian.
         rows: residuals that each channel adds, in order.
     """
     taken = decomposition.leverage
@@ -77,7 +77,7 @@ def half_widths(decomposition: Decomposition, residuals: FloatArray, rows: Seque
     freedom of each parameter (Welch and Satterthwaite), as the noise is known only as well as rows allow.
 
     Args:
-        decomposition: of the weighted Jacobian ``(m, p)``.
+        decomposition: decomposition of the weighted Jacobian ``(m, p)``.
         residuals: in units of their channel's noise ``(m,)``.
         rows: residuals that each channel adds, in order.
     """
@@ -130,7 +130,7 @@ def lacking_term(
         bench: the data.
         channel: whose residuals are looked at.
         kept: (n,) rows of the bench that are no outliers.
-        decomposition: of the weighted Jacobian ``(m, p)``.
+        decomposition: decomposition of the weighted Jacobian ``(m, p)``.
         residuals: in units of their channel's noise ``(m,)``.
         begin: where the channel's residuals begin.
 

@@ -94,7 +94,7 @@ def patterns(
 
     Args:
         bench: the data.
-        fits: of the channels.
+        fits: fits of the channels.
         kept: rows of the bench that are no outliers ``(n,)``.
         lacking: what each channel's residuals follow by ``lacking_term``.
     """
