@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from sprintlab.commands.state import GRAVITY
+from sprintlab.core.errors import SimulationError
 from sprintlab.engine.cpu import CpuKernel
 from sprintlab.engine.cuda import CudaKernel
 from sprintlab.engine.options import EngineOptions
@@ -94,7 +95,12 @@ class Engine:
         self.mj_model = self.model.model
         self.robots = options.robots
         self._dtype = torch.float64 if double else torch.float32
-        self._allocate()
+        try:
+            self._allocate()
+        except torch.OutOfMemoryError as error:
+            raise SimulationError(
+                f"{device} has no memory for {options.robots} robots: take fewer"
+            ) from error
         self._reset_parameters()
         self.kernel = self._make_kernel(double, given_torque)
         self._bind()
