@@ -51,7 +51,8 @@ def check_graph(content: bytes) -> None:
         if tensor.external_data or tensor.data_location == onnx.TensorProto.EXTERNAL:
             raise GraphError("keeps numbers in other files")
     try:
-        checker.check_model(model)
+        validated: Any = checker
+        validated.check_model(model)
         _check_sizes(_inferred(model).graph)
     except (checker.ValidationError, shape_inference.InferenceError, DecodeError) as error:
         raise GraphError(f"is refused by ONNX: {str(error).strip().splitlines()[0]}") from error

@@ -96,8 +96,8 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is Path:
         return isinstance(value, str | Path)
     if hint in (int, float):
-        number = Integral if hint is int else Real
-        return type(value) is not bool and isinstance(value, number) and -math.inf < value < math.inf
+        number: Any = Integral if hint is int else Real
+        return type(value) is not bool and isinstance(value, number) and bool(abs(value) < math.inf)
     return not isinstance(hint, type) or isinstance(value, hint)
 
 

@@ -42,7 +42,8 @@ class PreparedDrive:
     ) -> None:
         check_positive("bus_voltage", bus_voltage, "V")
         check_choice("model", model, MOTOR_MODELS)
-        self._model, self._general = model, model not in _FAST_MODELS
+        self._model: MotorModel = model
+        self._general = model not in _FAST_MODELS
         self._ratio = np.asarray(gear.ratio, dtype=float)
         self._gear_loss = np.log(np.asarray(gear.efficiency, dtype=float))
         self._cold_motors = self._warm_motors = self._motors = motors
