@@ -16,7 +16,7 @@ def test_flags_turn_on_what_they_name():
     flags = DriveOptions(motor_model="flux-weakening", battery=True, heat=True, state_of_charge=0.4)
     plant = flags.plant()
     assert plant.motor_model == "flux-weakening"
-    assert (plant.battery, plant.heat) == (Battery(), WindingHeat())
+    assert (plant.battery, plant.heat) == ("robot", WindingHeat())
     assert plant.state_of_charge == 0.4
     assert [remark.split()[0] for remark in plant.remarks] == ["motor", "a", "windings"]
 

@@ -80,11 +80,13 @@ LINES = [
     ),
 ]
 
+NEEDS_A_COMMAND = {"least load on a foot", "least duty factor of a foot", "held share of the command"}
+
 
 def test_a_clean_run_passes(make_metrics):
     report = audit_trials([make_metrics()])
     assert report.passed and not report.failed
-    assert [item.name for item in report.items] == [line[0] for line in LINES]
+    assert {line[0] for line in LINES} | NEEDS_A_COMMAND == {item.name for item in report.items}
 
 
 @pytest.mark.parametrize(
@@ -94,7 +96,7 @@ def test_an_offender_fails_its_own_line_and_who_keeps_the_limit_passes(
     make_metrics, name, field, offender, good, words
 ):
     clean = make_metrics()
-    report = audit_trials([clean, make_metrics(**{field: offender}), make_metrics(**{field: offender})])
+    report = audit_trials([clean, *[make_metrics(**{field: offender})] * 3])
     assert [item.name for item in report.failed] == [name]
     assert audit_failure(report.failed[0]) == words
     assert audit_trials([make_metrics(**{field: good})]).passed
@@ -105,10 +107,44 @@ def test_every_line_says_why_and_where_its_limit_comes_from(make_metrics):
         assert item["note"] and item["source"] and item["bound"] in ("at most", "at least")
 
 
-def test_the_worst_trial_counts_but_one_locked_stride_among_many_does_not(make_metrics):
-    worst = audit_trials([make_metrics(), make_metrics(pad_deflection=0.02), make_metrics(stance_time=0.01)])
-    assert [item.value for item in worst.failed] == [0.01, 0.02]
+@pytest.mark.parametrize(
+    ("forces", "passed", "words"),
+    [
+        ((3.0, 3.9, 4.5), True, ""),
+        ((3.0, 3.9, 4.7), False, "foot force 3.9 body weights, worst 4.7: at most 4"),
+        ((3.0, 4.1, 4.2), False, "foot force 4.1 body weights, worst 4.2: at most 4"),
+    ],
+)
+def test_the_median_keeps_the_limit_and_no_trial_misses_it_by_more_than_15_percent(
+    make_metrics, forces, passed, words
+):
+    report = audit_trials([make_metrics(foot_force=force) for force in forces])
+    assert report.passed == passed
+    assert [audit_failure(item) for item in report.failed] == [words] * (not passed)
+
+
+def test_one_locked_stride_among_many_is_no_locked_gait(make_metrics):
     assert audit_trials([make_metrics(), make_metrics(stride_frequency=6.25), make_metrics()]).passed
+
+
+def test_a_foot_that_never_touches_is_named_from_one_metre_a_second_on(make_metrics):
+    lame = {
+        "feet": ("FL", "FR", "RL", "RR"),
+        "duty_factor": (0.3, 0.6, 0.5, 0.0),
+        "load_share": (0.2, 0.4, 0.4, 0.0),
+    }
+    report = audit_trials([make_metrics(asked_speed=1.0, held_speed=1.0, **lame)])
+    assert [audit_failure(item) for item in report.failed] == [
+        "least load on a foot 0 (RR never touches the ground): at least 0.1",
+        "least duty factor of a foot 0 (RR never touches the ground): at least 0.05",
+    ]
+    assert audit_trials([make_metrics(asked_speed=0.9, held_speed=0.9, **lame)]).passed
+
+
+@pytest.mark.parametrize(("held", "passed"), [(0.0, False), (3.1, False), (3.3, True)])
+def test_a_robot_must_hold_most_of_its_command(make_metrics, held, passed):
+    report = audit_trials([make_metrics(asked_speed=4.0, held_speed=held, load_share=(0.25,) * 4)])
+    assert report.passed == passed
 
 
 @pytest.mark.parametrize(("loss", "passed"), [(0.019, True), (0.021, False), (1.0, False)])
@@ -116,7 +152,7 @@ def test_a_gait_that_the_clock_times_passes_if_other_clocks_cost_little(make_met
     locked = audit_trials([make_metrics(stride_frequency=6.25)])
     judged = with_clock_loss(locked, loss)
     assert not locked.passed and judged.passed == passed
-    assert [item.name for item in judged.items] == [*(line[0] for line in LINES[:-1]), CLOCK_LOSS_ITEM]
+    assert judged.items[-1].name == CLOCK_LOSS_ITEM and CLOCK_ITEM not in {item.name for item in judged.items}
 
 
 def test_what_never_happened_is_not_held_against_a_run(make_metrics):

@@ -10,6 +10,7 @@ import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,8 +19,15 @@ from tests.short_trials import COARSE
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError, PolicyFileError, SimulationError
 from sprintlab.evaluation.pool import TrialPool, WorkerProcesses
-from sprintlab.evaluation.protocol import ProtocolSettings, run_protocol, run_speed, step_size_requests
+from sprintlab.evaluation.protocol import (
+    ProtocolSettings,
+    run_protocol,
+    run_speed,
+    search_speeds,
+    step_size_requests,
+)
 from sprintlab.evaluation.race import find_top_speed
+from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.plant import PlantOptions
 
@@ -86,6 +94,29 @@ def test_the_fastest_counts_only_before_the_first_that_fails(make_trial):
     result = run_protocol(pool, self_paced=False, settings=first_pass)
     assert result.speeds[-1].completed and result.fastest.top_speed == 9.0
     assert [speed.top_speed for speed in result.passed] == list(range(1, 10))
+
+
+def test_running_and_stopping_are_two_results():
+    """From 3 to 5 m/s a robot runs and does not rest; from 6 m/s on it falls."""
+
+    class Tried(NamedTuple):
+        speed: float
+        passed: bool
+        ran: bool
+
+    settings = ProtocolSettings(start=1.0, top=9.0, grid=1.0)
+    tried = search_speeds(settings, lambda speed: Tried(speed, speed < 3.0, speed < 6.0))
+    assert [one.speed for one in tried] == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_both_tops_are_told(make_trial):
+    def tried(speed, rests):
+        trial = replace(make_trial(speed, held_speed=speed), completed=rests)
+        return SpeedResult(top_speed=speed, self_paced=False, trials=(trial,), required=1)
+
+    result = ProtocolResult(self_paced=False, speeds=(tried(2.0, True), tried(3.0, False), tried(4.0, False)))
+    assert result.best.top_speed == 2.0 and result.max_velocity == 2.0
+    assert result.running.top_speed == 4.0 and result.running.running_speed == 4.0
 
 
 @pytest.mark.parametrize("limit", [7.3, 7.7])

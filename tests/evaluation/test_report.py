@@ -25,6 +25,7 @@ from sprintlab.evaluation.report_text import (
     audit_limit,
     audit_value,
     audit_verdict,
+    fall_text,
     result_rows,
     setup_rows,
     summary,
@@ -37,8 +38,8 @@ from sprintlab.evaluation.results import (
     SprintResult,
     require_finite,
 )
-from sprintlab.motors import Battery, WindingHeat
-from sprintlab.plant import PlantOptions, TrialSettings
+from sprintlab.motors import WindingHeat
+from sprintlab.plant import NOMINAL_TRIAL, PlantOptions
 
 
 @pytest.fixture
@@ -121,7 +122,7 @@ def test_report_says_what_happened(page):
 def test_a_failed_audit_is_marked(race, robot, trial):
     sunk = replace(trial.metrics, pad_deflection=0.05)
     page = report.render_report(replace(race, audit=audit_trials([sunk])), robot, [])
-    assert "exploit audit FAILED 1 of 12 checks" in page and ">FAIL<" in page
+    assert "exploit audit FAILED 1 of 15 checks" in page and ">FAIL<" in page
     first_screen = page[: page.index('<div class="tiles">')]
     assert "<li>pad deflection 50 mm: at most 15</li>" in first_screen
 
@@ -232,15 +233,23 @@ def test_the_battery_row_says_speed_voltage_and_windings(race, make_trial):
     assert (numbers["held_speed_m_s"], numbers["lowest_bus_voltage_V"]) == (9.5, 47.25)
     assert numbers["completed"] is True and numbers["hottest_winding_degC"] == 88.4
     assert battery_text(raced.battery) == "9.50 (down to 47.2 V, up to 88 °C)"
-    fell = replace(raced.battery, fall_reason="tilt")
-    assert battery_text(fell) == "9.50 (fell: tilt)"
+
+
+def test_beside_a_fall_stand_full_drives_and_the_lowest_bus_voltage(make_trial):
+    trial = make_trial(completed=False)
+    full = (("FL_knee", 2.1), ("RR_knee", 2.8))
+    metrics = replace(trial.metrics, i2t_full=full, lowest_bus_voltage=19.4, lowest_bus_time=1.5)
+    assert fall_text(replace(trial, metrics=metrics)) == (
+        "fell at 3.0 s (tilt); I²t full: FL_knee at 2.1 s, RR_knee at 2.8 s; bus down to 19.4 V at 1.5 s"
+    )
+    assert fall_text(trial) == "fell at 3.0 s (tilt)"
 
 
 def test_the_battery_trial_is_the_nominal_raw_one_and_goes_where_all_are_supplied():
     request = battery_request(9.0, ProtocolSettings(hold=3.0))
     assert (request.top_speed, request.hold, request.self_paced) == (9.0, 3.0, False)
-    assert request.plant.battery == Battery() and request.plant.heat == WindingHeat()
-    assert request.settings == TrialSettings()
+    assert request.plant.battery == "robot" and request.plant.heat == WindingHeat()
+    assert request.settings == NOMINAL_TRIAL
     assert battery_request(9.0, ProtocolSettings(plant=PlantOptions(heat=WindingHeat()))) is None
 
 
@@ -352,7 +361,7 @@ def test_a_recording_is_whole_or_not_there(trial, tmp_path, monkeypatch):
     save_trajectory(tmp_path / "run.npz", trial.trajectory)
     assert (tmp_path / "mine").read_text() == "old" and "time" in np.load(tmp_path / "run.npz")
     os.mkfifo(tmp_path / "pipe.npz")
-    with pytest.raises(SprintlabError, match="a pipe, a device"):
+    with pytest.raises(SprintlabError, match="a pipe or a device"):
         save_trajectory(tmp_path / "pipe.npz", trial.trajectory)
 
     def full_disk(_):

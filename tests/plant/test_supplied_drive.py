@@ -31,7 +31,7 @@ from sprintlab.motors import (
     warmed_with_housing,
 )
 from sprintlab.plant import BlindRecorder, Plant, PlantOptions, SuppliedDrive, TrialSettings
-from sprintlab.robots import load_robot
+from sprintlab.robots import AIR_DENSITY, load_robot
 
 ROBOT = load_robot("bp2")
 STEP = 0.001
@@ -200,3 +200,21 @@ def test_a_limit_of_another_number_of_motors_is_refused():
 def test_impossible_starts_are_refused(field, value):
     with pytest.raises(InvalidValueError, match=field):
         replace(PlantOptions(), **{field: value})
+
+
+@pytest.mark.parametrize(("name", "full"), [("bp2", 58.8), ("go1", 25.2), ("go2", 33.6)])
+def test_a_robot_stands_on_the_cells_of_its_own_table(name: str, full: float) -> None:
+    robot = load_robot(name)
+    plant = Plant(robot, PlantOptions(battery="robot"), TrialSettings())
+    plant.advance(robot.default_pose, 1, BlindRecorder())
+    assert plant.supply is not None
+    assert plant.supply.bus_voltage == pytest.approx(full, rel=0.01)
+
+
+def test_air_holds_a_robot_back_by_its_own_area() -> None:
+    robot = load_robot("go1")
+    plant = Plant(robot, PlantOptions(), TrialSettings())
+    plant.data.qvel[0] = 10.0
+    plant.advance(robot.default_pose, 1, BlindRecorder())
+    force = plant.data.xfrc_applied[plant.model.body("trunk").id, 0]
+    assert force == pytest.approx(-0.5 * AIR_DENSITY * 0.074 * 100.0)

@@ -17,7 +17,7 @@ class DriveOptions:
     Attributes:
         air: outdoors (still air holds the trunk back) or treadmill (none does).
         motor_model: refined, simplified-dc, square or flux-weakening.
-        battery: put a battery behind the bus that all joints share.
+        battery: put the robot's battery behind the bus that all joints share.
         heat: let copper loss warm the windings.
         supply: file (TOML) with tables [battery], [heat], [i2t]; turns on what it holds.
         state_of_charge: of the battery at the start, 0 to 1.
@@ -40,9 +40,8 @@ class DriveOptions:
         """
         from sprintlab.core.arguments import check_fields
         from sprintlab.core.checks import check_choice
-        from sprintlab.motors import Battery, SupplyFile, WindingHeat, load_supply
+        from sprintlab.motors import SupplyFile, WindingHeat, load_supply
         from sprintlab.plant import PlantOptions
-        from sprintlab.robots import DRAG_AREA
 
         check_fields(self)
         check_choice("air", self.air, ("outdoors", "treadmill"))
@@ -51,9 +50,9 @@ class DriveOptions:
             SupplyFile(battery=None, heat=None, i2t=None) if self.supply is None else load_supply(self.supply)
         )
         return PlantOptions(
-            drag_area=DRAG_AREA if self.air == "outdoors" else 0.0,
+            drag_area=None if self.air == "outdoors" else 0.0,
             motor_model=cast("Any", self.motor_model),
-            battery=found.battery or (Battery() if self.battery else None),
+            battery=found.battery or ("robot" if self.battery else None),
             heat=found.heat or (WindingHeat() if self.heat else None),
             state_of_charge=self.state_of_charge,
             winding_temperature=self.winding_temperature,

@@ -206,6 +206,8 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     return json_ready(
         {
             "max_velocity_m_s": result.max_velocity,
+            "running_speed_m_s": None if result.running is None else result.running.running_speed,
+            "running_command_m_s": None if result.running is None else result.running.top_speed,
             "peak_speed_m_s": result.peak_speed,
             "J_rad2_s": result.angular_cost,
             "J_per_second_rad2_s2": mean("angular_cost_rate"),
@@ -265,7 +267,9 @@ def number_table(policy: str, numbers: dict[str, dict[str, Any]]) -> Table:
 
     add("max velocity: held at the highest command passed", "m/s", "max_velocity_m_s")
     add("  that command", "m/s", "top_speed_command_m_s")
-    add("  held steady", "", "held_steady")
+    add("held at the highest command without falls, stopping or not", "m/s", "running_speed_m_s")
+    add("  that command", "m/s", "running_command_m_s")
+    add("held steady at the highest command passed", "", "held_steady")
     add("  audit there", "", "audit_failed")
     add("fastest: most that was held", "m/s", "fastest", "held_speed_m_s")
     add("  at the command", "m/s", "fastest", "top_speed_m_s")

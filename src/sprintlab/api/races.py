@@ -72,6 +72,7 @@ class Race(Drawn):
         yield audit_table(self.result.audit)
         for item in self.result.audit.failed:
             yield Text(f"audit failed: {audit_failure(item)}", style="bold red")
+        yield from _falls(self.result)
         yield ""
         yield result_table(self.result)
         yield from _engines(self.result)
@@ -277,12 +278,25 @@ def _i2t_level(group: SpeedResult) -> str:
 def battery_text(trial: TrialResult) -> str:
     """Held speed of the trial on battery and warm windings, and what it ended at."""
     from sprintlab.evaluation.quantities import number
+    from sprintlab.evaluation.report_text import fall_text
 
     held = number(trial.metrics.held_speed, 2)
     if trial.fall_reason:
-        return f"{held} (fell: {trial.fall_reason})"
+        return f"{held} ({fall_text(trial)})"
     lowest, hottest = trial.metrics.lowest_bus_voltage, trial.metrics.hottest_winding
     return f"{held} (down to {lowest:.1f} V, up to {hottest:.0f} °C)"
+
+
+def _falls(result: RaceResult) -> Iterator[str]:
+    """Each fall: when, why, and what the supply had come to."""
+    from sprintlab.evaluation.report_text import fall_text
+
+    runs = [("sprint, raw", result.sprint.trial), ("sprint, self-paced", result.sprint_self_paced.trial)]
+    for group, name in ((result.raw, "raw"), (result.self_paced, "self-paced")):
+        runs += [(f"{name}, seed {trial.settings.seed}", trial) for trial in group.trials]
+    for name, trial in runs:
+        if trial.fall_reason:
+            yield f"{name}: {fall_text(trial)}"
 
 
 def _engines(result: RaceResult) -> Iterator[RenderableType]:
@@ -301,19 +315,19 @@ def _engines(result: RaceResult) -> Iterator[RenderableType]:
 
 def audit_table(audit: AuditReport) -> Table:
     """The exploit audit, one row an exploit."""
-    from sprintlab.evaluation.report_text import audit_limit, audit_value, audit_verdict
+    from sprintlab.evaluation.report_text import audit_limit, audit_measured, audit_verdict
 
     table = plain_table(
         f"Exploit audit: {audit_verdict(audit)}",
         "what",
-        "measured",
+        "measured: median of the trials",
         "limit",
         "",
         "where the limit comes from",
-        numbers=("measured", "limit"),
+        numbers=("measured: median of the trials", "limit"),
     )
     for item in audit.items:
-        values = (audit_value(item.value, item.unit), audit_limit(item))
+        values = (audit_measured(item), audit_limit(item))
         verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
         table.add_row(item.name, *values, verdict, item.source)
     return table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ _LONGEST_BOUNCE = 0.02  # a foot that is off the ground for less is still in the
 _STRIDE_PERIODS = (0.05, 1.0)  # [s]
 _SMALLEST_SWING = 0.02  # standard deviation of the joint that moves most [rad]
 _LEAST_CORRELATION = 0.5  # less is no gait
+_FULL = 0.999  # of the I²t level at which only the continuous current is left
 _HEAT_STEP = 0.05  # in which a winding's temperature hardly changes [s]
 
 
@@ -71,11 +73,14 @@ def trial_metrics(
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
         duty_factor=_duty_factor(trajectory, window),
+        load_share=_load_share(trajectory, window),
+        feet=robot.leg_names,
+        asked_speed=_asked_speed(trajectory, window),
         final_speed=math.nan if fell else final_speed(trajectory),
         **_stance_numbers(trajectory, window),
         **({} if finish is None else _line_numbers(trajectory, robot, finish)),
         estimate=estimate_bands(trajectory),
-        **_supply_extremes(trajectory),
+        **_supply_extremes(trajectory, robot),
         **_powers(trajectory, robot, window, robot.total_mass + payload),
     )
 
@@ -122,7 +127,7 @@ def _gear_torque_ratio(trajectory: Trajectory, robot: RobotDescription) -> Float
     return np.abs(trajectory.gear_torque).max(axis=0) / peak
 
 
-def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, float]:
+def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[str, Any]:
     """Median stance and touchdowns per stride and foot in the steady window; every bounce is a stance."""
     contact, step = trajectory.foot_contact[window], sample_time(trajectory)
     phases = [(start, end) for foot in contact.T for start, end in stances(foot) if start > 0]
@@ -134,7 +139,7 @@ def _stance_numbers(trajectory: Trajectory, window: NDArray[np.bool_]) -> dict[s
     }
 
 
-def _line_numbers(trajectory: Trajectory, robot: RobotDescription, finish: float) -> dict[str, float]:
+def _line_numbers(trajectory: Trajectory, robot: RobotDescription, finish: float) -> dict[str, Any]:
     """What happened before the line of a sprint: way out of the lane's middle, hottest winding."""
     ran = trajectory.time <= (finish if math.isfinite(finish) else math.inf)
     sideways = np.abs(trajectory.foot_position[ran, :, 1]).max() + robot.foot_radius
@@ -319,13 +324,28 @@ def _parabola_peak(correlation: FloatArray, lag: int) -> float:
     return lag + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0)
 
 
-def _supply_extremes(trajectory: Trajectory) -> dict[str, float | None]:
+def _supply_extremes(trajectory: Trajectory, robot: RobotDescription) -> dict[str, Any]:
     bus, winding, level = trajectory.bus_voltage, trajectory.winding_temperature, trajectory.i2t_level
     return {
         "lowest_bus_voltage": None if bus is None else float(bus.min()),
+        "lowest_bus_time": None if bus is None else float(trajectory.time[bus.argmin()]),
         "hottest_winding": None if winding is None else float(winding.max()),
         "highest_i2t_level": None if level is None else float(level.max()),
+        "i2t_full": () if level is None else _full_joints(trajectory.time, level, robot),
     }
+
+
+def _full_joints(
+    time: FloatArray, level: FloatArray, robot: RobotDescription
+) -> tuple[tuple[str, float], ...]:
+    """Joints whose I²t was full, and when first [s], in the order of time."""
+    full = level >= _FULL
+    found = [
+        (name, float(time[column.argmax()]))
+        for name, column in zip(robot.joint_names, full.T, strict=True)
+        if column.any()
+    ]
+    return tuple(sorted(found, key=lambda item: item[1]))
 
 
 def _duty_factor(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
@@ -334,6 +354,21 @@ def _duty_factor(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[flo
     if len(contact) == 0:
         return (math.nan,) * trajectory.foot_contact.shape[1]
     return tuple(contact.mean(axis=0).tolist())
+
+
+def _load_share(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
+    """Share of the ground's impulse that each foot takes in the steady window; ``nan`` where not measured."""
+    count = trajectory.foot_contact.shape[1]
+    if trajectory.foot_force is None or not window.any():
+        return (math.nan,) * count
+    borne = trajectory.foot_force[window].sum(axis=0)
+    return tuple((borne / borne.sum()).tolist()) if borne.sum() > 0.0 else (math.nan,) * count
+
+
+def _asked_speed(trajectory: Trajectory, window: NDArray[np.bool_]) -> float:
+    """Speed that the profile asks for in the steady window [m/s]; ``nan`` where it is not constant."""
+    asked = trajectory.profile_speed[window]
+    return float(asked[0]) if asked.size and np.ptp(asked) < 1e-6 else math.nan
 
 
 def _powers(

@@ -173,7 +173,7 @@ class TrialPool:
         with closing(self.stream(requests)) as finished:
             for result in finished:
                 results.append(result.trial if isinstance(result, SprintResult) else result)
-                falls += not results[-1].completed
+                falls += bool(results[-1].fall_reason)
                 if most_falls is not None and falls > most_falls:
                     break
         return results

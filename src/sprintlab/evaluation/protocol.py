@@ -13,8 +13,8 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import ProtocolResult, SpeedResult
 from sprintlab.evaluation.trial import HIGHEST_SPEED, TrialRequest
-from sprintlab.motors import Battery, WindingHeat
-from sprintlab.plant import PlantOptions, TrialSettings
+from sprintlab.motors import WindingHeat
+from sprintlab.plant import JOINT_NOISE, PlantOptions, TrialSettings
 
 COARSE_STEP = 0.0005
 """Physics step against which the plant's own is checked [s]."""
@@ -54,7 +54,7 @@ class ProtocolSettings:
     top: float = 16.0
     hold: float = 10.0
     seed: int = 0
-    joint_noise: float = 0.05
+    joint_noise: float = JOINT_NOISE
     friction: tuple[float, float] = (0.7, 1.0)
     payload: float = 1.0
     plant: PlantOptions = field(default_factory=PlantOptions)
@@ -122,12 +122,19 @@ class Tried(Protocol):
         """Whether enough trials completed."""
         ...
 
+    @property
+    def ran(self) -> bool:
+        """Whether enough trials ran without a fall."""
+        ...
+
 
 TriedSpeed = TypeVar("TriedSpeed", bound=Tried)
 
 
 def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]) -> tuple[TriedSpeed, ...]:
-    """Look for the highest speed that passes before the first that fails.
+    """Look for the highest speed that passes before the first at which too many trials fall.
+
+    Running and stopping are two results: where a robot runs and does not come to rest the search goes on.
 
     Args:
         settings: grid, first pass, lowest and highest speed.
@@ -139,7 +146,7 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]
     speeds = settings.speeds()
     stride = 1 if settings.first_step is None else round(settings.first_step / settings.grid)
     first = _climb(range(0, len(speeds), stride), speeds, run)
-    reached = max((index for index, tried in first.items() if tried.passed), default=None)
+    reached = max((index for index, tried in first.items() if tried.ran), default=None)
     if reached is None:
         return tuple(first.values())
     failed = max(first) if max(first) > reached else len(speeds)
@@ -150,11 +157,11 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]
 def _climb(
     indices: range, speeds: tuple[float, ...], run: Callable[[float], TriedSpeed]
 ) -> dict[int, TriedSpeed]:
-    """Try speeds in order up to the first that fails."""
+    """Try speeds in order up to the first at which too many trials fall."""
     tried: dict[int, TriedSpeed] = {}
     for index in indices:
         tried[index] = run(speeds[index])
-        if not tried[index].passed:
+        if not tried[index].ran:
             break
     return tried
 
@@ -186,7 +193,7 @@ def run_protocol(
     common_speed: float | None = None,
     progress: Progress | None = None,
 ) -> ProtocolResult:
-    """Search the highest speed: rising v*, stop at the first that fails.
+    """Search the highest speed: rising v*, up to the first at which too many trials fall.
 
     Args:
         pool: policy, robot and processes.
@@ -221,7 +228,7 @@ def battery_request(top_speed: float, settings: ProtocolSettings) -> TrialReques
     plant = settings.plant
     if plant.battery is not None or plant.heat is not None:
         return None
-    supplied = replace(plant, battery=Battery(), heat=WindingHeat())
+    supplied = replace(plant, battery="robot", heat=WindingHeat())
     return TrialRequest(top_speed=top_speed, hold=settings.hold, plant=supplied)
 
 

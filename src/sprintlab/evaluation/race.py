@@ -156,8 +156,12 @@ def _single_trials(
     if not speeds:
         return {}
     requests = [TrialRequest(top_speed=speed, hold=settings.hold, plant=settings.plant) for speed in speeds]
-    completed = takewhile(lambda trial: trial.completed, pool.trials(requests))
-    return {trial.top_speed: (trial.audit.passed, trial.metrics.held_speed) for trial in completed}
+    upright = takewhile(lambda trial: not trial.fall_reason, pool.trials(requests))
+    return {
+        trial.top_speed: (trial.audit.passed, trial.metrics.held_speed)
+        for trial in upright
+        if trial.completed
+    }
 
 
 @dataclass(frozen=True, kw_only=True)

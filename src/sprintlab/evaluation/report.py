@@ -19,10 +19,11 @@ from sprintlab.evaluation.report_text import (
     LANE_MARK,
     audit_failure,
     audit_limit,
-    audit_value,
+    audit_measured,
     audit_verdict,
     engine_fault,
     engine_table,
+    fall_text,
     number,
     result_rows,
     setup_rows,
@@ -251,7 +252,7 @@ def _time_tile(sprint: SprintResult, label: str) -> tuple[str, str, str]:
 def _audit_row(item: AuditItem) -> dict[str, Any]:
     return {
         "name": item.name,
-        "value": audit_value(item.value, item.unit),
+        "value": audit_measured(item),
         "threshold": audit_limit(item),
         "passed": item.passed,
         "note": item.note,
@@ -273,10 +274,14 @@ def _trial_rows(result: RaceResult) -> Iterator[dict[str, str]]:
                 "cost": number(metrics.angular_cost, 1),
                 "transport": number(metrics.cost_of_transport),
                 "sideways": number(metrics.lateral_deviation),
-                "end": "completed"
-                if trial.completed
-                else f"fell at {trial.fall_time or 0:.1f} s ({trial.fall_reason})",
+                "end": _end(trial),
             }
+
+
+def _end(trial: TrialResult) -> str:
+    if trial.fall_reason:
+        return fall_text(trial)
+    return "completed" if trial.completed else "did not stop"
 
 
 def _joint_rows(result: RaceResult, robot: RobotDescription) -> Iterator[dict[str, str]]:

@@ -17,6 +17,7 @@ from sprintlab.evaluation.results import (
     RaceResult,
     SpeedResult,
     SprintResult,
+    TrialResult,
 )
 from sprintlab.evaluation.second_engine import (
     ENGINE_NAMES,
@@ -26,6 +27,7 @@ from sprintlab.evaluation.second_engine import (
     first_engine,
     mark,
 )
+from sprintlab.evaluation.trial import STALL_TIME, STALL_WAY
 from sprintlab.robots import RobotDescription
 
 LANE_MARK = "left its lane"
@@ -33,10 +35,30 @@ LANE_MARK = "left its lane"
 
 
 def sprint_text(sprint: SprintResult) -> str:
-    """Time of a sprint with the mark of a lane that was left, or how far it came."""
+    """Time of a sprint with the mark of a lane that was left, or why there is none."""
+    if sprint.stalled:
+        return f"given up: {stall_text(sprint)}"
     if not sprint.finished:
         return "not finished"
     return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)
+
+
+def stall_text(sprint: SprintResult) -> str:
+    """Where a robot stood that got nowhere."""
+    return (
+        f"less than {STALL_WAY:g} m in {STALL_TIME:g} s, {sprint.trial.metrics.distance:.1f} m from the start"
+    )
+
+
+def fall_text(trial: TrialResult) -> str:
+    """When and why a robot fell, which drives had fallen back by then, and the lowest bus voltage."""
+    metrics, parts = trial.metrics, [f"fell at {trial.fall_time or 0.0:.1f} s ({trial.fall_reason})"]
+    if metrics.i2t_full:
+        full = ", ".join(f"{joint} at {moment:.1f} s" for joint, moment in metrics.i2t_full)
+        parts.append(f"I²t full: {full}")
+    if metrics.lowest_bus_voltage is not None and metrics.lowest_bus_time is not None:
+        parts.append(f"bus down to {metrics.lowest_bus_voltage:.1f} V at {metrics.lowest_bus_time:.1f} s")
+    return "; ".join(parts)
 
 
 def audit_value(value: float, unit: str) -> str:
@@ -48,16 +70,25 @@ def audit_value(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}".strip()
 
 
+def audit_measured(item: AuditItem) -> str:
+    """Median and, where it is another, worst of what was measured, and what the worst trial did."""
+    median, worst = audit_value(item.value, item.unit), audit_value(item.worst, item.unit)
+    if np.isfinite(item.worst) and worst != median:
+        number, _, unit = worst.partition(" ")
+        median += f", worst {number if median.partition(' ')[2] == unit else worst}"
+    return median + (f" ({item.detail})" if item.detail and not item.passed else "")
+
+
 def audit_limit(item: AuditItem) -> str:
     """The limit of one exploit, and from which side it bounds what was measured."""
     return f"{item.bound} {audit_value(item.threshold, item.unit)}"
 
 
 def audit_failure(item: AuditItem) -> str:
-    """What failed, in words: ``gear torque 6.8 x peak: at most 3``."""
+    """What failed, in words: ``gear torque 6.8 x peak, worst 7.2: at most 3``."""
     value, limit = audit_value(item.value, item.unit), audit_value(item.threshold, item.unit)
     (_, _, unit), (bare, _, limit_unit) = value.partition(" "), limit.partition(" ")
-    return f"{item.name} {value}: {item.bound} {bare if unit == limit_unit else limit}"
+    return f"{item.name} {audit_measured(item)}: {item.bound} {bare if unit == limit_unit else limit}"
 
 
 def audit_verdict(audit: AuditReport) -> str:
@@ -178,6 +209,8 @@ def _sprint_sentence(result: RaceResult) -> str:
         if sprint.finished
     ]
     start = f"{result.robot.upper()} ({result.mass:.1f} kg)"
+    if raw.stalled and paced.stalled:
+        return f"{start} gets nowhere: {stall_text(raw)}; the race was given up."
     if not ways:
         return f"{start} did not finish the {raw.distance:g} m."
     return f"{start} ran {raw.distance:g} m {' and '.join(ways)}."

@@ -174,6 +174,9 @@ class TrialMetrics:
         distance: forward way of the base [m].
         stride_frequency: strides a second during the last 2 s of the hold [Hz].
         duty_factor: (4,) share of time on the ground, same interval.
+        load_share: (4,) share of the ground's force that each foot bears, same interval.
+        feet: names of the legs.
+        asked_speed: what the profile asks for in that interval, where it is constant, else ``nan`` [m/s].
         stance_time: median time from a touchdown to the next lift-off of that foot, same interval [s].
         touchdowns_per_stride: touchdowns per stride and foot, every bounce counted, same interval.
         foot_force: greatest force of the ground on one foot, mean over 5 ms [body weights, payload included].
@@ -188,9 +191,11 @@ class TrialMetrics:
         line_winding_temperature: of the hottest winding at the finish of a sprint [degC]: as recorded, or
             where heat is off what the recorded currents make of windings that start at 25 degC.
         estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
-        lowest_bus_voltage: [V]; ``None`` without battery, heat and flux weakening.
+        lowest_bus_voltage: [V]; ``None``, as is the next, without battery, heat and flux weakening.
+        lowest_bus_time: when the bus was so low [s].
         hottest_winding: [degC]; ``None`` without heat.
         highest_i2t_level: of all joints [-]; ``None`` without a limit by I²t.
+        i2t_full: joints whose drive fell back to its continuous current, and when first [s].
     """
 
     held_speed: float
@@ -222,8 +227,18 @@ class TrialMetrics:
     line_winding_temperature: float = math.nan
     estimate: tuple[EstimateBand, ...] = ()
     lowest_bus_voltage: float | None = None
+    lowest_bus_time: float | None = None
     hottest_winding: float | None = None
     highest_i2t_level: float | None = None
+    i2t_full: tuple[tuple[str, float], ...] = ()
+    load_share: tuple[float, ...] = ()
+    feet: tuple[str, ...] = ()
+    asked_speed: float = math.nan
+
+    @property
+    def command_share(self) -> float:
+        """Held speed over the constant speed asked for; ``nan`` where none is."""
+        return self.held_speed / self.asked_speed if self.asked_speed > 0.0 else math.nan
 
     @property
     def mean_duty(self) -> float:
@@ -237,13 +252,15 @@ class AuditItem:
 
     Attributes:
         name: e.g. ``"gear torque"``.
-        value: what was measured.
+        value: median over the trials of each trial's worst.
+        worst: of all trials; may miss the limit by a little more than the median, see ``audit_trials``.
         unit: unit of value and threshold, ``""`` for a ratio.
         threshold: the limit.
         passed: whether the value keeps the limit.
         note: what was measured, and why it is asked.
         source: where the limit comes from.
         bound: ``"at most"`` or ``"at least"``: from which side the limit bounds.
+        detail: what the worst trial did, in words; may be empty.
     """
 
     name: str
@@ -254,11 +271,13 @@ class AuditItem:
     note: str
     source: str = ""
     bound: str = "at most"
+    worst: float = math.nan
+    detail: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AuditReport:
-    """The exploit audit of one or more trials (the worst value of all)."""
+    """The exploit audit of one or more trials."""
 
     items: tuple[AuditItem, ...]
 
@@ -345,6 +364,17 @@ class SpeedResult:
         """Whether enough trials completed."""
         return len(self.completed) >= self.required
 
+    @property
+    def ran(self) -> bool:
+        """Whether enough trials ran without a fall, at rest at the end or not."""
+        return len(self.trials) - self.falls >= self.required
+
+    @property
+    def running_speed(self) -> float:
+        """Mean held speed of the trials without a fall [m/s]; ``nan`` where all fell."""
+        held = [trial.metrics.held_speed for trial in self.trials if not trial.fall_reason]
+        return float(np.mean(held)) if held else math.nan
+
     def mean(self, name: str) -> Any:
         """Mean of one field of ``TrialMetrics`` over the completed trials; ``nan`` when none completed.
 
@@ -368,7 +398,7 @@ class ProtocolResult:
 
     Attributes:
         self_paced: how the profile was given.
-        speeds: every v* tried, rising; the last one failed unless the search reached its top.
+        speeds: every v* tried, rising; at the last one too many trials fell, or it is the search's top.
         common: trials at the speed common to all methods, ``None`` when none was asked for.
     """
 
@@ -378,12 +408,18 @@ class ProtocolResult:
 
     @property
     def passed(self) -> tuple[SpeedResult, ...]:
-        """Every v* before the first that failed, rising."""
-        return tuple(takewhile(lambda speed: speed.passed, self.speeds))
+        """Every v* at which enough trials completed, before the first at which too many fell, rising."""
+        return tuple(speed for speed in takewhile(lambda speed: speed.ran, self.speeds) if speed.passed)
+
+    @property
+    def running(self) -> SpeedResult | None:
+        """The highest v* before the first at which too many trials fell; stopping is not asked for."""
+        ran = tuple(takewhile(lambda speed: speed.ran, self.speeds))
+        return ran[-1] if ran else None
 
     @property
     def best(self) -> SpeedResult | None:
-        """The highest v* before the first that failed; ``None`` when the first one failed."""
+        """The highest v* of ``passed``; ``None`` where there is none."""
         return self.passed[-1] if self.passed else None
 
     @property
@@ -420,11 +456,13 @@ class SprintResult:
         distance: the way to run [m].
         time: from the first non-zero command to the base's last metre [s]; ``nan`` when not reached.
         trial: the run itself.
+        stalled: whether it was given up because the robot got nowhere.
     """
 
     distance: float
     time: float
     trial: TrialResult
+    stalled: bool = False
 
     def __post_init__(self) -> None:
         check_positive("sprint.distance", self.distance, "m")

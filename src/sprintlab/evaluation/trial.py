@@ -32,7 +32,7 @@ from sprintlab.evaluation.results import (
     TrialMetrics,
     TrialResult,
 )
-from sprintlab.plant import BaseState, PlantOptions, TrialSettings, open_plant
+from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions, TrialSettings, open_plant
 from sprintlab.robots import RobotDescription
 
 HIGHEST_SPEED = 50.0
@@ -41,6 +41,8 @@ LONGEST_SPRINT = 3600.0
 """Longest time that a sprint may take; it is kept in memory [s]."""
 SLOWEST_SHARE = 0.25
 """Who runs a sprint slower than this share of its command is given up."""
+STALL_TIME, STALL_WAY = 10.0, 1.0
+"""Who comes no farther than this way [m] in this time [s] of a sprint is given up."""
 
 
 def check_top_speed(field: str, top_speed: float) -> None:
@@ -79,7 +81,7 @@ class TrialRequest:
     """
 
     top_speed: float
-    settings: TrialSettings = field(default_factory=TrialSettings)
+    settings: TrialSettings = NOMINAL_TRIAL
     self_paced: bool = False
     distance: float | None = None
     hold: float = 10.0
@@ -142,6 +144,7 @@ class SprintCourse:
         rest: the command stays zero for so long; its last second tells a stop [s].
         slowest_share: who is slower than this share of the command is given up.
         finish_time: when the distance was run [s].
+        stalled: whether the robot got nowhere.
     """
 
     profile: SprintProfile
@@ -150,6 +153,8 @@ class SprintCourse:
     rest: float = 2.0
     slowest_share: float = SLOWEST_SHARE
     finish_time: float | None = None
+    stalled: bool = field(default=False, init=False)
+    _mark: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # time [s] and way [m] of progress
 
     @property
     def latest_finish(self) -> float:
@@ -169,11 +174,22 @@ class SprintCourse:
     def speed(self, time: float, base: BaseState) -> float | None:
         """Commanded speed [m/s]; ``None`` at the end. Asked once in every policy step."""
         way, end = self.way(base), self.latest_finish
+        self.stalled = self.stalled or self._stands(time, way)
+        if self.stalled:
+            return None
         if self.finish_time is None and way >= self.distance:
             self.finish_time = time
         if self.finish_time is not None:
             end = self.profile.end_time(self.finish_time) + self.rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
+
+    def _stands(self, time: float, way: float) -> bool:
+        """Whether the robot has got nowhere for too long."""
+        since, reached = self._mark
+        if time <= self.profile.stand or way >= reached + STALL_WAY or self.finish_time is not None:
+            self._mark = time, way
+            return False
+        return time - since > STALL_TIME
 
 
 def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) -> TrialResult:
@@ -210,14 +226,15 @@ def run_sprint(policy: Policy, robot: RobotDescription, request: TrialRequest) -
     """
     distance = request.distance or 100.0
     profile = SprintProfile(top_speed=request.top_speed)
-    run = _simulate(policy, robot, request, SprintCourse(profile, distance))
+    course = SprintCourse(profile, distance)
+    run = _simulate(policy, robot, request, course)
     moved = run.trajectory
     start = command_start(moved.time, moved.profile_speed)
     finish = finish_time(moved.time, moved.qpos[:, 0] - moved.qpos[0, 0], distance)
     full_speed = profile.stand + profile.top_speed / profile.acceleration
     end = finish if np.isfinite(finish) else float(moved.time[-1])
     trial = _trial_result(run, robot, request, (min(full_speed, end), end), finish)
-    return SprintResult(distance=distance, time=finish - start, trial=trial)
+    return SprintResult(distance=distance, time=finish - start, trial=trial, stalled=course.stalled)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.results import Trajectory
 from sprintlab.evaluation.trial import TrialRequest, run_course
-from sprintlab.plant import BaseState, PlantOptions, TrialSettings
+from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions, TrialSettings
 from sprintlab.robots import RobotDescription
 
 LARGEST_YAW_RATE = 1.0
@@ -42,7 +42,7 @@ class TurningSettings:
     """Duration of each turn [s]; the last 2 s of it are measured."""
     plant: PlantOptions = field(default_factory=PlantOptions)
     """How the robot is simulated."""
-    trial: TrialSettings = field(default_factory=TrialSettings)
+    trial: TrialSettings = NOMINAL_TRIAL
     """Friction, payload, initial joint noise."""
 
     def __post_init__(self) -> None:

@@ -18,4 +18,6 @@ from sprintlab.plant.plant import JointDrive as JointDrive
 from sprintlab.plant.plant import MotionRecorder as MotionRecorder
 from sprintlab.plant.plant import Plant as Plant
 from sprintlab.plant.plant import PlantOptions as PlantOptions
+from sprintlab.plant.settings import JOINT_NOISE as JOINT_NOISE
+from sprintlab.plant.settings import NOMINAL_TRIAL as NOMINAL_TRIAL
 from sprintlab.plant.settings import TrialSettings as TrialSettings

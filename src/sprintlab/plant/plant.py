@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import mujoco
 import numpy as np
@@ -35,7 +35,6 @@ from sprintlab.plant.ground import LEVEL, Ground, RoughGround
 from sprintlab.plant.pad import PadLaw, Pads
 from sprintlab.plant.settings import TrialSettings
 from sprintlab.robots import (
-    DRAG_AREA,
     NOMINAL_FOOT,
     FootContact,
     ModelOptions,
@@ -67,11 +66,13 @@ class PlantOptions:
         record_rate: rate of the recorded samples [Hz]; divides ``motor_rate``.
         ground: level and even by default; the second engine has no other.
         foot: stiffness and restitution of the feet on the ground.
-        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill.
+        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill, ``None`` takes
+            the robot's.
         contact_time_constant: of every other contact and of joint limits [s], at least two steps.
         motor_model: the envelope. ``"refined"`` for every published number.
         bus_voltage: [V]; ``None`` takes the robot's. A battery replaces it.
-        battery: behind the bus; ``None``, as for every published number: the bus is stiff.
+        battery: behind the bus; ``"robot"`` is the robot's own; ``None``, as for every published number: the
+            bus is stiff.
         state_of_charge: of the battery at the start [-].
         heat: of the windings; ``None``, as for every published number: they stay as they are.
         winding_temperature: at the start, with ``heat`` [degC].
@@ -87,11 +88,11 @@ class PlantOptions:
     record_rate: float = 500.0
     ground: Ground = LEVEL
     foot: FootContact = NOMINAL_FOOT
-    drag_area: float = DRAG_AREA
+    drag_area: float | None = None
     contact_time_constant: float = 0.0005
     motor_model: MotorModel = "refined"
     bus_voltage: float | None = None
-    battery: Battery | None = None
+    battery: Battery | Literal["robot"] | None = None
     state_of_charge: float = 1.0
     heat: WindingHeat | None = None
     winding_temperature: float = 25.0
@@ -103,7 +104,8 @@ class PlantOptions:
         check_range("plant.motor_rate", self.motor_rate, 100.0, 1e5, "Hz")
         if self.engine != "mujoco" and self.ground.remark:
             raise InvalidValueError("plant.ground", self.ground, "the second engine's is level and even")
-        check_range("plant.drag_area", self.drag_area, 0.0, 2.0, "m^2")
+        if self.drag_area is not None:
+            check_range("plant.drag_area", self.drag_area, 0.0, 2.0, "m^2")
         check_choice("plant.motor_model", self.motor_model, MOTOR_MODELS)
         if self.bus_voltage is not None:
             check_positive("plant.bus_voltage", self.bus_voltage, "V")
@@ -120,7 +122,7 @@ class PlantOptions:
             remarks.append(f"engine: {self.engine}")
         if self.ground.remark:
             remarks.append(self.ground.remark)
-        if self.drag_area != DRAG_AREA:
+        if self.drag_area is not None:
             air = f"air with a drag area of {self.drag_area:g} m^2" if self.drag_area else "treadmill: no air"
             remarks.append(air)
         if self.foot != NOMINAL_FOOT:
@@ -234,6 +236,7 @@ class Plant:
         self.options = options
         self.fall_reason = ""
         self._strength = settings.strength
+        self._drag_area = robot.drag_area if options.drag_area is None else options.drag_area
         self.rough = RoughGround(options.ground) if options.ground.roughness else None
         amend = None if self.rough is None else self.rough.replace_floor
         self.model = build_model(robot, options.model_options(), amend)
@@ -347,7 +350,7 @@ class Plant:
             drive = drive._replace(torque=self._strength * drive.torque)
         self.drive_output = drive
         self.data.ctrl[:] = drive.torque
-        self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self.options.drag_area)
+        self.data.xfrc_applied[self._trunk, :3] = air_drag(self._velocity[:3], self._drag_area)
         self._begin_step()
         if self._motor_steps % self.options.record_every == 0:
             recorder.sample(self.data, drive, targets)
@@ -445,7 +448,7 @@ def _drive(robot: RobotDescription, options: PlantOptions) -> PreparedDrive | Su
         robot,
         voltage,
         options.motor_model,
-        battery=options.battery,
+        battery=robot.battery if options.battery == "robot" else options.battery,
         state_of_charge=options.state_of_charge,
         heat=options.heat,
         winding_temperature=options.winding_temperature,

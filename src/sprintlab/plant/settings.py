@@ -54,3 +54,10 @@ class TrialSettings:
         check_range("trial.sensor_noise", self.sensor_noise, 0.0, 10.0)
         check_range("trial.push_speed", self.push_speed, 0.0, 5.0, "m/s")
         check_positive("trial.push_interval", self.push_interval, "s")
+
+
+JOINT_NOISE = 0.05
+"""Half-width of the initial joint noise that every trial carries [rad]: without it a symmetric policy on a
+symmetric robot keeps a symmetry that no robot has."""
+NOMINAL_TRIAL = TrialSettings(joint_noise=JOINT_NOISE)
+"""A trial that is not one of the protocol's draws."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_finite, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import Gear, PmsmParameters
+from sprintlab.motors import Battery, Gear, PmsmParameters
 
 Vector = tuple[float, ...]
 
@@ -195,6 +195,8 @@ class RobotDescription:
         foot_friction: sliding friction coefficient of a foot on the ground.
         total_mass: [kg].
         mechanics: masses and lengths.
+        drag_area: drag coefficient times frontal area [m^2].
+        battery: the pack that stands behind the bus where one is asked for.
 
     Raises:
         InvalidValueError: an array has the wrong shape, a value is not finite or out of its physical range,
@@ -222,6 +224,8 @@ class RobotDescription:
     foot_friction: float
     total_mass: float
     mechanics: Mechanics
+    drag_area: float
+    battery: Battery
 
     def __post_init__(self) -> None:
         joints = len(self.joint_names)
@@ -309,12 +313,14 @@ def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 
     Numbers count to twelve digits, because cosines differ in the last one between machines. A part that a
-    robot does not have (a spring, products of inertia) leaves no trace.
+    robot does not have (a spring, products of inertia) leaves no trace, nor do air and battery, which no
+    policy is made for.
 
     Returns:
         64 hexadecimal digits.
     """
-    text = json.dumps(_plain(robot), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    numbers = {name: value for name, value in _plain(robot).items() if name not in ("drag_area", "battery")}
+    text = json.dumps(numbers, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 

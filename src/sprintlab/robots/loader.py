@@ -11,8 +11,9 @@ import numpy as np
 
 from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, RobotModelError
-from sprintlab.motors import Gear, PmsmParameters, stack_motors
+from sprintlab.motors import Battery, Gear, PmsmParameters, stack_motors
 from sprintlab.motors.parameters import MOTOR_UNITS
+from sprintlab.robots.air import DRAG_AREA
 from sprintlab.robots.description import (
     JOINTS_PER_LEG,
     WAIST,
@@ -30,6 +31,7 @@ LEG_NAMES = ("FL", "FR", "RL", "RR")
 TABLE_FILE = "parameters.toml"
 SEARCH_PATH_VARIABLE = "SPRINTLAB_ROBOTS"
 DEFAULT_SEARCH_PATH = "robots"
+_BP2_MASS = 36.5  # [kg]
 
 
 def robot_names() -> tuple[str, ...]:
@@ -137,6 +139,30 @@ def describe_table(table: ParameterTable) -> RobotDescription:
         foot_friction=table.number("foot.friction"),
         total_mass=table.number("body.total_mass"),
         mechanics=mechanics,
+        drag_area=_drag_area(table),
+        battery=_battery(table),
+    )
+
+
+def _drag_area(table: ParameterTable) -> float:
+    """As the table says, else that of BP2 scaled with the two thirds of the mass as lengths squared are."""
+    if "body.drag_area" in table.rows:
+        return table.number("body.drag_area")
+    return DRAG_AREA * (table.number("body.total_mass") / _BP2_MASS) ** (2.0 / 3.0)
+
+
+def _battery(table: ParameterTable) -> Battery:
+    """As the table says, else a pack of the default cells whose full voltage is just below the bus's."""
+    if not table.has_battery:
+        full = Battery().voltage_table[-1]
+        return Battery(series_cells=max(1, int(table.number("body.bus_voltage") / full)))
+    cells = table.number("battery.series_cells")
+    if cells != int(cells):
+        raise InvalidValueError("battery.series_cells", cells, "must be a whole number")
+    return Battery(
+        series_cells=int(cells),
+        internal_resistance=table.number("battery.internal_resistance"),
+        capacity=table.number("battery.capacity"),
     )
 
 

@@ -50,8 +50,12 @@ _SPRING_SECTIONS: dict[str, dict[str, int]] = {
     "knee_carrier": {"mass": 1, "inertia": 3},
     "knee_spring": {"stiffness": 1, "damping": 1, "rest_angle": 1, "range": 2},
 }
+_BATTERY_SECTION: dict[str, dict[str, int]] = {
+    "battery": {"series_cells": 1, "internal_resistance": 1, "capacity": 1}
+}
 _WAIST_SECTIONS: dict[str, dict[str, int]] = {"rear_trunk": _LINK, "joint.waist": _JOINT}
 _OPTIONAL_SECTIONS: dict[str, dict[str, int]] = {
+    "body": {"drag_area": 1},
     "trunk": {"center_of_mass": 3, "products_of_inertia": 3},
     **{link: {"products_of_inertia": 3} for link in ("rear_trunk", "abad_link", "thigh", "shank")},
     **{
@@ -73,7 +77,15 @@ SPRING = _dotted(_SPRING_SECTIONS)
 """Quantities of a series spring in the knee: all of them or none."""
 WAIST_QUANTITIES = _dotted(_WAIST_SECTIONS)
 """Quantities of an actuated waist: all of them or none."""
-QUANTITIES: dict[str, int] = {**REQUIRED, **SPRING, **WAIST_QUANTITIES, **_dotted(_OPTIONAL_SECTIONS)}
+BATTERY = _dotted(_BATTERY_SECTION)
+"""Quantities of the battery: all of them or none."""
+QUANTITIES: dict[str, int] = {
+    **REQUIRED,
+    **SPRING,
+    **WAIST_QUANTITIES,
+    **BATTERY,
+    **_dotted(_OPTIONAL_SECTIONS),
+}
 """Every quantity that a robot's table may hold, with the length of its value."""
 
 _MOST_LENGTH, _MOST_MASS, _MOST_INERTIA, _MOST_ANGLE = 10.0, 1e4, 1e5, 100.0
@@ -92,6 +104,7 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("damping", "viscous_friction", "dry_friction"), (0.0, 1e4)),
     "friction": (1e-3, 10.0),
     "bus_voltage": (1.0, 2000.0),
+    "drag_area": (0.0, 20.0),
 }
 """Least and greatest number of a quantity, by the last part of its name, in its unit: wide of every robot on
 legs, and so near that nothing computed of it overflows. Motors and gears have bounds of their own."""
@@ -147,6 +160,11 @@ class ParameterTable:
         return any(quantity in self.rows for quantity in SPRING)
 
     @property
+    def has_battery(self) -> bool:
+        """Whether the table says which battery the robot carries."""
+        return any(quantity in self.rows for quantity in BATTERY)
+
+    @property
     def has_waist(self) -> bool:
         """Whether an actuated joint divides the trunk."""
         return any(quantity in self.rows for quantity in WAIST_QUANTITIES)
@@ -194,6 +212,7 @@ def _missing(table: ParameterTable) -> list[str]:
     """Quantities that the table must still say, in the order of the sections."""
     needed = [*REQUIRED, *(SPRING if table.has_knee_spring else ())]
     needed += WAIST_QUANTITIES if table.has_waist else ()
+    needed += BATTERY if table.has_battery else ()
     drives = [table.drive(joint, field) for joint in table.joints for field in DRIVE_FIELDS]
     return [name for name in dict.fromkeys([*needed, *drives]) if name not in table.rows]
 
