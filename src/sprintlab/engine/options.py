@@ -9,9 +9,9 @@ from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 
 WINDOW = 0.005
-"""Over which a foot's force is averaged [s], as the audit does."""
+"""Length of a foot's mean force [s], as in the audit."""
 BIN = 0.001
-"""Period of the motors' loop, over which a gear's torque is averaged, too [s]."""
+"""Period of the motor loop, and length of a gear's mean torque [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class EngineOptions:
         motor_model: envelope of the motors.
         saturation: whether the motors saturate.
         knee_spring: whether the shanks hang on their springs, where the robot has any.
-        heat: of the windings; None: they stay cold.
+        heat: thermal model of the windings; None: they stay cold.
 
     Raises:
         InvalidValueError: a value out of range, or what the engine does not know.
@@ -49,7 +49,7 @@ class EngineOptions:
 
     @property
     def bin(self) -> int:
-        """Substeps of one turn of the motors' loop: 1 ms, or one where a step is longer."""
+        """Substeps per period of the motor loop: 1 ms, or one where a step is longer."""
         wanted = max(round(BIN / self.timestep), 1)
         return max(count for count in range(1, wanted + 1) if self.substeps % count == 0)
 
