@@ -9,7 +9,6 @@ import tyro
 
 from sprintlab.cli.status import exit_status
 from studies.paper.evaluate import Evaluate, Variants
-from studies.paper.network import Network
 from studies.paper.page import Page
 from studies.paper.plan import Plan
 from studies.paper.stride import Strides
@@ -19,7 +18,6 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand(name="evaluate")]
     | Annotated[Variants, tyro.conf.subcommand(name="variants")]
     | Annotated[Page, tyro.conf.subcommand(name="page")]
-    | Annotated[Network, tyro.conf.subcommand(name="network")]
     | Annotated[Strides, tyro.conf.subcommand(name="stride")]
 )
 

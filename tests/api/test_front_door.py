@@ -118,7 +118,7 @@ def test_an_evaluation_prints_and_draws_itself():
 SCRIPT = (ROOT / "examples" / "quickstart.py").read_text(encoding="utf-8")
 TINY = {
     '"sprint", environments=4096': '"sprint", {"ppo.hidden": (16,), "ppo.steps": 2}, environments=8',
-    "iterations=1600, minutes=20.0": 'iterations=2, device="cpu", cloud=False',
+    "iterations=1600, minutes=20.0": 'iterations=2, device="cpu"',
     "trials=10": "trials=1, top_speed=1.0, distance=0.05, workers=1",
 }
 

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 import sprintlab
-from sprintlab.control import shipped_policy
 
 SOURCE = Path(sprintlab.__file__).parents[1]
 WITHOUT_TORCH = """
@@ -59,11 +58,6 @@ REFUSED = (
     (["train", "sprint", "--minutes", "-1"], "minutes"),
     (["train", "sprint", "--robot", "nodog"], "nodog"),
     (["train", "sprint", "--resume", "--output", "none"], "nothing to resume"),
-    (["train", "sprint", "--start-from", "none.pt"], "none.pt"),
-    (["train", "sprint", "--start-from", "junk.pt"], "junk.pt"),
-    (["train", "sprint", "--start-from", "none.onnx"], "none.onnx"),
-    (["train", "sprint", "--start-from", str(shipped_policy("go2-sprint"))], "robot"),
-    (["train", "sprint", "--critic-iterations", "7"], "critic_iterations"),
     (["train", "sprint", "--device", "gpu"], "device"),
     (["train", "sprint", "--output", "file/run"], "cannot write"),
     (["export", "none.pt", "policy.onnx"], "none.pt"),

@@ -59,13 +59,13 @@ def test_without_its_extra_the_way_to_it_is_named(call, tmp_path, monkeypatch):
 
 def test_finished_runs_are_listed_as_such_and_cost_nothing(call, tmp_path):
     pytest.importorskip("submitit")
-    pytest.importorskip("mujoco_warp")
+    pytest.importorskip("torch")
     from sprintlab.training.runs.sweep_plan import plan_sweep
 
     limits = {
-        "minutes": 20.0,
+        "minutes": sweep.Sweep.minutes,
         "iterations": sweep.Sweep.iterations,
-        "environments": 8192,
+        "environments": sweep.Sweep.environments,
         "save_seconds": 60.0,
     }
     for plan in plan_sweep(tmp_path, ("sprint",), (0,), {}, {}, device="auto", **limits):

@@ -136,7 +136,6 @@ def _through(settings, folder):
         device="cpu",
         fused=False,
         tensorboard=False,
-        cloud=False,
         keep_schedule=True,
     )
     policy = export(checkpoint, folder / "policy.onnx")

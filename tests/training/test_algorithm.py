@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
 import torch
@@ -21,7 +21,7 @@ from sprintlab.training.learner.losses import (
     adapted_learning_rate,
     generalized_advantages,
     log_probability,
-    loudness_of,
+    noise_scale_per_env,
     policy_losses,
 )
 from sprintlab.training.learner.networks import Critic
@@ -30,9 +30,13 @@ from sprintlab.training.learner.storage import Rollout
 from sprintlab.training.settings import PpoSettings, SimulationSettings, TrainingSettings
 
 ROBOTS, STEPS, HIDDEN = 6, 5, (32, 16)
-PPO_SETTINGS = PpoSettings(steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN, learning_rate=1e-3)
+PPO_SETTINGS = PpoSettings(
+    steps=STEPS, epochs=2, mini_batches=1, hidden=HIDDEN, learning_rate=1e-3, precision="tf32", final_kl=0.01
+)
 SETTINGS = TrainingSettings(simulation=SimulationSettings(environments=ROBOTS), ppo=PPO_SETTINGS)
 OBSERVATION = SETTINGS.observation.for_joints(12)
+PLAIN = replace(SETTINGS, ppo=replace(PPO_SETTINGS, symmetric=False))
+"""rsl_rl knows no symmetric networks."""
 
 if TYPE_CHECKING:
     from rsl_rl.models import MLPModel
@@ -72,13 +76,13 @@ def test_an_update_is_rsl_rl_s_update() -> None:
     from tensordict import TensorDict
 
     torch.manual_seed(4)
-    actor, critic = build_actor(SETTINGS, load_robot("bp2")), Critic(PPO_SETTINGS, OBSERVATION)
+    actor, critic = build_actor(PLAIN, load_robot("bp2")), Critic(PLAIN.ppo, OBSERVATION)
     inputs = 53 + SETTINGS.estimator.latent
     noise = {"class_name": "GaussianDistribution", "init_std": 0.8, "std_type": "scalar"}
     their_actor, their_critic = rsl_model("actor", inputs, 12, noise), rsl_model("critic", 53, 1, None)
     copy_layers(their_actor, actor.policy)
     copy_layers(their_critic, critic.value)
-    rollout = Rollout(ROBOTS, STEPS, OBSERVATION, 16, "cpu")
+    rollout = Rollout(ROBOTS, STEPS, OBSERVATION, PLAIN, "cpu")
     observation = TensorDict(
         {"actor": torch.zeros(ROBOTS, inputs), "critic": torch.zeros(ROBOTS, 53)}, batch_size=[ROBOTS]
     )
@@ -160,39 +164,37 @@ def test_log_probability_is_torch_s() -> None:
     torch.testing.assert_close(log_probability(action, mean, std), expected)
 
 
-@pytest.mark.parametrize(("share", "quiet"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
-def test_quiet_robots_are_as_many_as_asked_for_and_in_every_mini_batch(share: float, quiet: int) -> None:
-    noise_scale = loudness_of(64, PpoSettings(quiet_share=share, quiet_noise=0.25))
-    assert int((noise_scale == 0.25).sum()) == quiet
+@pytest.mark.parametrize(("share", "count"), [(0.0, 0), (0.125, 8), (0.3, 19), (1.0, 64)])
+def test_robots_with_little_noise_are_as_many_as_asked_for_and_in_every_mini_batch(
+    share: float, count: int
+) -> None:
+    noise_scale = noise_scale_per_env(64, PpoSettings(low_noise_fraction=share, low_noise_scale=0.25))
+    assert int((noise_scale == 0.25).sum()) == count
     assert set(noise_scale.tolist()) <= {0.25, 1.0}
     in_parts = [int((part == 0.25).sum()) for part in noise_scale.chunk(4)]
     assert max(in_parts) - min(in_parts) <= 1
 
 
-def test_quiet_robots_act_with_less_noise_and_their_probabilities_know_it() -> None:
-    quiet = replace(
-        SETTINGS,
-        ppo=replace(PPO_SETTINGS, quiet_share=0.5, quiet_noise=0.1),
-        stages=replace(SETTINGS.stages, steady_iteration=3),
-    )
-    learner = EstimatorPpo(SprintEnvironment(quiet, "cpu"), True, Workers())
+def test_robots_with_little_noise_act_with_it_and_their_probabilities_know_it() -> None:
+    settings = replace(SETTINGS, ppo=replace(PPO_SETTINGS, low_noise_fraction=0.5, low_noise_scale=0.1))
+    learner = EstimatorPpo(SprintEnvironment(settings, "cpu"), True, Workers())
     assert bool((learner.rollout.noise_scale == 1.0).all()), "not yet"
-    learner.set_phase(3)
+    learner.set_phase(0.5)
     for _ in range(STEPS):
         learner.act()
         learner.environment.advance()
         learner.record()
     rollout, std = learner.rollout, learner.actor.std.detach()
-    calm = rollout.noise_scale[:, 0] < 1.0
+    low = rollout.noise_scale[:, 0] < 1.0
     spread = (rollout.action - rollout.mean).std((1, 2))
-    assert int(calm.sum()) == ROBOTS // 2
-    assert float(spread[calm].max()) < 0.2 * float(spread[~calm].min())
+    assert int(low.sum()) == ROBOTS // 2
+    assert float(spread[low].max()) < 0.2 * float(spread[~low].min())
     noise = std * rollout.noise_scale.unsqueeze(-1)
     expected = torch.distributions.Normal(rollout.mean, noise).log_prob(rollout.action).sum(-1)
     torch.testing.assert_close(rollout.log_probability, expected, rtol=1e-4, atol=1e-3)
     learner._prepare()
     _, parts = policy_losses(
-        learner.actor, learner.critic, rollout.policy_batch(0, ROBOTS), learner.old_std, quiet.ppo
+        learner.actor, learner.critic, rollout.policy_batch(0, ROBOTS), learner.old_std, settings.ppo
     )
     assert float(parts[0]) == pytest.approx(-float(rollout.advantage.mean()), abs=1e-4)
 

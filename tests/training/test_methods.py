@@ -78,7 +78,9 @@ def test_the_papers_rewards_are_those_of_its_table_and_no_others() -> None:
 def test_the_papers_preset_changes_rewards_and_practice_and_composes_with_every_method() -> None:
     for name in METHODS:
         settings = method_settings(name, preset_settings("paper"))
-        assert settings.rewards == paper_rewards() and settings.ppo.quiet_share == 0.0
+        assert settings.rewards == paper_rewards() and settings.ppo.low_noise_fraction == 0.0
+        assert settings.constraints is None and not settings.ppo.symmetric
+        assert settings.stages.record_margin is None
         assert settings.episodes.clone_share == settings.episodes.fast_start_share == 0.0
         assert settings.stages.second_top == 12.0
     assert preset_settings("sprintlab", BASE) == BASE

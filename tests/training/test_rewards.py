@@ -7,19 +7,20 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 
 import torch
 
 from sprintlab.training.environment.kinematics import BodyState
-from sprintlab.training.environment.loads import Loads
 from sprintlab.training.environment.rewards import (
     PENALTIES,
+    Loads,
     RewardInput,
     aggregate,
     fine_tracking,
     penalties,
     penalty_terms,
+    rewarded,
     tracking,
 )
 from sprintlab.training.settings import RewardSettings
@@ -30,7 +31,7 @@ WIDTHS = {
     "foot_height": 4, "foot_speed": 4, "foot_descent": 4, "contact": 4, "knee_height": 4, "leg_distance": 4,
     "abduction": 4,
 }  # fmt: skip
-NO_LOADS = Loads(torch.zeros(1, 12), torch.zeros(1, 12), *(torch.zeros(1, 4) for _ in range(4)))
+NO_LOADS = Loads(torch.zeros(1, 12), *(torch.zeros(1, 4) for _ in range(3)))
 
 
 def still(**body: torch.Tensor) -> RewardInput:
@@ -81,15 +82,17 @@ def test_every_weight_has_a_function_and_every_function_a_weight() -> None:
         ("base_height", still(height=torch.tensor([0.5])), 0.04),
         ("foot_slip", still(foot_speed=row(1, 2, 3, 4), contact=row(1, 0, 1, 0)), 4.0),
         ("collision", still(knee_height=row(0.05, 0.2, 0.09, 0.3)), 2.0),
-        ("leg_distance", still(leg_distance=row(0.05, 0.12, 0.01, 0.2)), 2.0),
+        ("leg_distance", still(leg_distance=row(0.03, 0.12, 0.01, 0.2)), 2.0),
         ("electrical_power", loaded(power=torch.full((1, 12), 100.0)), 1200.0 / (400.0 * 2.0)),
         ("electrical_power", loaded(power=torch.full((1, 12), -100.0)), 0.0),
-        ("gear_torque", loaded(gear_torque=row(*[2.5, 3.5] + [1.0] * 10)), 1.0 + 4.0),
-        ("foot_force", loaded(foot_force=row(3.8, 2.0, 0.0, 4.8)), 1.0 + 4.0),
         ("hasty_touchdowns", loaded(hasty_touchdowns=row(0.5, 0.0, 2.0, 0.0)), 2.5),
         ("short_stances", loaded(short_stances=row(0.5, 0.0, 1.0, 0.0)), 1.5),
-        ("restlessness", loaded(stance=row(1, 1, 0.5, 0))._replace(running_speed=row(-0.5)[0]), 1.5 + 1.0),
-        ("restlessness", loaded(stance=row(0, 0, 0, 0))._replace(command=row(0.5, 0, 0)), 0.0),
+        (
+            "motion_at_zero_command",
+            loaded(stance=row(1, 1, 0.5, 0))._replace(running_speed=row(-0.5)[0]),
+            1.5 + 1.0,
+        ),
+        ("motion_at_zero_command", loaded(stance=row(0, 0, 0, 0))._replace(command=row(0.5, 0, 0)), 0.0),
         ("grounded", still(contact=row(1, 1, 0, 0), velocity=row(4, 0, 0)), 2.0),
         ("over_speed", still()._replace(no_load_speed=1.0), 0.0),
         ("over_speed", still(joint_velocity=row(*[-1.5] + [0.5] * 11))._replace(no_load_speed=1.0), 0.25),
@@ -138,9 +141,24 @@ def test_a_lean_into_the_turn_is_free_and_no_other_tilt() -> None:
 
 def test_fine_tracking_has_a_slope_everywhere() -> None:
     inputs = still()._replace(running_speed=torch.tensor([1.0]), running_yaw_rate=torch.tensor([0.2]))
-    follow, turn = fine_tracking(inputs, SETTINGS)
-    assert follow.item() == pytest.approx(math.exp(-1.0 / SETTINGS.fine_speed))
-    assert turn.item() == pytest.approx(math.exp(-0.2 / SETTINGS.fine_yaw_rate))
+    inputs = inputs._replace(command=row(10, 0, 0))
+    held, turn = fine_tracking(inputs, SETTINGS)
+    assert held.item() == pytest.approx(math.exp(-9.0 / (0.5 + 0.05 * 10.0)))
+    assert turn.item() == pytest.approx(0.5 * (math.exp(-0.2 / 0.1) + math.exp(-0.2 / 0.4)))
+
+
+@pytest.mark.parametrize("tied", [True, False])
+def test_everything_paid_is_tied_to_the_speed_held(tied: bool) -> None:
+    """Also progress and turning, which a robot that dawdles could earn as well."""
+    settings = replace(SETTINGS, tied=tied)
+    running = still(velocity=row(9, 0, 0))._replace(
+        command=row(10, 0, 0.1), running_speed=torch.tensor([9.0]), target_speed=torch.tensor([10.0])
+    )
+    held = math.exp(-1.0)
+    turn = 0.5 * (math.exp(-0.1 / 0.1) + math.exp(-0.1 / 0.4))
+    others = 1.0 * math.exp(-1.0) + 0.5 * math.exp(-0.01) + 1.5 * 0.9 + 3.5 * turn
+    paid, _, _ = rewarded(running, settings)
+    assert paid.item() == pytest.approx(4.0 * held + (held if tied else 1.0) * others, rel=1e-5)
 
 
 def test_drift_to_either_side_costs_its_speed() -> None:

@@ -11,21 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
 import torch
 
-from sprintlab.api.training import ScriptOptions
-from sprintlab.cli.sweep import Sweep
 from sprintlab.control import check_contract, load_policy
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.robots import load_robot
-from sprintlab.training.runs.checkpoint import read_checkpoint, write_checkpoint
-from sprintlab.training.runs.export import export_checkpoint
+from sprintlab.training.runs.checkpoint import Progress, read_checkpoint, write_checkpoint
+from sprintlab.training.runs.export import actor_from_checkpoint, export_checkpoint
 from sprintlab.training.runs.run import TrainOptions, keep_milestone, train
 from sprintlab.training.runs.run_file import read_run_file
-from sprintlab.training.runs.runner import Runner
+from sprintlab.training.runs.runner import RunLength, Runner
 from sprintlab.training.settings import PpoSettings, RewardWeight, SimulationSettings, TrainingSettings
 
 SETTINGS = TrainingSettings(
@@ -104,7 +102,7 @@ def test_a_missing_or_foreign_checkpoint_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SprintlabError, match="no such file"):
         read_checkpoint(tmp_path / "nothing.pt")
     torch.save({"weights": torch.zeros(3)}, tmp_path / "foreign.pt")
-    with pytest.raises(SprintlabError, match="no sprintlab checkpoint"):
+    with pytest.raises(SprintlabError, match="not a checkpoint"):
         read_checkpoint(tmp_path / "foreign.pt")
 
 
@@ -130,7 +128,7 @@ def test_a_forged_checkpoint_cannot_be_gone_on_from(checkpoint: Path, tmp_path: 
         kind, (first, *rest), more = state["generators"]["python"]
         state["generators"]["python"] = (kind, (-first - 1, *rest), more)
     write_checkpoint(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(SprintlabError, match=r"no usable checkpoint|does not fit") as refusal:
+    with pytest.raises(SprintlabError, match=r"not a checkpoint|does not fit") as refusal:
         train(TrainOptions(output=tmp_path, device="cpu", resume=True))
     assert "\n" not in str(refusal.value)
 
@@ -163,105 +161,124 @@ def test_milestones_are_policies_on_the_way(tmp_path: Path) -> None:
         runner.load(read_checkpoint(kept / "0002.pt"))
 
 
-def test_the_steady_stage_begins_where_it_is_told_to_and_in_a_resumed_run(tmp_path: Path) -> None:
-    settings = replace(SETTINGS, stages=replace(SETTINGS.stages, steady_iteration=1))
-    runner = Runner(settings, "cpu", "test")
+def test_the_phases_of_a_run_follow_what_ends_it_first() -> None:
+    length = RunLength(iterations=100, seconds=60.0)
+    shares = [
+        length.share(Progress(iteration=k, seconds=t))
+        for k, t in ((0, 0.0), (50, 6.0), (10, 45.0), (7, 90.0))
+    ]
+    assert shares == [0.0, 0.5, 0.75, 1.0]
+    assert RunLength(seconds=60.0).share(Progress(iteration=10**6, seconds=15.0)) == 0.25
+
+
+def test_fine_tuning_begins_at_its_share_of_the_run_and_in_a_resumed_run(tmp_path: Path) -> None:
+    settings = replace(SETTINGS, stages=replace(SETTINGS.stages, steady_share=0.5))
+
+    def made() -> Runner:
+        run = Runner(settings, "cpu", "test")
+        run.begin(RunLength(iterations=2))
+        return run
 
     def steady(run: Runner) -> tuple[float, bool]:
         return float(run.environment.steady), bool((run.learner.rollout.noise_scale < 1.0).any())
 
+    runner = made()
     assert steady(runner) == (0.0, False)
     runner.iterate()
     assert steady(runner) == (1.0, True)
     runner.save(tmp_path / "checkpoint.pt")
-    resumed = Runner(settings, "cpu", "test")
+    resumed = made()
     resumed.load(read_checkpoint(tmp_path / "checkpoint.pt"))
     assert steady(resumed) == (1.0, True)
-    always = replace(SETTINGS, stages=replace(SETTINGS.stages, steady_iteration=None))
-    assert steady(Runner(always, "cpu", "test")) == (1.0, True)
-    with pytest.raises(InvalidValueError, match="steady_iteration"):
-        replace(SETTINGS.stages, steady_iteration=-1)
+    with pytest.raises(InvalidValueError, match="steady_share"):
+        replace(SETTINGS.stages, steady_share=-1.0)
 
 
-def test_a_run_writes_file_and_policy_and_says_where_it_ends_before_its_steady_stage(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_exported_is_the_mean_of_the_weights() -> None:
+    """The plain mean at first, then one that forgets."""
+    settings = replace(SETTINGS, ppo=replace(SETTINGS.ppo, averaging_iterations=2))
+    runner, weights = Runner(settings, "cpu", "test"), []
+    for _ in range(3):
+        runner.iterate()
+        weights.append(runner.learner.actor.state_dict()["policy.last.weight"].clone())
+    expected = 0.5 * (0.5 * (weights[0] + weights[1]) + weights[2])
+    torch.testing.assert_close(runner.mean["policy.last.weight"], expected)
+    exported = actor_from_checkpoint(runner.state()).state_dict()["policy.last.weight"]
+    torch.testing.assert_close(exported, expected)
+
+
+def test_the_range_opens_beyond_its_gate_only_while_feet_and_gears_hold(monkeypatch) -> None:
+    runner = Runner(SETTINGS, "cpu", "test")
+    assert runner.chances is not None
+    runner.chances.shares = [1.0] * len(runner.chances.shares)
+    for upper, may in ((11.9, True), (12.0, False)):
+        runner.growth.upper = upper
+        assert runner._may_open() is may
+    runner.chances.shares = [0.0] * len(runner.chances.shares)
+    assert runner._may_open()
+
+
+def test_a_run_writes_file_and_policy(tmp_path: Path) -> None:
     short = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
-    options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False, "iterations": 1}
+    options = {"environments": 16, "device": "cpu", "tensorboard": False, "iterations": 1}
     train(TrainOptions(output=tmp_path / "short", settings=short, **options))
-    assert "before its fine-tuning phase (stages.steady_iteration, 850)" in " ".join(
-        capsys.readouterr().err.split()
-    )
     again = read_run_file(tmp_path / "short" / "run.toml")
     state = read_checkpoint(tmp_path / "short" / "checkpoint.pt")
     assert again.full_settings() == state["settings"]
     assert again.full_settings().digest() in (tmp_path / "short" / "run.toml").read_text()
     assert load_policy(tmp_path / "short" / "policy.onnx").contract.training.iterations == 1
-    from_the_start = replace(short, stages=replace(short.stages, steady_iteration=0))
-    train(TrainOptions(output=tmp_path / "whole", settings=from_the_start, **options))
-    assert "before its" not in capsys.readouterr().err
 
 
-def test_a_training_begins_where_another_run_has_come_to(tmp_path: Path) -> None:
-    options = {"environments": 16, "device": "cpu", "tensorboard": False, "cloud": False}
-    first = replace(SETTINGS, ppo=replace(SETTINGS.ppo, steps=2))
-    begun = train(TrainOptions(output=tmp_path / "first", settings=first, iterations=2, **options))
-    second = replace(first, ppo=replace(first.ppo, entropy=0.1))
-    ended = train(
-        TrainOptions(output=tmp_path / "second", settings=second, iterations=3, start_from=begun, **options)
-    )
-    state, before = read_checkpoint(ended), read_checkpoint(begun)
-    assert state["settings"].ppo.entropy == 0.1
-    assert [row["iteration"] for row in state["progress"].log] == [1, 2, 3]
-    assert state["progress"].log[:2] == before["progress"].log
-    third = TrainOptions(
-        output=tmp_path / "third", settings=second, iterations=2, start_from=begun, **options
-    )
-    with pytest.raises(InvalidValueError, match=r"iterations = 2 is .*checkpoint\.pt has 2 iterations"):
-        train(third)
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [
+        ({"device": "cpu"}, 3600.0),
+        ({"device": "cpu", "minutes": 2.0}, 120.0),
+        ({"device": "cpu", "iterations": 5}, None),
+        ({"device": "cuda:0"}, 420.0),
+    ],
+)
+def test_how_long_a_run_takes(options: dict[str, Any], seconds: float | None) -> None:
+    assert TrainOptions(**options).seconds() == seconds
 
 
-def test_a_sweep_and_a_robot_s_script_train_as_long_as_a_training_does() -> None:
-    iterations = TrainOptions().iterations
-    assert Sweep(out=Path("runs")).iterations == iterations
-    assert ScriptOptions(output=Path("runs")).iterations == iterations
-    assert (TrainOptions().settings.stages.steady_iteration or 0) < iterations
+def test_a_cpu_trains_fewer_robots_and_smaller_networks_unless_told_otherwise() -> None:
+    small, large = TrainOptions(device="cpu").full_settings(), TrainOptions(device="cuda:0").full_settings()
+    assert (small.simulation.environments, large.simulation.environments) == (2048, 32768)
+    assert (small.ppo.hidden, small.estimator.encoder, small.ppo.precision) == ((128, 64), (128, 64), "tf32")
+    wide = replace(TrainingSettings(), ppo=PpoSettings(hidden=(256, 128)))
+    asked = TrainOptions(device="cpu", environments=64, settings=wide).full_settings()
+    assert (asked.simulation.environments, asked.ppo.hidden) == (64, (256, 128))
 
 
-def test_the_noise_calms_down_where_it_is_told_to() -> None:
-    """Floor and ceiling follow the iteration, also after a resume, and the policy's noise follows them."""
+def test_noise_and_divergence_sink_between_their_shares_of_the_run() -> None:
     ppo = replace(
-        SETTINGS.ppo, least_std=0.4, calm_iterations=(1, 3), calm_std=0.2, initial_std=0.41, most_std=0.8
-    )
-    assert replace(ppo, most_std=None).noise_ceiling(9) == math.inf
-    assert [ppo.noise_floor(iteration) for iteration in (0, 1, 2, 3, 9)] == pytest.approx(
+        SETTINGS.ppo, least_std=0.4, std_anneal=(0.2, 0.6), final_std=0.2, initial_std=0.41, most_std=0.8,
+        desired_kl=0.01, final_kl=0.0025,
+    )  # fmt: skip
+    assert [ppo.std_floor(share) for share in (0.0, 0.2, 0.4, 0.6, 1.0)] == pytest.approx(
         [0.4, 0.4, 0.3, 0.2, 0.2]
     )
-    assert [ppo.noise_ceiling(iteration) for iteration in (0, 2, 3, 9)] == pytest.approx(
+    assert [ppo.std_ceiling(share) for share in (0.1, 0.4, 0.6, 1.0)] == pytest.approx(
         [math.inf, 0.5, 0.2, 0.2]
     )
+    assert [ppo.divergence_aim(share) for share in (0.0, 0.4, 1.0)] == pytest.approx([0.01, 0.005, 0.0025])
     runner = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
-    runner.iterate()
-    with torch.no_grad():
-        runner.learner.actor.std.fill_(0.1)
-    runner.iterate()
-    assert float(runner.learner.actor.std.detach().min()) == pytest.approx(0.4)
-    runner.iterate()
-    resumed = Runner(replace(SETTINGS, ppo=ppo), "cpu", "test")
-    resumed.load(runner.state())
-    with torch.no_grad():
-        runner.learner.actor.std.fill_(0.3)
-    runner.iterate()
-    assert runner.learner.actor.std.tolist() == pytest.approx([0.2] * 12)
-    assert float(resumed.learner.least_std) == float(runner.learner.least_std) == pytest.approx(0.2)
-    rates = [float(learner.estimator_rate) for learner in (runner.learner, resumed.learner)]
-    assert rates == pytest.approx(2 * [SETTINGS.estimator.calm_learning_rate])
-    with pytest.raises(InvalidValueError, match="calm_std"):
-        replace(ppo, calm_std=0.5)
+    for share, expected in ((0.0, 0.4), (1.0, 0.2)):
+        assert runner.length.share(runner.progress) == share
+        with torch.no_grad():
+            runner.learner.actor.std.fill_(0.1)
+        runner.iterate()
+        assert float(runner.learner.actor.std.detach().min()) == pytest.approx(expected)
+        runner.begin(RunLength(iterations=1))
+    assert float(runner.learner.desired_kl) == pytest.approx(0.0025)
+    assert float(runner.learner.estimator_rate) == pytest.approx(SETTINGS.estimator.final_learning_rate)
+    with pytest.raises(InvalidValueError, match="final_std"):
+        replace(ppo, final_std=0.5)
 
 
 def test_the_estimators_rate_sinks_with_the_noise() -> None:
-    estimator = replace(SETTINGS.estimator, learning_rate=1e-3, calm_learning_rate=1e-5)
+    estimator = replace(SETTINGS.estimator, learning_rate=1e-3, final_learning_rate=1e-5)
     assert [estimator.rate(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1e-3, 1e-4, 1e-5])
-    with pytest.raises(InvalidValueError, match="calm_learning_rate"):
-        replace(estimator, calm_learning_rate=0.0)
+    with pytest.raises(InvalidValueError, match="final_learning_rate"):
+        replace(estimator, final_learning_rate=0.0)

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from sprintlab.control.pace import PaceContract
-from sprintlab.control.turning import TurningContract
 from sprintlab.robots import load_robot
 from sprintlab.training.runs.options import TrainOptions
-from sprintlab.training.scaling import leg_length, scaled_pace, scaled_settings, scaled_turning, speed_scale
+from sprintlab.training.scaling import leg_length, scaled_settings
 from sprintlab.training.settings import TrainingSettings
 
 
@@ -53,7 +51,7 @@ def test_the_option_scales_and_the_setting_does_not():
     plain = TrainOptions(settings=TrainingSettings(robot="go2")).full_settings()
     assert scaled.robot == plain.robot == "go2"
     assert (scaled.seed, scaled.simulation.environments) == (3, 64)
-    assert scaled.stages.second_top < plain.stages.second_top == 14.0
+    assert scaled.stages.second_top < plain.stages.second_top == 14.5
 
 
 def test_the_papers_preset_is_scaled_too():
@@ -62,13 +60,10 @@ def test_the_papers_preset_is_scaled_too():
     assert paper.rewards.progress == 0.0 and paper.episodes.clone_share == 0.0
 
 
-def test_the_loops_of_a_policy_keep_their_accelerations():
-    size = speed_scale(load_robot("go1"))
-    assert size == pytest.approx((leg_length(load_robot("go1")) / 0.63) ** 0.5)
-    pace, turning = scaled_pace("go1", PaceContract(lead=3.0)), scaled_turning("go1", TurningContract())
-    assert pace.deceleration == PaceContract().deceleration
-    assert (pace.power / 30.0, pace.lead) == pytest.approx((size, 3.0 * size))
-    assert turning.lateral_limit == TurningContract().lateral_limit
-    assert turning.doubling_speed * turning.limit == pytest.approx(14.0 * 1.25)
-    assert scaled_pace("go1", PaceContract()).lead is None
-    assert scaled_turning("bp2", TurningContract()) == TurningContract()
+def test_constraints_and_kernels_scale_with_the_robot():
+    settings, default = scaled_settings("go2"), TrainingSettings()
+    length = leg_length(load_robot("go2")) / 0.63
+    assert settings.constraints.legs.limit == pytest.approx(length * default.constraints.legs.limit)
+    assert settings.constraints.foot == default.constraints.foot
+    assert settings.rewards.held_width == pytest.approx((0.5 * length**0.5, 0.05))
+    assert settings.stages.record_margin == pytest.approx(1.5 * length**0.5)

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("mujoco_warp")
+pytest.importorskip("torch")
 
 import torch
 from torch.distributed import run as torchrun
@@ -36,13 +36,16 @@ from pathlib import Path
 import torch
 torch.set_num_threads(1)
 from sprintlab.training.runs import run
-from sprintlab.training.settings import PpoSettings, TrainingSettings
+from sprintlab.training.settings import PpoSettings, StageSettings, TrainingSettings
 
 folder, device, runners = Path(sys.argv[1]), sys.argv[2], []
-tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
+tiny = TrainingSettings(
+    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,), std_anneal=None),
+    stages=StageSettings(steady_share=1.0),
+)
 straight = run.TrainOptions(
-    output=folder / "straight", environments=8, iterations=4, device=device, tensorboard=False, cloud=False,
-    settings=tiny,
+    output=folder / "straight", environments=8, iterations=4, device=device, tensorboard=False,
+    settings=tiny, keep_robots=True,
 )
 halves = replace(straight, output=folder / "halves", iterations=2)
 opened = run.open_run
@@ -188,7 +191,7 @@ def test_graphs_are_let_go_before_processes_part(
 
     monkeypatch.setattr("sprintlab.training.runs.run.Runner", Watched)
     tiny = TrainingSettings(ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)))
-    cheap = {"environments": 8, "iterations": 1, "device": "cpu", "tensorboard": False, "cloud": False}
+    cheap = {"environments": 8, "iterations": 1, "device": "cpu", "tensorboard": False}
     options = TrainOptions(output=tmp_path, settings=tiny, **cheap)
     with nullcontext() if ends == "well" else pytest.raises(SprintlabError, match="no room"):
         train(options)

@@ -80,13 +80,14 @@ def learning(
     checkpoint = run / "checkpoint.pt" if run.is_dir() else run
     place = checkpoint.parent if output is None else Path(output)
     # Before PyTorch is imported, which takes many seconds.
-    if "growth" not in check_checkpoint(checkpoint):
-        raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
+    check_checkpoint(checkpoint)
     check_writable(place / "learning.png")
     progress("reading the run", None)
     from sprintlab.training.runs.figures import learning_figures, learning_numbers
 
     state = read_checkpoint(checkpoint)
+    if "growth" not in state:
+        raise SprintlabError(f"{checkpoint} is a milestone, which holds a policy and no curves")
     with refused_as_damaged(checkpoint):
         numbers = learning_numbers(state)
         progress("drawing", None)

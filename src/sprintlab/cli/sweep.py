@@ -54,9 +54,9 @@ class Sweep:
     seeds: int = 3
     set: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     vary: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    minutes: float = 20.0
-    iterations: int = 1600
-    environments: int = 8192
+    minutes: float = 7.0
+    iterations: int = 30_000
+    environments: int = 32768
     device: str = "auto"
     per_gpu: int = 1
     gpus: int | None = None

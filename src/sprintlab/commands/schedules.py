@@ -290,6 +290,8 @@ class AdaptiveSchedule(TargetSchedule):
         ramp_share: share of the targets to which the command moves at a constant acceleration instead, ahead
             of the robot if it cannot follow, as a user's command does.
         ramp: least and greatest such acceleration [m/s^2].
+        ramps_when_steady: whether in the fine-tuning phase all commands move so: a command that waits for the
+            robot opens the range, but pays whoever is slow.
         keeps_rest: whether a robot whose target is rest gets no uniform draws. With them it is asked to walk
             on after a second, and trots on the spot in between.
 
@@ -303,6 +305,7 @@ class AdaptiveSchedule(TargetSchedule):
     biased_share: float = 0.75
     ramp_share: float = 0.0
     ramp: tuple[float, float] = (2.0, 4.0)
+    ramps_when_steady: bool = False
     keeps_rest: bool = False
 
     def __post_init__(self) -> None:
@@ -323,7 +326,7 @@ class AdaptiveSchedule(TargetSchedule):
         remaining = state.time_to_update - step.dt
         update = renewed | (remaining <= 0.0)
         held = xp.where(update, self._draw(state.target_speed, step), state.command[:, 0])
-        acceleration = xp.where(renewed, self._ramp(step.random), state.acceleration)
+        acceleration = xp.where(renewed, self._ramp(step), state.acceleration)
         speed = xp.where(acceleration > 0.0, ramped(state, acceleration, step), held)
         shortest, longest = self.hold
         hold = shortest + (longest - shortest) * step.random[:, 7]
@@ -335,12 +338,16 @@ class AdaptiveSchedule(TargetSchedule):
             acceleration=acceleration,
         )
 
-    def _ramp(self, random: Array) -> Array:
+    def _ramp(self, step: CommandStep) -> Array:
         """Acceleration [m/s^2] ``(n,)`` with which the command goes to a new target; 0: ACS moves it."""
+        random = step.random
         xp = namespace(random)
         gentlest, hardest = self.ramp
         drawn = gentlest + (hardest - gentlest) * random[:, 6]
-        return xp.where(random[:, 5] < self.ramp_share, drawn, xp.zeros_like(drawn))
+        share = self.ramp_share
+        if self.ramps_when_steady:
+            share = share + (1.0 - share) * step.steady
+        return xp.where(random[:, 5] < share, drawn, xp.zeros_like(drawn))
 
     def _draw(self, target: Array, step: CommandStep) -> Array:
         """A speed of the neighbourhood [m/s] ``(n,)``."""

@@ -19,7 +19,7 @@ from sprintlab.commands import (
 )
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import Battery, MotorModel
+from sprintlab.motors import MotorModel
 from sprintlab.training.settings import ACS, TARGETS, RewardSettings, RewardWeight, Schedule, TrainingSettings
 
 
@@ -31,9 +31,7 @@ class Method:
         actuator_model: motor model in training.
         schedule: how commands evolve.
         rewards: instead of the preset's; None: the preset's.
-        battery: behind the bus in training; None: that of the settings, stiff by default.
         saturation: whether the motors saturate in training.
-        network: whether an actuator network takes the motor model's place, its file from the settings.
         prior: whether computed strides are rewarded at the start, their file from the settings.
         load_balance: weight of the reward term of this name, in both stages.
         source: paper that the method follows; empty: the paper of this package.
@@ -42,9 +40,7 @@ class Method:
     actuator_model: MotorModel
     schedule: Schedule
     rewards: RewardSettings | None = None
-    battery: Battery | None = None
     saturation: bool = True
-    network: bool = False
     prior: bool = False
     load_balance: float = 0.0
     source: str = ""
@@ -70,14 +66,15 @@ LITERAL_ACS = "literal-acs"
 
 _NONE = RewardWeight(first=0.0, second=0.0)
 _WITHOUT_GAIT_TERMS: dict[str, Any] = {
+    "tied": False,
     "fine_speed_tracking": 0.0,
     "fine_yaw_tracking": 0.0,
+    "joint_limit": RewardWeight(first=-10.0, second=-10.0),
     "electrical_power": _NONE,
-    "gear_torque": _NONE,
-    "foot_force": _NONE,
     "hasty_touchdowns": _NONE,
     "short_stances": _NONE,
-    "restlessness": _NONE,
+    "motion_at_zero_command": _NONE,
+    "sideways_drift": _NONE,
 }
 """What makes gaits believable is this package's own: no paper's table has it."""
 
@@ -118,6 +115,8 @@ def hound_rewards() -> RewardSettings:
         foot_clearance=_NONE,
         abduction_mirror=_NONE,
         grounded=_NONE,
+        over_speed=weight(-60.0),
+        leg_distance=weight(-12.0),
         aggregation="clipped",
     )
 
@@ -148,29 +147,12 @@ COMPARATORS = {
         rewards=hound_rewards(),
         source="Hound (2312.17507): v_d = 0 operating region, gait and foot rewards",
     ),
-    "spot-battery": Method(
-        actuator_model="refined",
-        schedule=ACS,
-        battery=Battery(),
-        source="Spot (2504.17857): a battery in the loop, ours",
-    ),
-    "actuator-network": Method(
-        actuator_model="refined",
-        schedule=ACS,
-        network=True,
-        source="Hwangbo et al. 2019: a network fitted to our simulated bench",
-    ),
     "stride-prior": Method(
         actuator_model="refined",
         schedule=ACS,
         prior=True,
         load_balance=-2.0,
         source="the paper's future work: a trajectory prior and balanced joint loads",
-    ),
-    "flux-weakening": Method(
-        actuator_model="flux-weakening",
-        schedule=ACS,
-        source="the paper's future work: flux weakening in training and evaluation",
     ),
 }
 """Methods of other papers, and beyond the paper, on the same robot, recipe and budget."""
@@ -207,16 +189,14 @@ def paper_rewards() -> RewardSettings:
         joint_acceleration=RewardWeight(first=-2.5e-7, second=-1e-7),
         collision=RewardWeight(first=-1.0, second=0.0),
         grounded=_NONE,
-        over_speed=_NONE,
         touchdown=_NONE,
-        leg_distance=_NONE,
     )
 
 
 def as_printed(schedule: Schedule) -> Schedule:
     """One of the paper's schedules without what this package adds: ramps, and other targets."""
     if isinstance(schedule, AdaptiveSchedule):
-        return replace(schedule, targets=TargetSampling(), ramp_share=0.0)
+        return replace(schedule, targets=TargetSampling(), ramp_share=0.0, ramps_when_steady=False)
     if isinstance(schedule, (UniformSchedule, FixedAccelerationSchedule)):
         return type(schedule)()
     return schedule
@@ -225,8 +205,9 @@ def as_printed(schedule: Schedule) -> Schedule:
 def preset_settings(name: str, base: TrainingSettings | None = None) -> TrainingSettings:
     """``base`` (default: all defaults) with what a preset decides.
 
-    ``"sprintlab"`` leaves it as it is. ``"paper"`` replaces the rewards, copies no states, starts nobody
-    fast, lets every robot act with the same noise, and ends the range at 12 m/s.
+    ``"sprintlab"`` leaves it as it is. ``"paper"`` replaces the rewards, has no constraints and no symmetric
+    networks, copies no states, starts no robot fast, lets every robot act with the same noise, asks none for
+    less than another, and ends the range at 12 m/s.
 
     Raises:
         InvalidValueError: the preset is unknown, or the rewards were changed that it decides.
@@ -240,9 +221,10 @@ def preset_settings(name: str, base: TrainingSettings | None = None) -> Training
     return replace(
         base,
         rewards=paper_rewards(),
+        constraints=None,
         episodes=replace(base.episodes, clone_share=0.0, fast_start_share=0.0),
-        stages=replace(base.stages, second_top=12.0),
-        ppo=replace(base.ppo, quiet_share=0.0),
+        stages=replace(base.stages, second_top=12.0, record_margin=None),
+        ppo=replace(base.ppo, low_noise_fraction=0.0, symmetric=False),
     )
 
 
@@ -251,16 +233,13 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
 
     Raises:
         InvalidValueError: the method is unknown, the message lists those that are known; the rewards were
-            changed that the method decides; or it needs an actuator network or strides and there are none.
+            changed that the method decides; or it needs strides and there are none.
     """
     check_choice("method", name, tuple(ALL_METHODS))
     method, base = ALL_METHODS[name], base or TrainingSettings()
     if method.rewards is not None and base.rewards not in (RewardSettings(), method.rewards):
         raise InvalidValueError("settings.rewards", "changed", f"left alone: method {name} decides them")
     simulation, rewards = base.simulation, method.rewards or base.rewards
-    if method.network and simulation.actuator_network is None:
-        made = "a file made by python -m studies.paper network"
-        raise InvalidValueError("simulation.actuator_network", None, made)
     if method.prior and base.prior is None:
         raise InvalidValueError("prior", None, "a file made by python -m studies.paper stride")
     if method.load_balance:
@@ -268,8 +247,6 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         rewards = replace(rewards, load_balance=weight)
     if not method.saturation:
         simulation = replace(simulation, saturation=False)
-    if method.battery is not None:
-        simulation = replace(simulation, battery=method.battery)
     return replace(
         base,
         method=name,

@@ -9,12 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, TypeVar
 
-import msgspec
-
-from sprintlab.control.pace import PaceContract
-from sprintlab.control.turning import TurningContract
 from sprintlab.robots import RobotDescription, load_robot
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import ConstraintSettings, TrainingSettings
 
 REFERENCE_ROBOT = "bp2"
 """The robot that the default settings are for."""
@@ -30,35 +26,6 @@ def leg_length(robot: RobotDescription) -> float:
 def speed_scale(robot: RobotDescription) -> float:
     """Speeds and times of the robot over BP2's at equal Froude numbers."""
     return (leg_length(robot) / leg_length(load_robot(REFERENCE_ROBOT))) ** 0.5
-
-
-def scaled_pace(robot: str, pace: PaceContract) -> PaceContract:
-    """BP2's ``pace`` at the size of ``robot``: equal decelerations, at speeds that scale.
-
-    Raises:
-        SprintlabError: the robot is not known, or its table is refused.
-    """
-    speed = speed_scale(load_robot(robot))
-    lead = None if pace.lead is None else speed * pace.lead
-    return msgspec.structs.replace(pace, power=speed * pace.power, lead=lead)
-
-
-def scaled_turning(robot: str, turning: TurningContract) -> TurningContract:
-    """BP2's ``turning`` at the size of ``robot``: equal lateral accelerations, so yaw rates go with 1 / time.
-
-    Raises:
-        SprintlabError: the robot is not known, or its table is refused.
-    """
-    speed = speed_scale(load_robot(robot))
-    return msgspec.structs.replace(
-        turning,
-        doubling_speed=speed * turning.doubling_speed,
-        smoothing=speed * turning.smoothing,
-        onset=turning.onset / speed,
-        integral=turning.integral / speed,
-        limit=turning.limit / speed,
-        fastest=speed * turning.fastest,
-    )
 
 
 def scaled_settings(
@@ -83,7 +50,8 @@ def scaled_settings(
     speed, mass = speed_scale(small), small.total_mass / large.total_mass
     length = leg_length(small) / leg_length(large)
     rewards, episodes, stages = defaults.rewards, defaults.episodes, defaults.stages
-    payload = defaults.randomization.payload
+    payload, held_width = defaults.randomization.payload, defaults.rewards.held_width
+    narrow, wide = rewards.fine_yaw_rates
 
     def above_ground(height: float) -> float:
         """Height of a foot's middle whose sole is as high, scaled."""
@@ -101,6 +69,8 @@ def scaled_settings(
             shortest_stride=speed * rewards.shortest_stride,
             shortest_stance=speed * rewards.shortest_stance,
             progress=rewards.progress / speed,
+            held_width=(speed * held_width[0], held_width[1]),
+            fine_yaw_rates=(narrow / speed, wide / speed),
         ),
         randomization=_where_default(
             base.randomization,
@@ -121,8 +91,21 @@ def scaled_settings(
             second_top=speed * stages.second_top,
             growth=speed * stages.growth,
             growth_margin=speed * stages.growth_margin,
+            gated_top=speed * stages.gated_top,
+            **({} if stages.record_margin is None else {"record_margin": speed * stages.record_margin}),
         ),
+        constraints=_scaled_constraints(base.constraints, defaults.constraints, length),
     )
+
+
+def _scaled_constraints(
+    constraints: ConstraintSettings | None, defaults: ConstraintSettings | None, length: float
+) -> ConstraintSettings | None:
+    """The distance between legs by leg length; the other limits are shares of the robot's own."""
+    if constraints is None or defaults is None or constraints.legs != defaults.legs:
+        return constraints
+    legs = replace(defaults.legs, limit=length * defaults.legs.limit, full=length * defaults.legs.full)
+    return replace(constraints, legs=legs)
 
 
 def _where_default(group: Group, defaults: Group, **scaled: Any) -> Group:

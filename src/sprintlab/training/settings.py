@@ -6,7 +6,6 @@ import functools
 import hashlib
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -22,15 +21,20 @@ from sprintlab.control import ObservationLayout
 from sprintlab.core.arguments import check_kind
 from sprintlab.core.checks import check_choice, check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, MotorModel, WindingHeat
+from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
 from sprintlab.robots import DRAG_AREA_BAND, RESTITUTION_BAND, STIFFNESS_BAND
 
 Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
 )
-TARGETS = TargetSampling(top_share=0.4, zero_share=0.12, backward_share=0.08, turn_share=0.6)
-"""What robots are asked for: all that a runner does, and turns that leave friction to run with."""
-ACS = AdaptiveSchedule(targets=TARGETS, ramp_share=0.25, keeps_rest=True)
+TARGETS = TargetSampling(
+    persistence=(5.0, 12.0), top_share=0.38, zero_share=0.16, backward_share=0.08, turn_share=0.6
+)
+"""What robots are asked for: long enough to reach a top speed, many stops, and turns that leave friction to
+run with."""
+ACS = AdaptiveSchedule(
+    targets=TARGETS, ramp_share=0.5, ramp=(2.5, 5.0), ramps_when_steady=True, keeps_rest=True
+)
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 MOST_ENVIRONMENTS = 1 << 17
 """Robots side by side: sixteen times the default; a stranger's file may ask for all memory there is."""
@@ -38,21 +42,16 @@ LARGEST_ROLLOUT = 1 << 23
 """Policy steps of all robots in one iteration, which are kept until its end."""
 _LARGEST = 1e30
 """Of any number: far beyond all that means something, and below the 3e38 of 32 bits."""
+TRAINED_MODELS = ("refined", "simplified-dc", "square")
+"""Motor models that the engine knows."""
 PRECISIONS = ("tf32", "bfloat16")
 AGGREGATIONS = ("exponential", "clipped", "sum")
-REMOVED = {"PpoSettings": {"mirror_epochs": False}}
-"""Settings that are gone, by class, with the value at which they did nothing: older files may still name that
-one, and it counts in the hash, so that runs keep theirs."""
 NORMALIZER_FLOOR = 1e-2
 """Added to the deviation by which the networks' inputs are divided; a policy file holds their sum."""
-ADDED_REWARDS = ("sideways_drift",)
-"""Reward terms that came later: without weight they do not count in the hash, so that runs keep theirs."""
-
-
-def without_removed(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a file without those ``REMOVED`` ones that did nothing."""
-    gone = REMOVED.get(kind.__name__, {})
-    return {name: value for name, value in values.items() if name not in gone or value != gone[name]}
+PHASES = ("hold", "push", "brake")
+"""What a command asks for: a speed, more of it, or less."""
+CONSTRAINTS = ("foot", "gear", "legs", "joint_speed", "end_stop")
+"""Fields of ``ConstraintSettings``, in the order in which the environment stacks them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,56 +60,32 @@ class SimulationSettings:
 
     Attributes:
         environments: simulated side by side.
-        timestep: physics step [s]; the knee spring rings at 36 Hz and wants 2.5 ms or less. These defaults
-            are the cheapest whose running agrees with finer physics: docs/evaluation.md.
+        timestep: physics step [s].
         substeps: physics steps in one policy step; ``timestep * substeps`` is 0.02 s.
-        solver_iterations: Newton iterations a step.
-        line_search_iterations: of the solver's line search.
-        max_constraints: rows allocated an environment: four feet, three rows each; the solver works in
-            blocks of 16, full or not.
-        max_contacts: contacts allocated an environment.
         knee_spring: whether the passive knee springs are there.
-        battery: behind the bus that a robot's joints share; ``None``, as in the paper: the bus is stiff.
         heat: of the windings; ``None``, as in the paper: they stay cold.
-        actuator_network: file of networks that give the joints' torques instead of the motor model, made by
-            ``python -m studies.paper network``; ``None``: the motor model does.
         saturation: whether the motors saturate, as the robot's do; off, torque stays proportional to current.
-        state_of_charge: of a battery at an episode's start, drawn once an environment [-].
-        winding_temperature: with heat, at an episode's start, drawn once an environment and joint [degC].
+        winding_temperature: with heat, at an episode's start [degC].
 
     Raises:
-        InvalidValueError: a value out of range, a policy rate other than 50 Hz, or an actuator network beside
-            a battery or heat, which it does not know.
+        InvalidValueError: a value out of range, or a policy rate other than 50 Hz.
     """
 
-    environments: int = 8192
-    timestep: float = 0.0025
-    substeps: int = 8
-    solver_iterations: int = 3
-    line_search_iterations: int = 12
-    max_constraints: int = 16
-    max_contacts: int = 4
+    environments: int = 32768
+    timestep: float = 0.0005
+    substeps: int = 40
     knee_spring: bool = True
-    battery: Battery | None = None
     heat: WindingHeat | None = None
-    actuator_network: str | None = None
     saturation: bool = True
-    state_of_charge: tuple[float, float] = (0.3, 1.0)
     winding_temperature: tuple[float, float] = (25.0, 90.0)
 
     def __post_init__(self) -> None:
-        check_interval("state_of_charge", self.state_of_charge, 0.0, 1.0)
         check_interval("winding_temperature", self.winding_temperature, -60.0, 200.0, "degC")
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
-        if self.actuator_network is not None and (self.battery or self.heat):
-            raise InvalidValueError("actuator_network", self.actuator_network, "without battery and heat")
         check_range("environments", self.environments, 1, MOST_ENVIRONMENTS)
-        for name in ("substeps", "solver_iterations", "line_search_iterations"):
-            check_range(name, getattr(self, name), 1, 10**7)
+        check_range("substeps", self.substeps, 1, 10_000)
         check_range("timestep * substeps", self.timestep * self.substeps, 0.02 - 1e-9, 0.02 + 1e-9, "s")
-        check_range("max_constraints", self.max_constraints, 16, 1000)
-        check_range("max_contacts", self.max_contacts, 4, 1000)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,11 +115,15 @@ class RewardSettings:
         progress: of the speed in the commanded direction over 10 m/s, up to the commanded speed and to the
             target; not in the paper. Under ACS the command follows the robot, so that tracking alone pays no
             more at 12 m/s than at 8.
-        fine_speed_tracking, fine_yaw_tracking: of ``exp(-|error| / width)`` with narrow widths and the mean
-            speed and yaw rate of about a stride; not in the paper, whose kernels are flat below 0.3.
+        fine_speed_tracking: of how well the speed asked for is held, ``exp(-|command - running speed| / (w0 +
+            w1 |command|))`` with ``held_width`` and the mean speed of about a stride; not in the paper, whose
+            kernel is flat below 0.3 m/s.
+        fine_yaw_tracking: of the mean of ``exp(-|error| / width)`` over ``fine_yaw_rates``, likewise.
+        tied: whether everything paid is multiplied by how well the speed is held. Without it slow robots earn
+            more than fast ones: turning is paid at any speed, and penalties take most of what a runner earns.
         vertical_velocity: and so on: penalties, named like the functions of ``rewards``.
-        leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper. Without it legs
-            pass through each other, which the simulator's feet-only contacts would allow.
+        leg_distance: pairs of legs closer than ``leg_distance_limit``; not in the paper, and off here, where
+            it is a constraint, as are the depth in end stops (``joint_limit``) and ``over_speed``.
         grounded: mean foot contact times forward speed [m/s]; not in the paper: draws the policy from a
             grounded run, a local optimum, into one with flight phases.
         touchdown: squared downward speed of feet that are about to touch; not in the paper: feet that are
@@ -153,12 +132,9 @@ class RewardSettings:
             brake; not in the paper.
         electrical_power: drawn from the bus, over the weight times (speed + 2 m/s): about the cost of
             transport. Not in the paper, whose mechanical power misses the copper loss.
-        gear_torque: squared excess of the torque through a gear, rotor inertia included, over
-            ``gear_torque_limit``; foot_force: the same of a foot's force over ``foot_force_limit``. Not in
-            the paper: shocks are free in a simulation.
         hasty_touchdowns, short_stances: touchdowns sooner than ``shortest_stride`` after the last and
             stances shorter than ``shortest_stance``; not in the paper: else a gait becomes a tap.
-        restlessness: feet in the air and speed while the robot is asked to stand; not in the paper.
+        motion_at_zero_command: feet in the air and speed while the robot is asked to stand; not in the paper.
         collision: knees near the ground. The paper drops it in stage II; kept, since it prevents crawling.
         action_rate, smoothness, joint_acceleration: the paper's weights in stage I. In stage II the paper has
             -0.01, -0.005 and -1e-7; these grow with the swing speed and held the speed near 9.4 m/s.
@@ -168,7 +144,7 @@ class RewardSettings:
         torque: squared joint torques.
         load_balance: variance over the joints of the share of its peak torque that each gives; likewise off.
         sideways_drift: magnitude of the speed to the side, averaged over about a stride, while no turn is
-            commanded; off by default. A robot whose heading is held still leaves its lane where it moves a
+            commanded. A robot whose heading is held still leaves its lane where it moves a
             few degrees to the side of it.
         bare_squares: yaw rate, tilt and foot clearance as the paper prints them: the squared yaw rate, which
             fights every commanded turn, the squared tilt, which fights the lean into it, and the squared
@@ -177,13 +153,11 @@ class RewardSettings:
         aggregation: ``"exponential"`` tracking * exp(penalties / 2), ``"clipped"`` max(0, sum), ``"sum"``.
             The exponential keeps a gradient where penalties are large and never rewards an early end.
         penalty_scale: factor of the penalties inside the exponential.
-        leg_distance_limit: below it a pair counts [m].
+        leg_distance_limit: between surfaces; below it a pair counts [m].
         foot_clearance_target: height of a foot's middle in swing [m]; the default is radius + 8 cm.
         touchdown_height: a foot's middle lower than this is about to touch [m]: radius + 2 cm.
-        fine_speed: width of the fine speed kernel [m/s].
-        fine_yaw_rate: width of the fine yaw-rate kernel [rad/s].
-        gear_torque_limit: torque through a gear, mean over a physics step, that costs nothing [peak torques].
-        foot_force_limit: force on a foot, mean over two physics steps, that costs nothing [body weights].
+        held_width: w0 [m/s] and w1 [-] of how well a speed is held.
+        fine_yaw_rates: widths of the fine yaw-rate kernels [rad/s]: one narrow, one with a slope far away.
         shortest_stride: period that costs nothing [s].
         shortest_stance: duration that costs nothing [s].
 
@@ -195,13 +169,14 @@ class RewardSettings:
     angular_tracking: float = 0.5
     angular_sharpness: float = 1.0
     progress: float = 1.5
-    fine_speed_tracking: float = 1.0
-    fine_yaw_tracking: float = 3.0
+    fine_speed_tracking: float = 4.0
+    fine_yaw_tracking: float = 3.5
+    tied: bool = True
     vertical_velocity: RewardWeight = _constant(-2.0)
     joint_power: RewardWeight = _constant(-1e-6)
     action_rate: RewardWeight = RewardWeight(first=-0.01, second=-0.005)
     smoothness: RewardWeight = RewardWeight(first=-0.005, second=-0.0025)
-    joint_limit: RewardWeight = _constant(-10.0)
+    joint_limit: RewardWeight = _constant(0.0)
     roll_pitch_rate: RewardWeight = RewardWeight(first=-0.02, second=-0.3)
     orientation: RewardWeight = RewardWeight(first=-5.0, second=-100.0)
     base_height: RewardWeight = RewardWeight(first=-10.0, second=-20.0)
@@ -214,36 +189,35 @@ class RewardSettings:
     abduction_mirror: RewardWeight = RewardWeight(first=0.0, second=-0.5)
     grounded: RewardWeight = RewardWeight(first=-0.03, second=0.0)
     touchdown: RewardWeight = RewardWeight(first=0.0, second=-0.03)
-    over_speed: RewardWeight = _constant(-10.0)
-    leg_distance: RewardWeight = _constant(-2.0)
+    over_speed: RewardWeight = _constant(0.0)
+    leg_distance: RewardWeight = _constant(0.0)
     electrical_power: RewardWeight = RewardWeight(first=-0.2, second=-0.5)
-    gear_torque: RewardWeight = RewardWeight(first=-0.05, second=-0.2)
-    foot_force: RewardWeight = RewardWeight(first=-0.5, second=-4.0)
     hasty_touchdowns: RewardWeight = RewardWeight(first=-2.0, second=-10.0)
     short_stances: RewardWeight = RewardWeight(first=-1.0, second=-6.0)
-    restlessness: RewardWeight = RewardWeight(first=-0.5, second=-1.0)
+    motion_at_zero_command: RewardWeight = RewardWeight(first=-0.5, second=-3.0)
     diagonal_contact: RewardWeight = _constant(0.0)
     tilt_rate: RewardWeight = _constant(0.0)
     torque: RewardWeight = _constant(0.0)
     load_balance: RewardWeight = _constant(0.0)
-    sideways_drift: RewardWeight = _constant(0.0)
+    sideways_drift: RewardWeight = RewardWeight(first=0.0, second=-1.0)
     bare_squares: bool = False
     aggregation: str = "exponential"
     penalty_scale: float = 0.5
-    leg_distance_limit: float = 0.10
+    leg_distance_limit: float = 0.04
     foot_clearance_target: float = 0.11
     touchdown_height: float = 0.05
-    fine_speed: float = 0.5
-    fine_yaw_rate: float = 0.1
-    gear_torque_limit: float = 1.5
-    foot_force_limit: float = 2.8
-    shortest_stride: float = 0.195
+    held_width: tuple[float, float] = (0.5, 0.05)
+    fine_yaw_rates: tuple[float, float] = (0.1, 0.4)
+    shortest_stride: float = 0.194
     shortest_stance: float = 0.036
 
     def __post_init__(self) -> None:
         check_choice("aggregation", self.aggregation, AGGREGATIONS)
         for name, value in vars(self).items():
             if isinstance(value, float) and name not in REWARDED:
+                check_positive(name, value)
+        for name in ("held_width", "fine_yaw_rates"):
+            for value in getattr(self, name):
                 check_positive(name, value)
 
     def penalties(self) -> dict[str, RewardWeight]:
@@ -252,6 +226,68 @@ class RewardSettings:
 
 
 Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constraint:
+    """A limit of the audit in training.
+
+    Attributes:
+        limit: where it begins to be broken.
+        full: where it is broken in full: a part of one.
+        aim: mean part that fast robots shall have [-].
+        caps: greatest chance while a robot holds its speed, pushes and brakes [-].
+
+    Raises:
+        InvalidValueError: limit equals full, the aim is not positive, or a cap lies outside [0.001, 1].
+    """
+
+    limit: float
+    full: float
+    aim: float
+    caps: tuple[float, float, float] = (0.6, 0.6, 0.6)
+
+    def __post_init__(self) -> None:
+        if self.limit == self.full:
+            raise InvalidValueError("full", self.full, "another number than limit")
+        check_positive("aim", self.aim)
+        for cap in self.caps:
+            check_range("caps", cap, 1e-3, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstraintSettings:
+    """What ends a share of the future: see ``environment.constraints``.
+
+    Attributes:
+        foot: force [body weights]; a pad's deflection counts as well, 15 mm as 4 body weights.
+        gear: torque through a gear [peak torques].
+        legs: distance between the surfaces of two legs [m].
+        joint_speed: over the no-load speed [-].
+        end_stop: depth in an end stop over its zone [-].
+        rate: change of a chance an iteration [-].
+        initial: chance at the start [-].
+        slack: beyond ``stages.gated_top`` the range of speeds opens while feet and gears are broken less than
+            this many times as often as aimed at.
+        fast: robots count as fast above this share of the range's top [-].
+
+    Raises:
+        InvalidValueError: a number that is not positive.
+    """
+
+    foot: Constraint = Constraint(limit=3.3, full=4.2, aim=0.015, caps=(0.1, 0.2, 0.2))
+    gear: Constraint = Constraint(limit=2.2, full=3.2, aim=0.0005)
+    legs: Constraint = Constraint(limit=0.03, full=0.0, aim=0.0005)
+    joint_speed: Constraint = Constraint(limit=1.02, full=1.12, aim=0.0002)
+    end_stop: Constraint = Constraint(limit=0.0, full=1.0, aim=0.0005)
+    rate: float = 0.01
+    initial: float = 0.003
+    slack: float = 3.0
+    fast: float = 0.75
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "initial", "slack", "fast"):
+            check_positive(name, getattr(self, name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,25 +381,25 @@ class EpisodeSettings:
             faster: high speed is reached rarely, so it must be practised when it is.
         fast_start_share: share of the other resets that start at a forward speed in the commanded range.
         tilt_limit: end beyond this angle between trunk and gravity [deg].
-        leg_distance_limit: end when two legs' axes come closer [m].
+        leg_distance_limit: end when the surfaces of two legs come closer [m].
         knee_clearance: end when a knee comes closer to the ground [m].
 
     Raises:
         InvalidValueError: a share outside [0, 1] or a limit that is not positive.
     """
 
-    duration: Interval = (10.0, 20.0)
+    duration: Interval = (14.0, 24.0)
     clone_share: float = 0.3
     fast_start_share: float = 0.25
     tilt_limit: float = 50.0
-    leg_distance_limit: float = 0.03
+    leg_distance_limit: float = 0.0
     knee_clearance: float = 0.05
 
     def __post_init__(self) -> None:
         check_interval("duration", self.duration, 0.1, unit="s")
         for name in ("clone_share", "fast_start_share"):
             check_range(name, getattr(self, name), 0.0, 1.0)
-        for name in ("tilt_limit", "leg_distance_limit", "knee_clearance"):
+        for name in ("tilt_limit", "knee_clearance"):
             check_positive(name, getattr(self, name))
 
 
@@ -380,34 +416,41 @@ class StageSettings:
             by a quarter of their speed, and most robots are asked for all they can, not for what is easy.
         earliest_iteration: stage II starts no sooner.
         ramp_iterations: over which the weights blend.
-        steady_iteration: from here on robots practise what an evaluation asks of them and the stages before
-            do not: ``ppo.quiet_share`` of them act with less noise, and ACS may brake by its
-            ``braking_window``. Not in the paper. None: from the start.
+        gated_top: beyond this speed the range opens only while feet and gears hold [m/s].
+        steady_share: share of the run after which robots practise what an evaluation asks of them: some act
+            with less noise (``ppo.low_noise_fraction``), ACS may brake by its ``braking_window`` and, with
+            ``ramps_when_steady``, all commands ramp. Not in the paper.
+        record_margin: once the fine-tuning phase has begun, a target is at most what the robot itself has
+            lately run and this much more [m/s]: robots differ by 2 m/s in what they can. None: no such limit.
 
     Raises:
-        InvalidValueError: tops in the wrong order or not positive, or a share outside [0, 0.9].
+        InvalidValueError: tops in the wrong order or not positive, or a share out of range.
     """
 
     first_top: float = 6.0
-    second_top: float = 14.0
+    second_top: float = 14.5
     growth: float = 0.1
-    growth_margin: float = 0.75
+    growth_margin: float = 1.0
     growth_share: float = 0.0
-    earliest_iteration: int = 200
-    ramp_iterations: int = 150
-    steady_iteration: int | None = 850
+    earliest_iteration: int = 250
+    ramp_iterations: int = 250
+    gated_top: float = 12.0
+    steady_share: float = 0.4
+    record_margin: float | None = 1.5
 
     def __post_init__(self) -> None:
         check_positive("first_top", self.first_top, "m/s")
         check_range("second_top", self.second_top, self.first_top, 40.0, "m/s")
         check_positive("growth", self.growth, "m/s")
         check_range("growth_share", self.growth_share, 0.0, 0.9)
-        if self.steady_iteration is not None:
-            check_range("steady_iteration", self.steady_iteration, 0, 10**9)
+        check_positive("gated_top", self.gated_top, "m/s")
+        check_range("steady_share", self.steady_share, 0.0, 1.0)
+        if self.record_margin is not None:
+            check_positive("record_margin", self.record_margin, "m/s")
 
-    def is_steady(self, iteration: int) -> bool:
-        """Whether robots act quietly and brake in an iteration of the run."""
-        return self.steady_iteration is None or iteration >= self.steady_iteration
+    def is_steady(self, share: float) -> bool:
+        """Whether the fine-tuning phase has begun after this share of the run."""
+        return share >= self.steady_share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -454,11 +497,12 @@ class PpoSettings:
     """PPO.
 
     Attributes:
-        steps: environment steps an iteration; fewer mean more updates in the same time, and updates count.
+        steps: environment steps per iteration; with 8 small batches do not start.
         epochs: passes over the rollout.
-        mini_batches: a pass.
+        mini_batches: per pass.
         learning_rate: at the start; adapted to ``desired_kl``.
-        desired_kl: Kullback-Leibler divergence of an update aimed at.
+        desired_kl: Kullback-Leibler divergence that an update aims at.
+        final_kl: to which that sinks over ``std_anneal``, together with the noise.
         discount: of future rewards.
         gae: lambda of the generalized advantage estimate.
         clip: of the likelihood ratio.
@@ -466,80 +510,88 @@ class PpoSettings:
         value_weight: of the value loss.
         initial_std: of the action noise.
         least_std: floor of the action noise; without it the noise collapses to 0.1 and the gait freezes.
-        calm_iterations: between these two iterations the floor sinks from ``least_std`` to ``calm_std``: a
-            policy runs without noise, and what it is to run like should be practised and estimated. None: it
-            stays.
-        calm_std: floor at the end [-].
-        most_std: ceiling in the first of those iterations, which sinks to ``calm_std`` with the floor; the
-            entropy bonus may keep the noise twice as high as its floor. None: there is no ceiling.
-        quiet_share: of the robots, spread evenly: from ``stages.steady_iteration`` on they act with
-            ``quiet_noise`` of the others' action noise.
-            A policy runs without noise, and what it does then must have been practised: with noise
-            everywhere, policies stood that fell over without it. Not in the paper.
-        quiet_noise: share of the action noise that those robots have.
+        most_std: its ceiling at the beginning of ``std_anneal``; the entropy bonus may keep the noise twice
+            as high as its floor.
+        std_anneal: shares of the run between which floor and ceiling sink to ``final_std``: a policy runs
+            without noise, and what it is to run like should be practised and estimated. None: they stay.
+        final_std: of the action noise at the end [-].
+        low_noise_fraction: of the robots, spread evenly, that from ``stages.steady_share`` on act with
+            ``low_noise_scale`` of the action noise. With noise everywhere, policies stood that fell over
+            without it. Not in the paper.
+        low_noise_scale: factor of the action noise of those robots [-].
+        averaging_iterations: the exported policy is the mean of the weights over about so many iterations.
+        symmetric: whether the mirrored observation gives exactly the mirrored action.
         hidden: widths of actor and critic.
         precision: of the matrix products of policy and critic, in rollout and update: ``"tf32"`` or
-            ``"bfloat16"`` (faster; an exported policy always computes in single precision).
+            ``"bfloat16"`` (faster on a GPU; an exported policy always computes in single precision).
 
     Raises:
         InvalidValueError: a count below one, a number out of range, or an unknown precision.
     """
 
-    steps: int = 8
-    epochs: int = 5
+    steps: int = 16
+    epochs: int = 4
     mini_batches: int = 4
     learning_rate: float = 1e-3
     desired_kl: float = 0.01
+    final_kl: float = 0.002
     discount: float = 0.99
     gae: float = 0.95
     clip: float = 0.2
     entropy: float = 0.005
     value_weight: float = 1.0
     initial_std: float = 0.8
-    least_std: float = 0.3
-    calm_iterations: tuple[int, int] | None = (850, 1500)
-    calm_std: float = 0.13
-    most_std: float | None = 0.45
-    quiet_share: float = 0.4
-    quiet_noise: float = 0.25
+    least_std: float = 0.25
+    most_std: float = 0.42
+    std_anneal: tuple[float, float] | None = (0.5, 0.92)
+    final_std: float = 0.12
+    low_noise_fraction: float = 0.4
+    low_noise_scale: float = 0.25
+    averaging_iterations: int = 250
+    symmetric: bool = True
     hidden: tuple[int, ...] = (512, 256, 128)
-    precision: str = "tf32"
+    precision: str = "bfloat16"
 
     def __post_init__(self) -> None:
         check_choice("precision", self.precision, PRECISIONS)
         _check_widths("hidden", self.hidden)
-        for name in ("steps", "epochs", "mini_batches"):
+        for name in ("steps", "epochs", "mini_batches", "averaging_iterations"):
             check_range(name, getattr(self, name), 1, 10000)
-        for name in ("learning_rate", "desired_kl", "clip", "initial_std", "least_std"):
+        for name in ("learning_rate", "desired_kl", "final_kl", "clip", "initial_std", "least_std"):
             check_positive(name, getattr(self, name))
         check_range("discount", self.discount, 0.0, 1.0)
         check_range("gae", self.gae, 0.0, 1.0)
         check_range("least_std", self.least_std, 1e-6, self.initial_std)
-        check_range("quiet_share", self.quiet_share, 0.0, 1.0)
-        check_range("quiet_noise", self.quiet_noise, 1e-3, 1.0)
-        if self.calm_iterations is not None:
-            check_range("calm_std", self.calm_std, 1e-6, self.least_std)
-            if self.most_std is not None:
-                check_range("most_std", self.most_std, self.least_std, math.inf)
-            check_range("calm_iterations[0]", self.calm_iterations[0], 0, self.calm_iterations[1] - 1)
+        check_range("low_noise_fraction", self.low_noise_fraction, 0.0, 1.0)
+        check_range("low_noise_scale", self.low_noise_scale, 1e-3, 1.0)
+        check_range("final_std", self.final_std, 1e-6, self.least_std)
+        check_range("most_std", self.most_std, self.least_std, 1e3)
+        if self.std_anneal is not None:
+            check_interval("std_anneal", self.std_anneal, 0.0, 1.0)
 
-    def calm_share(self, iteration: int) -> float:
-        """How far an iteration of the run lies between ``calm_iterations``: 0 before them, 1 after."""
-        if self.calm_iterations is None:
+    def annealed(self, share: float) -> float:
+        """How far the run lies between the ends of ``std_anneal``: 0 before them, 1 after.
+
+        Args:
+            share: of the run that is done.
+        """
+        if self.std_anneal is None:
             return 0.0
-        first, last = self.calm_iterations
-        return min(max((iteration - first) / (last - first), 0.0), 1.0)
+        first, last = self.std_anneal
+        return min(max((share - first) / max(last - first, 1e-9), 0.0), 1.0)
 
-    def noise_floor(self, iteration: int) -> float:
-        """The least deviation of the action noise in an iteration of the run."""
-        return self.least_std + self.calm_share(iteration) * (self.calm_std - self.least_std)
+    def std_floor(self, share: float) -> float:
+        """Least deviation of the action noise after this share of the run."""
+        return self.least_std + self.annealed(share) * (self.final_std - self.least_std)
 
-    def noise_ceiling(self, iteration: int) -> float:
-        """The greatest deviation of the action noise in an iteration of the run."""
-        calm = self.calm_share(iteration)
-        if self.most_std is None or calm == 0.0:
-            return math.inf
-        return self.most_std + calm * (self.calm_std - self.most_std)
+    def std_ceiling(self, share: float) -> float:
+        """Greatest deviation of the action noise after this share of the run."""
+        annealed = self.annealed(share)
+        return math.inf if annealed == 0.0 else self.most_std + annealed * (self.final_std - self.most_std)
+
+    def divergence_aim(self, share: float) -> float:
+        """Divergence that an update aims at after this share of the run."""
+        return self.desired_kl * (self.final_kl / self.desired_kl) ** self.annealed(share)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -551,9 +603,10 @@ class EstimatorSettings:
         encoder: widths of the encoder's layers.
         decoder: widths of the decoder's layers.
         learning_rate: of its own optimizer, which the policy's adaptive rate does not touch.
-        calm_learning_rate: to which that sinks over ``ppo.calm_iterations``: the exported estimate shall not
+        final_learning_rate: to which that sinks over ``ppo.std_anneal``: the exported estimate shall not
             depend on its last few steps.
-        epochs: passes over the rollout; one is enough, and the update is the dearest part of an iteration.
+        epochs: passes over the rollout; one is enough, and the update is the most expensive part of an
+            iteration.
         sees_command: whether the encoder reads the command. Under ACS the command follows the speed: an
             estimator that sees it learns to read the speed off it, and errs by metres a second as soon as
             the command is given by somebody else.
@@ -571,7 +624,7 @@ class EstimatorSettings:
     encoder: tuple[int, ...] = (256, 128)
     decoder: tuple[int, ...] = (64, 128)
     learning_rate: float = 1e-3
-    calm_learning_rate: float = 1e-4
+    final_learning_rate: float = 1e-4
     epochs: int = 1
     sees_command: bool = False
     contact_weight: float = 0.2
@@ -582,16 +635,16 @@ class EstimatorSettings:
     def __post_init__(self) -> None:
         for name in ("latent", "epochs"):
             check_range(name, getattr(self, name), 1, 1000)
-        for name in ("learning_rate", "calm_learning_rate", "velocity_scale", "height_scale"):
+        for name in ("learning_rate", "final_learning_rate", "velocity_scale", "height_scale"):
             check_positive(name, getattr(self, name))
         for name in ("contact_weight", "latent_weight"):
             check_range(name, getattr(self, name), 0.0, 1000.0)
         for name in ("encoder", "decoder"):
             _check_widths(name, getattr(self, name))
 
-    def rate(self, calm: float) -> float:
-        """The learning rate after a share of the calm iterations, along a straight line of its logarithm."""
-        return self.learning_rate * (self.calm_learning_rate / self.learning_rate) ** calm
+    def rate(self, annealed: float) -> float:
+        """The learning rate, along a straight line of its logarithm; ``annealed`` from 0 to 1."""
+        return self.learning_rate * (self.final_learning_rate / self.learning_rate) ** annealed
 
 
 @functools.cache
@@ -637,6 +690,7 @@ class TrainingSettings:
         robot: name of the robot.
         actuator_model: motor model in training.
         schedule: how commands evolve.
+        constraints: what the audit limits, as shares of the future that end; None: only rewards.
         heading_hold: while no turn is wanted, the commanded yaw rate holds the heading, by the loop that the
             evaluation closes; without it nothing teaches the robot to run straight.
         standing_hold: robots that are asked to stand, and nearly do, are held in their default pose, as
@@ -660,6 +714,7 @@ class TrainingSettings:
     rewards: RewardSettings = RewardSettings()
     randomization: RandomizationSettings = RandomizationSettings()
     episodes: EpisodeSettings = EpisodeSettings()
+    constraints: ConstraintSettings | None = ConstraintSettings()
     stages: StageSettings = StageSettings()
     prior: StridePrior | None = None
     ppo: PpoSettings = PpoSettings()
@@ -669,7 +724,7 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         _check_kinds(self)
-        check_choice("actuator_model", self.actuator_model, MOTOR_MODELS)
+        check_choice("actuator_model", self.actuator_model, TRAINED_MODELS)
         rollout = self.simulation.environments * self.ppo.steps
         check_range("simulation.environments * ppo.steps", rollout, 1, LARGEST_ROLLOUT)
 
@@ -679,10 +734,26 @@ class TrainingSettings:
 
     def digest(self) -> str:
         """SHA-256 of all settings."""
-        values: dict[str, Any] = self.as_dict()
-        values["ppo"] |= REMOVED["PpoSettings"]
-        for name in ADDED_REWARDS:
-            if getattr(self.rewards, name) == _constant(0.0):
-                del values["rewards"][name]
-        text = json.dumps(values, sort_keys=True)
+        text = json.dumps(self.as_dict(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+CPU_ENVIRONMENTS, CPU_HIDDEN = 2048, (128, 64)
+"""Robots and widths of all networks with which a CPU learns quickest."""
+
+
+def settings_for_cpu(settings: TrainingSettings) -> TrainingSettings:
+    """Settings whose size is the default, at a size that a CPU trains: fewer robots, small networks.
+
+    In single precision: without matrix units bfloat16 takes twice the time.
+    """
+    defaults = TrainingSettings()
+    simulation, ppo, estimator = settings.simulation, settings.ppo, settings.estimator
+    if simulation.environments == defaults.simulation.environments:
+        simulation = replace(simulation, environments=CPU_ENVIRONMENTS)
+    if ppo.hidden == defaults.ppo.hidden:
+        ppo = replace(ppo, hidden=CPU_HIDDEN)
+    if estimator.encoder == defaults.estimator.encoder:
+        estimator = replace(estimator, encoder=CPU_HIDDEN)
+    ppo = replace(ppo, precision="tf32")
+    return replace(settings, simulation=simulation, ppo=ppo, estimator=estimator)

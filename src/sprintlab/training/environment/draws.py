@@ -16,7 +16,8 @@ def columns(observation: Observation) -> dict[str, int]:
 
     ``push`` whether, along x, along y; ``restart`` heading, height, whether fast; ``donor`` two candidates;
     ``clone`` whether; ``joint`` pose noise; ``start`` speed if fast, if slow; ``spin`` angular velocity;
-    ``command`` for the schedule; ``noise`` on what is measured; ``delay`` of the next targets.
+    ``command`` for the schedule; ``noise`` on what is measured; ``delay`` of the next targets; ``handedness``
+    of an episode; ``temperature`` of its windings.
     """
     return {
         "push": 3,
@@ -29,6 +30,8 @@ def columns(observation: Observation) -> dict[str, int]:
         "command": 8,
         "noise": observation.measured_size,
         "delay": 1,
+        "handedness": 1,
+        "temperature": observation.joints,
     }
 
 

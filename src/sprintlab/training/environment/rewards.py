@@ -16,7 +16,6 @@ from sprintlab.commands.state import GRAVITY
 from sprintlab.control.standing import REST_COMMAND
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.training.environment.kinematics import BodyState
-from sprintlab.training.environment.loads import Loads
 from sprintlab.training.settings import RewardSettings
 
 PROGRESS_SPEED = 10.0
@@ -28,6 +27,22 @@ POWER_SPEED = 2.0
 and the power that action noise takes in training, walking on was cheaper than standing when asked to."""
 KNEE_CONTACT_HEIGHT = 0.10
 """A knee axis lower than this counts as a collision [m]."""
+
+
+class Loads(NamedTuple):
+    """What happened inside of the policy step.
+
+    Attributes:
+        power: drawn by each joint from the bus, mean [W] ``(n, joints)``.
+        stance: share of the step that a foot stood ``(n, legs)``.
+        hasty_touchdowns: cost of touchdowns sooner than a stride after the last ``(n, legs)``.
+        short_stances: cost of stances that were too short ``(n, legs)``.
+    """
+
+    power: torch.Tensor
+    stance: torch.Tensor
+    hasty_touchdowns: torch.Tensor
+    short_stances: torch.Tensor
 
 
 class RewardInput(NamedTuple):
@@ -44,7 +59,7 @@ class RewardInput(NamedTuple):
         torque: delivered by the motors [N m] ``(n, joints)``.
         limit_excess: beyond the beginning of the end stops [rad] ``(n, joints)``.
         base_height_target: [m].
-        loads: what happened in the physics steps of this policy step.
+        loads: what happened inside of this policy step.
         running_speed: forward speed, averaged over about a stride [m/s] ``(n,)``.
         running_yaw_rate: averaged alike [rad/s] ``(n,)``.
         running_side_speed: to the left, averaged alike [m/s] ``(n,)``.
@@ -102,11 +117,9 @@ PENALTIES: dict[str, Penalty] = {
     "electrical_power": lambda x, s: (
         x.loads.power.sum(1).clamp(min=0.0) / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
     ),
-    "gear_torque": lambda x, s: (x.loads.gear_torque - s.gear_torque_limit).clamp(min=0.0).square().sum(1),
-    "foot_force": lambda x, s: (x.loads.foot_force - s.foot_force_limit).clamp(min=0.0).square().sum(1),
     "hasty_touchdowns": lambda x, s: x.loads.hasty_touchdowns.sum(1),
     "short_stances": lambda x, s: x.loads.short_stances.sum(1),
-    "restlessness": lambda x, s: (
+    "motion_at_zero_command": lambda x, s: (
         _asked_to_stand(x) * ((1.0 - x.loads.stance).sum(1) + 2.0 * x.running_speed.abs().clamp(max=1.0))
     ),
     "leg_distance": lambda x, s: (x.body.leg_distance < s.leg_distance_limit).float().sum(1),
@@ -178,11 +191,27 @@ def fine_tracking(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tenso
     """Accuracy over a stride, unweighted, each ``(n,)``: of the forward speed and of the yaw rate.
 
     ``exp(-|error| / width)``: the paper's kernels, 1 m/s and 1 rad/s wide, are flat where a good runner is;
-    these have a slope everywhere.
+    these have a slope everywhere. The width of the first grows with the command.
     """
-    speed = (x.command[:, 0] - x.running_speed).abs() / settings.fine_speed
-    turn = (x.command[:, 2] - x.running_yaw_rate).abs() / settings.fine_yaw_rate
-    return torch.exp(-speed), torch.exp(-turn)
+    standing, growing = settings.held_width
+    command = x.command[:, 0]
+    held = torch.exp(-(command - x.running_speed).abs() / (standing + growing * command.abs()))
+    error = (x.command[:, 2] - x.running_yaw_rate).abs()
+    narrow, wide = (torch.exp(-error / width) for width in settings.fine_yaw_rates)
+    return held, 0.5 * (narrow + wide)
+
+
+def rewarded(x: RewardInput, settings: RewardSettings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Everything paid, weighted; and the speed and yaw kernels of the paper, unweighted; ``(n,)`` each."""
+    follow, turn, onward = tracking(x, settings.angular_sharpness)
+    held, fine_turn = fine_tracking(x, settings)
+    others = (
+        settings.linear_tracking * follow
+        + settings.angular_tracking * turn
+        + settings.progress * onward
+        + settings.fine_yaw_tracking * fine_turn
+    )
+    return settings.fine_speed_tracking * held + (held * others if settings.tied else others), follow, turn
 
 
 def penalty_terms(settings: RewardSettings) -> tuple[Penalty, ...]:

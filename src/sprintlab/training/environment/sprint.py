@@ -1,7 +1,7 @@
 """The training environment: thousands of robots, nothing in a step that waits for the device.
 
-A step is two graph launches on CUDA: the substeps (``BatchSimulation``) and everything after them
-(``_after_physics``: rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
+A step is one graph launch on CUDA: the engine's kernel, which is the whole physics of a policy step, and
+everything after it (rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
 All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code
 runs plainly, without graphs and compilation: the reference.
 """
@@ -36,36 +36,74 @@ from sprintlab.control import (
 from sprintlab.control.arrays import where_rows
 from sprintlab.control.contract import ACTION_LIMIT
 from sprintlab.control.standing import StandingContract, standing_share
-from sprintlab.robots import load_robot
-from sprintlab.training.environment.actuator_network import drive_scales
+from sprintlab.engine import Engine, EngineOptions
+from sprintlab.motors import no_load_speed, saturate
+from sprintlab.robots import RobotDescription, load_robot
+from sprintlab.training.environment.constraints import (
+    WATCHED,
+    Monitors,
+    broken_parts,
+    by_phase,
+    command_phases,
+    ended_share,
+)
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
 from sprintlab.training.environment.kinematics import BodyState, Kinematics, heading_velocity
 from sprintlab.training.environment.randomization import randomize
 from sprintlab.training.environment.rewards import (
+    Loads,
     RewardInput,
     aggregate,
-    fine_tracking,
     penalties,
     penalty_terms,
-    tracking,
+    rewarded,
 )
-from sprintlab.training.environment.simulation import BatchSimulation
 from sprintlab.training.environment.stride_prior import StrideReference
 from sprintlab.training.graphs import captured, compiled
 from sprintlab.training.learner.metric_buffer import MetricBuffer
-from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings import PHASES, TrainingSettings
 
 POLICY_STEP = 0.02
 SPEED_AVERAGE = 0.1
 """Weight of the newest speed in the running speed that the command schedule follows."""
 _LARGEST_OBSERVATION = 50.0
-_LATER_STATE = ("running_side_speed",)  # not in older checkpoints: where it is missing, it begins from zero
+_FORGETTING = 0.02
+"""By which a robot's own record sinks [m/s in a second]."""
 _LOGGED = (
     "tracking", "turning", "reward", "speed", "command_error", "falls", "power", "contact", "on_limit",
     "tilt", "vertical_speed", "broken", "electrical_power",
+    "ended_share", *(f"fast/{phase}" for phase in PHASES), *(f"broken/{name}" for name in WATCHED),
 )  # fmt: skip
 _PERCENTILES = {"speed_median": 0.5, "speed_p95": 0.95, "speed_p999": 0.999}
+
+
+ENGINE_STATE = (
+    "bristle", "winding_temperature", "recent_force", "loaded", "since_touchdown", "carried",
+)  # fmt: skip
+"""What the engine keeps of a robot beside position and velocity: a copy takes it over."""
+_LONG_AGO = 1.0
+"""Time since its last touchdown of a foot that has not touched down yet [s]."""
+
+
+def engine_options(settings: TrainingSettings) -> EngineOptions:
+    """The engine of a training."""
+    simulation = settings.simulation
+    return EngineOptions(
+        robots=simulation.environments,
+        timestep=simulation.timestep,
+        substeps=simulation.substeps,
+        motor_model=settings.actuator_model,
+        saturation=simulation.saturation,
+        knee_spring=simulation.knee_spring,
+        heat=simulation.heat,
+    )
+
+
+def drive_scales(robot: RobotDescription) -> tuple[Any, Any]:
+    """Peak torque [N m] and no-load speed [rad/s] of every joint ``(joints,)``, on the robot's own bus."""
+    peak = saturate(robot.motors, robot.motors.peak_torque) * robot.gear.ratio
+    return peak, no_load_speed(robot.motors, robot.bus_voltage) / robot.gear.ratio
 
 
 class SprintEnvironment:
@@ -93,14 +131,15 @@ class SprintEnvironment:
         self.cfg = settings.as_dict()
         self.robot = load_robot(settings.robot)
         self.num_envs, self.num_actions = settings.simulation.environments, len(self.robot.joint_names)
-        self.simulation = BatchSimulation(self.robot, settings.simulation, settings.actuator_model, device)
-        self.kinematics = Kinematics(self.robot, self.simulation)
-        self.friction = randomize(self.simulation, settings.randomization)
+        self.engine = Engine(self.robot, engine_options(settings), device)
+        self.slope, self.mean_delay = randomize(self.engine, settings.randomization)
+        self.kinematics = Kinematics(self.robot, self.engine, self.slope)
+        self.friction = self.engine.friction
         prior = settings.prior
         self.strides = None if prior is None else StrideReference(prior, self.robot, device)
         self.prior_weight = torch.full((), 0.0 if prior is None else prior.weight_at(0), device=device)
         self.peak_torque, self.no_load_speed = (
-            torch.tensor(scale, dtype=torch.float32, device=device) for scale in drive_scales(self.robot)
+            torch.as_tensor(scale, dtype=torch.float32, device=device) for scale in drive_scales(self.robot)
         )
         self.observation = settings.observation.for_joints(self.num_actions)
         self.draws = Draws(self.num_envs, self.observation, device)
@@ -110,10 +149,10 @@ class SprintEnvironment:
         self._allocate_state()
         self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
         self._start_all()
-        self._finish_step: Callable[[], None] = self._after_physics
+        self._step: Callable[[], None] = self._whole_step
         if fused and str(device).startswith("cuda"):
             self._transition = compiled(self._transition, fused)
-            self._finish_step = captured(self._after_physics, device)
+            self._step = captured(self._whole_step, device)
             self._start_all()
 
     # --- memory ------------------------------------------------------------------------------------------
@@ -137,9 +176,9 @@ class SprintEnvironment:
                 for _ in range(self.observation.size(term))
             ]
         )
-        self._standing_qpos = tensor(self.simulation.mj_model.key_qpos[0])
+        self._standing_qpos = tensor(self.engine.mj_model.key("stand").qpos)
         limits = self.settings.rewards
-        self.simulation.monitor.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
+        self.engine.shortest.copy_(tensor((limits.shortest_stride, limits.shortest_stance)))
         self._draw_joint_offsets(noise.joint_offset)
 
     def _draw_joint_offsets(self, greatest: float) -> None:
@@ -180,7 +219,11 @@ class SprintEnvironment:
             torch.zeros((), device=self.device) for _ in range(4)
         )
         self.weights = self._first_weights.clone()
-        self.reward, self.time_out = zeros(n), zeros(n)
+        self.reward, self.time_out, self.ended_share = zeros(n), zeros(n), zeros(n)
+        self.phases, self.broken_parts = zeros(n, len(PHASES)), zeros(n, len(WATCHED))
+        self.chances = zeros(len(WATCHED))
+        self.record = zeros(n)  # best running speed of late
+        self.handedness = torch.ones(n, 1, device=self.device)
         self.done = torch.zeros(n, dtype=torch.long, device=self.device)
         self.actor_observation, self.critic_observation = (
             zeros(n, size) for size in (layout.input_size, layout.frame_size + ESTIMATE_SIZE)
@@ -195,12 +238,17 @@ class SprintEnvironment:
             "running_yaw_rate", "running_side_speed", "course", "filtered", "estimate", "held", "history",
             "grid_weights", "tracked",
             "episode_length_buf", "episode_limit", "lower", "upper", "stage", "weights", "reward",
-            "time_out", "done",
-            "actor_observation", "critic_observation",
+            "time_out", "done", "ended_share", "chances", "record", "handedness",
+            "actor_observation", "critic_observation", "slope", "mean_delay",
         )  # fmt: skip
         named = {name: getattr(self, name) for name in own}
         named |= {f"commands.{name}": value for name, value in self.commands._asdict().items()}
-        return named | {f"simulation.{name}": value for name, value in self.simulation.state().items()}
+        engine = (
+            "qpos", "qvel", "target", "previous_target", "delay", "stiffness", "damping", "strength",
+            "parameters", "torque",
+            "leg_distance", "foot_position", "foot_velocity", "knee_position", *ENGINE_STATE,
+        )  # fmt: skip
+        return named | {f"engine.{name}": getattr(self.engine, name) for name in engine}
 
     def load_state(self, state: dict[str, torch.Tensor]) -> None:
         """Copy a saved ``state`` into the tensors that the graphs know.
@@ -209,10 +257,7 @@ class SprintEnvironment:
             KeyError: a tensor is missing.
         """
         for name, tensor in self.state().items():
-            if name in _LATER_STATE and name not in state:
-                tensor.zero_()
-            else:
-                tensor.copy_(state[name])
+            tensor.copy_(state[name])
 
     # --- curriculum --------------------------------------------------------------------------------------
 
@@ -249,20 +294,20 @@ class SprintEnvironment:
         self.action.copy_(((1.0 - self.held)[:, None] * actions).clamp(-ACTION_LIMIT, ACTION_LIMIT))
         target = joint_targets(self.action, self._default_pose, self._action_scale, ACTION_LIMIT)
         target = target - self._joint_offset
-        self.simulation.previous_target.copy_(self.simulation.target)
-        self.simulation.target.copy_(target)
+        self.engine.previous_target.copy_(self.engine.target)
+        self.engine.target.copy_(target)
 
-    def advance(self, watch: Callable[[int], None] | None = None) -> None:
-        """Physics, then rewards, ends, resets, commands and observations; ``watch`` as in the simulation."""
-        self.simulation.step(watch)
-        self._finish_step()
+    def advance(self) -> None:
+        """Physics, then rewards, ends, resets, commands and observations."""
+        self._step()
         self._logged_steps += 1
 
-    # --- the step after physics --------------------------------------------------------------------------
-
-    def _after_physics(self) -> None:
+    def _whole_step(self) -> None:
+        self.engine.step()
         self.draws.refill()
         self._transition()
+
+    # --- the step after physics --------------------------------------------------------------------------
 
     @torch.no_grad()
     def _transition(self) -> None:
@@ -274,7 +319,7 @@ class SprintEnvironment:
         self.running_yaw_rate.add_(SPEED_AVERAGE * (body.angular_velocity[:, 2] - self.running_yaw_rate))
         ends = find_ends(
             body,
-            self.simulation.qvel,
+            self.engine.qvel,
             self.episode_length_buf,
             self.episode_limit,
             self.settings.episodes,
@@ -303,31 +348,49 @@ class SprintEnvironment:
             previous_action=self.previous_action,
             earlier_action=self.earlier_action,
             joint_acceleration=(body.joint_velocity - self.last_joint_velocity) / POLICY_STEP,
-            torque=self.simulation.drive_torque,
+            torque=self.engine.torque,
             limit_excess=above + below,
             base_height_target=self.robot.base_height_target,
-            loads=self.simulation.monitor.loads,
+            loads=Loads(*(getattr(self.engine, name) for name in Loads._fields)),
             running_speed=self.running_speed,
             running_yaw_rate=self.running_yaw_rate,
             running_side_speed=self.running_side_speed,
-            weight=self.simulation.monitor.weight,
+            weight=self.engine.weight,
             no_load_speed=self.no_load_speed,
             peak_torque=self.peak_torque,
         )
         rewards = self.settings.rewards
-        follow, turn, onward = tracking(inputs, rewards.angular_sharpness)
-        fine_follow, fine_turn = fine_tracking(inputs, rewards)
         weighted = penalties(inputs, rewards, self._penalties) * self.weights
-        positive = rewards.linear_tracking * follow + rewards.angular_tracking * turn
-        positive = positive + rewards.progress * onward
-        positive = (
-            positive + rewards.fine_speed_tracking * fine_follow + rewards.fine_yaw_tracking * fine_turn
-        )
+        positive, follow, turn = rewarded(inputs, rewards)
         if self.strides is not None:
             positive = positive + self.prior_weight * self.strides.likeness(body, self.running_speed)
         rate = torch.nan_to_num(aggregate(positive, weighted.sum(1), rewards))
         self.reward.copy_(torch.where(ends.failed, torch.zeros_like(rate), rate) * POLICY_STEP)
+        self._constrain(inputs)
         self._log(inputs, (follow, turn, rate), ends, weighted)
+
+    def _constrain(self, inputs: RewardInput) -> None:
+        """The share of the future that ends with this step."""
+        settings = self.settings.constraints
+        if settings is None:
+            return
+        parts = broken_parts(self._monitors(), settings)
+        phases = command_phases(inputs.command[:, 0], inputs.target_speed, inputs.running_speed)
+        self.phases.copy_(phases)
+        self.broken_parts.copy_(by_phase(phases, parts))
+        self.ended_share.copy_(ended_share(self.broken_parts, self.chances))
+
+    def _monitors(self) -> Monitors:
+        """What the audit measures in this step."""
+        engine = self.engine
+        return Monitors(
+            foot_force=engine.foot_force,
+            pad_deflection=engine.pad_deflection,
+            gear_torque=engine.gear_torque,
+            leg_distance=engine.leg_distance,
+            joint_speed=engine.joint_speed,
+            stop_depth=engine.stop_depth / self.robot.soft_stop.zone,
+        )
 
     def _followed_speed(self) -> torch.Tensor:
         """Where the commanded speed is on its way to [m/s]: itself under a schedule that knows no targets."""
@@ -344,6 +407,8 @@ class SprintEnvironment:
         """Add this step's means to the sums, in the order of ``_LOGGED``; read once an iteration."""
         body = inputs.body
         forward = body.velocity[:, 0]
+        constraints = self.settings.constraints
+        fast = (self.running_speed > (constraints.fast if constraints else 1.0) * self.upper).float()[:, None]
         values = (
             *rewards,
             forward,
@@ -351,11 +416,14 @@ class SprintEnvironment:
             ends.failed.float(),
             (inputs.torque * body.joint_velocity).clamp(min=0.0).sum(1),
             body.contact.mean(1),
-            self.simulation.on_limit.mean(1),
+            self.engine.limit_share.mean(1),
             body.gravity[:, :2].norm(dim=1),
             body.velocity[:, 2].abs(),
             ends.broken.float(),
-            self.simulation.monitor.loads.power.sum(1),
+            self.engine.power.sum(1),
+            self.ended_share,
+            *(self.phases * fast).unbind(1),
+            *(self.broken_parts * fast).unbind(1),
         )
         means = torch.cat((torch.stack(values, 1), weighted), 1)
         self._log_sums.add_(torch.nan_to_num(means).mean(0))
@@ -390,14 +458,14 @@ class SprintEnvironment:
         """Now and then a kick: a random change of the horizontal base velocity."""
         settings, draw = self.settings.randomization, self.draws["push"]
         kicked = (draw[:, :1] < POLICY_STEP / settings.push_interval).float()
-        self.simulation.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
+        self.engine.qvel[:, :2] += kicked * settings.push_speed * (2 * draw[:, 1:] - 1)
 
     def _jitter_delay(self) -> None:
         """How late the next targets reach the joints, in physics steps."""
-        settings, simulation = self.settings, self.simulation
+        settings = self.settings
         width = settings.randomization.delay_jitter / settings.simulation.timestep
-        late = simulation.mean_delay + width * (2 * self.draws["delay"][:, 0] - 1)
-        simulation.delay.copy_(late.round().clamp(min=0.0, max=settings.simulation.substeps))
+        late = self.mean_delay + width * (2 * self.draws["delay"][:, 0] - 1)
+        self.engine.delay.copy_(late.round().clamp(min=0.0, max=settings.simulation.substeps))
 
     # --- resets ------------------------------------------------------------------------------------------
 
@@ -419,7 +487,6 @@ class SprintEnvironment:
             mask, self.running_speed, self.episode_length_buf, self.draws, self.settings.episodes
         )
         self._place(mask, starts.donors, starts.copied)
-        self.simulation.supply.restart(starts.restarted, starts.copied, starts.donors)
         # A copy takes over what belongs to the running robot; a fresh start begins from zero.
         zero_at_start = (
             self.previous_action, self.earlier_action, self.estimate, self.running_yaw_rate,
@@ -428,40 +495,52 @@ class SprintEnvironment:
         for buffer in zero_at_start:
             started = where_rows(starts.restarted, torch.zeros_like(buffer), buffer)
             buffer.copy_(where_rows(starts.copied, buffer[starts.donors], started))
-        for buffer in (self.filtered, self.history, self.held, self.course, self.tracked, *self.commands):
+        drawn = torch.where(self.draws["handedness"] < 0.5, 1.0, -1.0)
+        self._put(self.handedness, starts.restarted, drawn)
+        taken_over = (
+            self.filtered, self.history, self.held, self.course, self.tracked, self.handedness,
+            *self.commands,
+        )  # fmt: skip
+        for buffer in taken_over:
             self._put(buffer, starts.copied, buffer[starts.donors])
-        for buffer in self.simulation.monitor.state().values():
+        for name in ENGINE_STATE:
+            buffer = getattr(self.engine, name)
             self._put(buffer, starts.copied, buffer[starts.donors])
-            self._put(buffer, starts.restarted, torch.ones_like(buffer))
+            self._put(buffer, starts.restarted, self._at_start(name, buffer))
         self.episode_length_buf.mul_((~mask).long())
         return starts.restarted
 
+    def _at_start(self, name: str, buffer: torch.Tensor) -> torch.Tensor:
+        """What the engine keeps of a robot that stands in the air: no contact for long, windings as drawn."""
+        if name == "winding_temperature":
+            lowest, highest = self.settings.simulation.winding_temperature
+            drawn = lowest + (highest - lowest) * self.draws["temperature"]
+            return buffer if self.settings.simulation.heat is None else drawn
+        return torch.full_like(buffer, _LONG_AGO if name == "since_touchdown" else 0.0)
+
     def _place(self, mask: torch.Tensor, donors: torch.Tensor, copied: torch.Tensor) -> None:
         """Write position, velocity, joint targets and what follows from them for the robots in ``mask``."""
-        simulation = self.simulation
+        engine = self.engine
         qpos, qvel = standing_starts(
             self._standing_qpos,
             self.kinematics.joint_qpos,
-            simulation.qvel.shape[1],
+            engine.qvel.shape[1],
             self.upper,
             self.draws,
             self.settings.episodes,
         )
-        donor_qpos = simulation.qpos[donors]
+        donor_qpos = engine.qpos[donors]
         donor_qpos[:, :2] = 0.0
         qpos = where_rows(copied, donor_qpos, qpos)
-        qvel = where_rows(copied, simulation.qvel[donors], qvel)
+        qvel = where_rows(copied, engine.qvel[donors], qvel)
         forward = heading_velocity(qpos[:, 3:7], qvel[:, :3])[:, 0]
         forward = torch.where(copied, self.running_speed[donors], forward)
-        target = where_rows(
-            copied, simulation.target[donors], self._default_pose.expand_as(simulation.target)
-        )
+        target = where_rows(copied, engine.target[donors], self._default_pose.expand_as(engine.target))
         self._put(self.last_joint_velocity, mask, qvel[:, self.kinematics.joint_qvel])
         self._put(self.running_speed, mask, forward)
-        self._put(simulation.target, mask, target)
-        self._put(simulation.qacc_warmstart, mask, torch.zeros_like(qvel))
-        self._put(simulation.qpos, mask, qpos)
-        self._put(simulation.qvel, mask, qvel)
+        self._put(engine.target, mask, target)
+        self._put(engine.qpos, mask, qpos)
+        self._put(engine.qvel, mask, qvel)
 
     @staticmethod
     def _put(buffer: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None:
@@ -484,14 +563,26 @@ class SprintEnvironment:
             weights=self.grid_weights,
             steady=self.steady,
         )
+        renewed = reset_mask | (advanced.time_to_target > before)
+        advanced = advanced._replace(target_speed=self._within_record(advanced.target_speed, renewed))
         if self.settings.heading_hold:
-            advanced = self._hold_heading(advanced, reset_mask | (advanced.time_to_target > before))
+            advanced = self._hold_heading(advanced, renewed)
         for buffer, value in zip(self.commands, advanced, strict=True):
             buffer.copy_(value)
 
+    def _within_record(self, target: torch.Tensor, renewed: torch.Tensor) -> torch.Tensor:
+        """New targets of the fine-tuning phase: scaled to what the robot has lately run, and a margin."""
+        margin = self.settings.stages.record_margin
+        if margin is None:
+            return target
+        self.record.copy_(torch.maximum(self.record - _FORGETTING * POLICY_STEP, self.running_speed))
+        share = ((self.record + margin) / self.upper.clamp(min=1.0)).clamp(max=1.0)
+        share = 1.0 - self.steady * (1.0 - share)
+        return torch.where(renewed & (target > 0.0), share * target, target)
+
     def _hold_heading(self, commands: CommandState, renewed: torch.Tensor) -> CommandState:
         """Where no turn is wanted: the yaw rate back to the heading at which the target was drawn."""
-        heading = heading_angle(self.simulation.qpos[:, 3:7])
+        heading = heading_angle(self.engine.qpos[:, 3:7])
         self.course.copy_(torch.where(renewed, heading, self.course))
         speed, turn = commands.command[:, 0], commands.command[:, 2]
         back = heading_command(heading - self.course, torch.zeros_like(speed), speed, friction=self.friction)

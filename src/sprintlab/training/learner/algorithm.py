@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from sprintlab.control import low_pass_coefficient
+from sprintlab.control import ESTIMATE_SIZE, low_pass_coefficient
 from sprintlab.control.filters import ESTIMATE_CUTOFF_HZ
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import RobotDescription
@@ -26,7 +26,7 @@ from sprintlab.training.learner.losses import (
     estimator_losses,
     generalized_advantages,
     log_probability,
-    loudness_of,
+    noise_scale_per_env,
     policy_losses,
     robot_noise,
 )
@@ -86,10 +86,10 @@ class EstimatorPpo:
             environment.num_envs,
             ppo.steps,
             environment.observation,
-            settings.estimator.latent,
+            settings,
             self.device,
         )
-        self._noise_scale = loudness_of(environment.num_envs, ppo).unsqueeze(1).to(self.device)
+        self._noise_scale = noise_scale_per_env(environment.num_envs, ppo).unsqueeze(1).to(self.device)
         policy = [*self.actor.policy.parameters(), self.actor.std]
         self.learning_rate = torch.tensor(ppo.learning_rate, device=self.device)
         self.block = ParameterBlock([policy, list(self.critic.value.parameters())], self.learning_rate, fused)
@@ -98,19 +98,21 @@ class EstimatorPpo:
         self.estimator_block = ParameterBlock(estimator, self.estimator_rate, fused)
         self.old_std = self.actor.std.detach().clone()
         self.least_std, self.most_std = (torch.tensor(ppo.least_std, device=self.device) for _ in range(2))
-        self.set_phase(0)
+        self.desired_kl = torch.tensor(ppo.desired_kl, device=self.device)
+        self.set_phase(0.0)
         self._loss_sums = torch.zeros(len(LOSS_NAMES), device=self.device)
         self.rolled_back = torch.zeros((), device=self.device)
         self._before = [tensor.detach().clone() for tensor in self._revertible()]
 
-    def set_phase(self, iteration: int) -> None:
-        """The action noise and the estimator's learning rate of an iteration of the run."""
-        settings = self.settings
-        self.least_std.fill_(settings.ppo.noise_floor(iteration))
-        self.most_std.fill_(min(settings.ppo.noise_ceiling(iteration), LARGEST_STD))
-        self.estimator_rate.fill_(settings.estimator.rate(settings.ppo.calm_share(iteration)))
-        quiet = settings.stages.is_steady(iteration)
-        self.rollout.noise_scale.copy_(self._noise_scale if quiet else torch.ones_like(self._noise_scale))
+    def set_phase(self, share: float) -> None:
+        """Action noise, aimed-at divergence and the estimator's learning rate after a share of the run."""
+        ppo, estimator = self.settings.ppo, self.settings.estimator
+        self.least_std.fill_(ppo.std_floor(share))
+        self.most_std.fill_(min(ppo.std_ceiling(share), LARGEST_STD))
+        self.desired_kl.fill_(ppo.divergence_aim(share))
+        self.estimator_rate.fill_(estimator.rate(ppo.annealed(share)))
+        steady = self.settings.stages.is_steady(share)
+        self.rollout.noise_scale.copy_(self._noise_scale if steady else torch.ones_like(self._noise_scale))
 
     # --- graphs ------------------------------------------------------------------------------------------
 
@@ -148,8 +150,8 @@ class EstimatorPpo:
 
     def _revertible(self) -> list[torch.Tensor]:
         """What a diverged update would spoil; the blocks hold every parameter."""
-        buffers = [*self.actor.buffers(), *self.critic.buffers()]
-        return [self.block.values, self.estimator_block.values, *buffers, *self._moments()]
+        moments = [each for network in (self.actor, self.critic) for each in network.normalizer.moments()]
+        return [self.block.values, self.estimator_block.values, *moments, *self._moments()]
 
     # --- acting ------------------------------------------------------------------------------------------
 
@@ -161,8 +163,8 @@ class EstimatorPpo:
     @torch.no_grad()
     def _act_with(self, noise: torch.Tensor) -> None:
         environment, rollout = self.environment, self.rollout
-        history, privileged = environment.actor_observation, environment.critic_observation
-        actor_input, estimate = self.actor.perceive(history, environment.estimate)
+        history, privileged = environment.actor_observation, self._privileged()
+        actor_input, estimate = self.actor.perceive(history, environment.estimate, environment.handedness)
         environment.estimate.copy_(estimate)
         mean, value = decide_and_value(self.actor, self.critic, actor_input, privileged, self.settings.ppo)
         std = robot_noise(self.actor.std, rollout.noise_scale[:, 0])
@@ -180,12 +182,17 @@ class EstimatorPpo:
             rollout.write(name, each)
         environment.write_action(action)
 
+    def _privileged(self) -> torch.Tensor:
+        """What the critic sees ``(n, 54)``; without handedness ``(n, 53)`` where it is not symmetric."""
+        observed = self.environment.critic_observation
+        return torch.cat((observed, self.environment.handedness), 1) if self.actor.symmetric else observed
+
     @torch.no_grad()
     def _record(self) -> None:
         """Store what the step brought, and move on to the next column."""
         environment, rollout = self.environment, self.rollout
         rollout.write("reward", environment.reward)
-        rollout.write("end", environment.done.float())
+        rollout.write("end", torch.maximum(environment.done.float(), environment.ended_share))
         rollout.write("time_out", environment.time_out)
         rollout.write("next_frame", environment.actor_observation[:, -rollout.frame_size :])
         rollout.step.add_(1).remainder_(rollout.steps)
@@ -218,7 +225,7 @@ class EstimatorPpo:
         """Advantages and returns of the rollout."""
         r = self.rollout
         self.old_std.copy_(self.actor.std)
-        last = self.critic(self.environment.critic_observation)
+        last = self.critic(self._privileged())
         advantage = self._advantages(r.reward, r.value, r.end, r.time_out, last, self.settings.ppo)
         r.returns.copy_(advantage + r.value)
         r.advantage.copy_(self._workers.normalized(advantage))
@@ -234,7 +241,7 @@ class EstimatorPpo:
     def _note_losses(self, parts: torch.Tensor) -> None:
         """Adapt the learning rate to the divergence, and add the losses to the sums."""
         ppo = self.settings.ppo
-        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], ppo.desired_kl))
+        self.learning_rate.copy_(adapted_learning_rate(self.learning_rate, parts[3], self.desired_kl))
         self._loss_sums[:4] += parts / (ppo.epochs * ppo.mini_batches)
 
     @torch.no_grad()
@@ -253,10 +260,10 @@ class EstimatorPpo:
     @torch.no_grad()
     def _update_normalizers(self) -> None:
         """After the update, so that its likelihood ratios compare the policies on equal inputs."""
-        known = self.rollout.privileged.shape[-1]
+        known = self.rollout.frame_size + ESTIMATE_SIZE
         pairs = (
             (self.actor.normalizer, self.rollout.actor_input[..., :known]),
-            (self.critic.normalizer, self.rollout.privileged),
+            (self.critic.normalizer, self.rollout.privileged[..., :known]),
         )
         for normalizer, values in pairs:
             mean, variance = self._workers.moments(values.mean((0, 1)), values.var((0, 1), correction=0))

@@ -31,11 +31,11 @@ def robot_noise(std: torch.Tensor, noise_scale: torch.Tensor) -> torch.Tensor:
     return std * noise_scale.unsqueeze(-1)
 
 
-def loudness_of(robots: int, settings: PpoSettings) -> torch.Tensor:
-    """Share of the action noise that each robot has ``(robots,)``: the quiet ones spread evenly."""
-    place = torch.arange(robots + 1, dtype=torch.float64) * settings.quiet_share + 1e-9
-    quiet = place.floor().diff() > 0.0
-    return torch.where(quiet, settings.quiet_noise, 1.0)
+def noise_scale_per_env(robots: int, settings: PpoSettings) -> torch.Tensor:
+    """Factor of the action noise of each robot ``(robots,)``: those with little noise spread evenly."""
+    place = torch.arange(robots + 1, dtype=torch.float64) * settings.low_noise_fraction + 1e-9
+    low = place.floor().diff() > 0.0
+    return torch.where(low, settings.low_noise_scale, 1.0)
 
 
 def entropy(std: torch.Tensor) -> torch.Tensor:
@@ -64,18 +64,19 @@ def generalized_advantages(
     Args:
         rewards: ``(n, T)``.
         values: of the states before each step ``(n, T)``.
-        ends: 1 where the episode ended with the step ``(n, T)``.
-        time_outs: 1 where it ended for no fault of the robot: its future is bootstrapped ``(n, T)``.
+        ends: 1 where the episode ended with the step; the share of the future that ended where a constraint
+            was broken ``(n, T)``.
+        time_outs: 1 where the episode was truncated: its future is bootstrapped ``(n, T)``.
         last_value: of the states after the last step ``(n,)``.
         settings: discount and lambda.
     """
     rewards = rewards + settings.discount * values * time_outs
-    going_on = 1.0 - ends
+    not_done = 1.0 - ends
     columns, advantage, following = [], torch.zeros_like(last_value), last_value
     for step in range(rewards.shape[1] - 1, -1, -1):
-        discounted = going_on[:, step] * settings.discount
-        surprise = rewards[:, step] + discounted * following - values[:, step]
-        advantage = surprise + discounted * settings.gae * advantage
+        discounted = not_done[:, step] * settings.discount
+        td_error = rewards[:, step] + discounted * following - values[:, step]
+        advantage = td_error + discounted * settings.gae * advantage
         following = values[:, step]
         columns.append(advantage)
     return torch.stack(columns[::-1], 1)
@@ -86,9 +87,9 @@ class PolicyBatch(NamedTuple):
 
     Attributes:
         noise_scale: share of the action noise that the robot had ``(m,)``.
-        actor_input: what the policy network saw ``(m, 69)``: stored, so that the likelihood ratio compares
+        actor_input: what the policy network saw ``(m, 70)``: stored, so that the likelihood ratio compares
             policies on the same input, and no gradient reaches the estimator.
-        privileged: what the critic saw ``(m, 53)``.
+        privileged: what the critic saw ``(m, 54)``.
         action: taken ``(m, k)``.
         mean: of the action's distribution then ``(m, k)``.
         log_probability: of the action then ``(m,)``.
@@ -125,8 +126,8 @@ def policy_losses(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The loss ``()``; surrogate, value loss, entropy, divergence ``(4,)`` without gradient.
 
-    Entropy and divergence are those of the policy with all its noise: a few quiet robots, for whom the same
-    change of the mean is many deviations, shall not set the pace.
+    Entropy and divergence are those of the policy with all its noise: a few robots with little noise, for
+    whom the same change of the mean is many deviations, shall not set the pace.
     """
     mean, value = decide_and_value(actor, critic, batch.actor_input, batch.privileged, settings)
     noise = robot_noise(actor.std, batch.noise_scale)
@@ -141,7 +142,9 @@ def policy_losses(
     return loss, torch.stack((surrogate.detach(), value_loss.detach(), bonus.detach(), moved))
 
 
-def adapted_learning_rate(rate: torch.Tensor, moved: torch.Tensor, desired: float) -> torch.Tensor:
+def adapted_learning_rate(
+    rate: torch.Tensor, moved: torch.Tensor, desired: torch.Tensor | float
+) -> torch.Tensor:
     """Slower by 1.5 where the policy moved twice too far, faster where it moved less than half: ``()``."""
     faster = (moved < 0.5 * desired) & (moved > 0.0)
     steps = faster.float() - (moved > 2.0 * desired).float()

@@ -1,4 +1,4 @@
-"""The networks: running normalization, the VAE estimator, actor and critic.
+"""The networks: running normalization, the VAE estimator, actor and critic, symmetric or plain.
 
 The estimator reads the normalized history and yields ``e`` (body velocity 3, height 1, foot contact 4) and a
 latent ``z``; the actor sees the newest frame, the low-passed ``e`` and the mean of ``z``; the critic sees the
@@ -16,6 +16,16 @@ from torch import nn
 from torch.nn import functional
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
+from sprintlab.training.learner.equivariant import LastLayer, SymmetricPerceptron, SymmetricTrunk
+from sprintlab.training.learner.mirror import (
+    ESTIMATE_MIRROR,
+    HANDEDNESS_MIRROR,
+    Mirror,
+    frame_mirror,
+    joint_mirror,
+    paired,
+    signed,
+)
 from sprintlab.training.settings import NORMALIZER_FLOOR, EstimatorSettings, PpoSettings, TrainingSettings
 
 VELOCITY_SIZE, CONTACT_START = 3, 4
@@ -80,17 +90,32 @@ def perceptron(sizes: Sequence[int]) -> nn.Sequential:
 
 
 class Normalizer(nn.Module):
-    """Subtracts the running mean and divides by the running deviation of each number ``(..., size)``."""
+    """Subtracts the running mean and divides by the running deviation of each number ``(..., size)``.
+
+    Args:
+        size: of the vector.
+        mirror: of the vector, if the statistics shall be those of the samples and their mirror images.
+    """
 
     mean: torch.Tensor
     variance: torch.Tensor
     count: torch.Tensor
+    index: torch.Tensor
+    sign: torch.Tensor
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, mirror: Mirror | None = None) -> None:
         super().__init__()
+        self.mirrored = mirror is not None
+        if mirror is not None:
+            self.register_buffer("index", torch.tensor(mirror.index), persistent=False)
+            self.register_buffer("sign", torch.tensor(mirror.sign), persistent=False)
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("variance", torch.ones(size))
         self.register_buffer("count", torch.zeros(()))
+
+    def moments(self) -> list[torch.Tensor]:
+        """What it has learned: mean and variance ``(size,)``, and the number of samples ``()``."""
+        return [self.mean, self.variance, self.count]
 
     def forward(self, values: torch.Tensor) -> torch.Tensor:
         """Normalized values, limited to +-10 so that an outlier cannot saturate the networks."""
@@ -100,6 +125,8 @@ class Normalizer(nn.Module):
     @torch.no_grad()
     def update(self, mean: torch.Tensor, variance: torch.Tensor, count: int) -> None:
         """Merge the moments of ``count`` further samples (Chan's rule); no host synchronisation."""
+        if self.mirrored:
+            mean, variance = self._with_mirror_images(mean, variance)
         total = self.count + count
         difference = mean - self.mean
         share = count / total
@@ -107,6 +134,13 @@ class Normalizer(nn.Module):
         self.variance.copy_(spread + difference.square() * share * (1 - share))
         self.mean.add_(difference * share)
         self.count.copy_(total)
+
+    def _with_mirror_images(
+        self, mean: torch.Tensor, variance: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Moments of samples and their mirror images together, from those of the samples ``(size,)``."""
+        other, spread = self.sign * mean[self.index], variance[self.index]
+        return 0.5 * (mean + other), 0.5 * (variance + spread) + 0.25 * (mean - other).square()
 
 
 class Encoding(NamedTuple):
@@ -130,19 +164,33 @@ class Estimator(nn.Module):
         observation: what the robot sees.
         settings: widths and scales.
         height: of the trunk about which the height estimate is centred [m].
+        symmetric: whether a mirrored history gives the mirrored estimate.
     """
 
-    def __init__(self, observation: Observation, settings: EstimatorSettings, height: float) -> None:
+    def __init__(
+        self, observation: Observation, settings: EstimatorSettings, height: float, symmetric: bool = False
+    ) -> None:
         super().__init__()
         self.settings, self._height = settings, height
-        trunk = perceptron((observation.input_size, *settings.encoder))
+        build = self._build_symmetric if symmetric else self._build_plain
+        build(observation, settings)
+
+    def _build_plain(self, observation: Observation, settings: EstimatorSettings) -> None:
+        trunk, features = perceptron((observation.input_size, *settings.encoder)), settings.encoder[-1]
         self.encoder = nn.Sequential(trunk, nn.ELU())
-        self.estimate_head = nn.Linear(settings.encoder[-1], ESTIMATE_SIZE)
-        self.mean_head = nn.Linear(settings.encoder[-1], settings.latent)
-        self.log_variance_head = nn.Linear(settings.encoder[-1], settings.latent)
+        self.estimate_head = nn.Linear(features, ESTIMATE_SIZE)
+        self.mean_head, self.log_variance_head = (nn.Linear(features, settings.latent) for _ in range(2))
         self.decoder = perceptron(
             (ESTIMATE_SIZE + settings.latent, *settings.decoder, observation.frame_size)
         )
+
+    def _build_symmetric(self, observation: Observation, settings: EstimatorSettings) -> None:
+        frame, latent, features = frame_mirror(observation), paired(settings.latent), settings.encoder[-1]
+        history = Mirror((), ()).joined(*[frame] * observation.history_length)
+        self.encoder = SymmetricTrunk(history, settings.encoder)
+        self.estimate_head = LastLayer(features, ESTIMATE_MIRROR)
+        self.mean_head, self.log_variance_head = (LastLayer(features, latent) for _ in range(2))
+        self.decoder = SymmetricPerceptron(ESTIMATE_MIRROR.joined(latent), settings.decoder, frame)
 
     def forward(self, history: torch.Tensor) -> Encoding:
         """Encode normalized histories ``(n, H * 45)``."""
@@ -169,7 +217,11 @@ class Estimator(nn.Module):
 
 
 class Actor(nn.Module):
-    """Everything that runs on the robot: normalization, estimator, low-pass on the estimate, policy."""
+    """Everything that runs on the robot: normalization, estimator, low-pass on the estimate, policy.
+
+    A symmetric actor on a symmetric robot in a symmetric world could only bound: handedness, a number of +1
+    or -1 that the mirror turns around, breaks the tie. It is drawn per episode in training, +1 on the robot.
+    """
 
     seen: torch.Tensor
 
@@ -179,9 +231,15 @@ class Actor(nn.Module):
         observation = settings.observation.for_joints(joints)
         self.history_length, self._coefficient = observation.history_length, coefficient
         self.frame_size = observation.frame_size
-        self.normalizer = Normalizer(self.frame_size + ESTIMATE_SIZE)
-        self.estimator = Estimator(observation, estimator, height)
-        self.policy = perceptron((self.frame_size + ESTIMATE_SIZE + estimator.latent, *ppo.hidden, joints))
+        self.symmetric = ppo.symmetric
+        known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
+        self.normalizer = Normalizer(known.size, known if self.symmetric else None)
+        self.estimator = Estimator(observation, estimator, height, self.symmetric)
+        if self.symmetric:
+            inward = known.joined(paired(estimator.latent), HANDEDNESS_MIRROR)
+            self.policy = SymmetricPerceptron(inward, ppo.hidden, joint_mirror(joints))
+        else:
+            self.policy = perceptron((known.size + estimator.latent, *ppo.hidden, joints))
         self.std = nn.Parameter(torch.full((joints,), ppo.initial_std))
         seen = torch.ones(self.frame_size)
         if not estimator.sees_command:
@@ -196,20 +254,26 @@ class Actor(nn.Module):
         values = ((frames - mean) / scale).clamp(-LARGEST_NORMALIZED, LARGEST_NORMALIZED)
         return values * self.seen.repeat(count)
 
-    def perceive(self, history: torch.Tensor, previous: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What the policy network sees, not normalized ``(n, 69)``, and the filtered estimate ``(n, 8)``.
+    def perceive(
+        self, history: torch.Tensor, previous: torch.Tensor, handedness: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """What the policy network sees, not normalized ``(n, 70)``, and the filtered estimate ``(n, 8)``.
 
         Args:
             history: ``(n, H * 45)``, oldest frame first.
             previous: the filtered estimate of the step before; zeros at a start ``(n, 8)``.
+            handedness: +1 or -1 ``(n, 1)``, of a symmetric actor; +1 when left out.
         """
         encoding = self.estimator(self.normalized_frames(history))
         value = self.estimator.physical(encoding.raw)
         estimate = previous + self._coefficient * (value - previous)
-        return torch.cat((history[:, -self.frame_size :], estimate, encoding.mean), 1), estimate
+        seen = [history[:, -self.frame_size :], estimate, encoding.mean]
+        if self.symmetric:
+            seen.append(torch.ones_like(estimate[:, :1]) if handedness is None else handedness)
+        return torch.cat(seen, 1), estimate
 
     def decide(self, actor_input: torch.Tensor) -> torch.Tensor:
-        """Mean action ``(n, joints)`` from the policy network's input ``(n, 69)``."""
+        """Mean action ``(n, joints)`` from the policy network's input ``(n, 70)``."""
         known = self.frame_size + ESTIMATE_SIZE
         return self.policy(torch.cat((self.normalizer(actor_input[:, :known]), actor_input[:, known:]), 1))
 
@@ -222,14 +286,19 @@ class Actor(nn.Module):
 
 
 class Critic(nn.Module):
-    """Value of a state from the clean frame and the true body velocity, height and contacts."""
+    """Value of a state from the clean frame, the true body velocity, height and contacts, and handedness."""
 
     def __init__(self, settings: PpoSettings, observation: Observation) -> None:
         super().__init__()
-        known = observation.frame_size + ESTIMATE_SIZE
-        self.normalizer = Normalizer(known)
-        self.value = perceptron((known, *settings.hidden, 1))
+        known = frame_mirror(observation).joined(ESTIMATE_MIRROR)
+        self._known = known.size
+        self.normalizer = Normalizer(known.size, known if settings.symmetric else None)
+        if settings.symmetric:
+            self.value = SymmetricPerceptron(known.joined(HANDEDNESS_MIRROR), settings.hidden, signed(1.0))
+        else:
+            self.value = perceptron((known.size, *settings.hidden, 1))
 
     def forward(self, privileged: torch.Tensor) -> torch.Tensor:
-        """Value ``(n,)`` of what the critic sees ``(n, 53)``."""
-        return self.value(self.normalizer(privileged))[:, 0]
+        """Value ``(n,)`` of what the critic sees ``(n, 54)``; ``(n, 53)`` where it is not symmetric."""
+        known = self.normalizer(privileged[:, : self._known])
+        return self.value(torch.cat((known, privileged[:, self._known :]), 1))[:, 0]

@@ -6,6 +6,7 @@ import torch
 
 from sprintlab.control import ESTIMATE_SIZE, Observation
 from sprintlab.training.learner.losses import EstimatorBatch, PolicyBatch
+from sprintlab.training.settings import TrainingSettings
 
 
 class Rollout:
@@ -14,7 +15,8 @@ class Rollout:
     The column that is written is ``step``, a number on the device: writing can be captured in a graph.
 
     Attributes:
-        noise_scale: share of the action noise that each robot has ``(n, T)``; not written by steps.
+        noise_scale: factor of the action noise of each robot ``(n, T)``; not written by steps.
+        end: 1 where an episode ended, the ended share of the future where a constraint was broken ``(n, T)``.
     """
 
     def __init__(
@@ -22,7 +24,7 @@ class Rollout:
         robots: int,
         steps: int,
         observation: Observation,
-        latent: int,
+        settings: TrainingSettings,
         device: str,
     ) -> None:
         def zeros(*shape: int) -> torch.Tensor:
@@ -30,9 +32,10 @@ class Rollout:
 
         self.robots, self.steps, self.frame_size = robots, steps, observation.frame_size
         joints, known = observation.joints, observation.frame_size + ESTIMATE_SIZE
+        handedness = int(settings.ppo.symmetric)
         self.history = zeros(observation.input_size)
-        self.actor_input = zeros(known + latent)
-        self.privileged = zeros(known)
+        self.actor_input = zeros(known + settings.estimator.latent + handedness)
+        self.privileged = zeros(known + handedness)
         self.action, self.mean = zeros(joints), zeros(joints)
         self.next_frame = zeros(observation.frame_size)
         self.log_probability, self.value = zeros(), zeros()
@@ -52,10 +55,11 @@ class Rollout:
 
     def estimator_batch(self, first: int, last: int, noise: torch.Tensor) -> EstimatorBatch:
         """What the estimator learns from the robots ``first`` to ``last``: views, but for the mask."""
+        estimate = slice(self.frame_size, self.frame_size + ESTIMATE_SIZE)
         return EstimatorBatch(
             history=self.history[first:last].flatten(0, 1),
-            privileged=self.privileged[first:last].flatten(0, 1)[:, self.frame_size :],
+            privileged=self.privileged[first:last].flatten(0, 1)[:, estimate],
             next_frame=self.next_frame[first:last].flatten(0, 1),
-            valid=1.0 - self.end[first:last].flatten(0, 1),
+            valid=(self.end[first:last] < 1.0).flatten(0, 1).float(),
             noise=noise,
         )

@@ -24,9 +24,7 @@ from sprintlab.robots import RobotDescription, robot_fingerprint
 CHECKPOINT_FORMAT = 5
 MOST_ITERATIONS = 30_000
 """Most iterations of a run; its log holds 64 values of each."""
-LARGEST_COUNT = 10**15
-"""Most iterations or steps that a run has done."""
-_NEEDED = ("settings", "config_hash", "progress", "learner")
+_NEEDED = ("settings", "config_hash", "progress", "policy")
 _DAMAGED = (
     OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, EOFError, MemoryError,
     AssertionError, zipfile.BadZipFile, pickle.UnpicklingError,
@@ -35,13 +33,12 @@ _DAMAGED = (
 
 @dataclass
 class Progress:
-    """What has been done, over all sessions of a run; the policy rests before ``policy_rests_until``."""
+    """What has been done, over all sessions of a run."""
 
     iteration: int = 0
     environment_steps: int = 0
     seconds: float = 0.0
     log: list[dict[str, float]] = field(default_factory=list[dict[str, float]])
-    policy_rests_until: int = 0
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,7 @@ def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
     if state.get("robot_fingerprint") not in (None, robot_fingerprint(robot)):
         raise SprintlabError(
             f"the table of robot {robot.name} has changed since it was trained: put the old one back, or "
-            "begin a run with the new one (train --start-from)"
+            "train the new one from the beginning"
         )
 
 
@@ -182,7 +179,7 @@ def _unpacked(value: Any) -> Any:
 
 def _settings(path: str, values: dict[str, Any]) -> Any:
     """Settings of a class by its import path; ``UnknownSettings`` where that is not imported here."""
-    from sprintlab.training.settings import without_removed  # and with it all of this package's settings
+    import sprintlab.training.settings  # noqa: F401  # all of this package's settings
 
     module, _, name = path.partition(":")
     found: Any = sys.modules.get(module)
@@ -190,4 +187,4 @@ def _settings(path: str, values: dict[str, Any]) -> Any:
         found = vars(found).get(part) if hasattr(found, "__dict__") else None
     if not (isinstance(found, type) and is_dataclass(found) and found.__dataclass_params__.frozen):  # type: ignore[attr-defined]
         return UnknownSettings(path, values)
-    return found(**without_removed(found, values))
+    return found(**values)

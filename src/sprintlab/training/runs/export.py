@@ -45,7 +45,7 @@ def actor_from_checkpoint(state: dict[str, Any]) -> Actor:
         SprintlabError: weights and settings do not fit each other.
     """
     settings: TrainingSettings = state["settings"]
-    robot, weights = load_robot(settings.robot), state["learner"]["actor"]
+    robot, weights = load_robot(settings.robot), state["policy"]
     try:
         with torch.device("meta"):  # settings may say what fits no memory: first the sizes alone
             sizes = {name: value.shape for name, value in build_actor(settings, robot).state_dict().items()}

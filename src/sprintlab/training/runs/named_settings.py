@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
-from sprintlab.training.settings import without_removed
 
 ABSENT = "none"
 """What a file says where Python has ``None``."""
@@ -46,7 +45,6 @@ def replaced(settings: Any, values: Mapping[str, Any], place: str = "") -> Any:
     Raises:
         InvalidValueError: there is no such setting, the value is of another kind, or the settings refuse it.
     """
-    values = without_removed(type(settings), values)
     changes = {name: _replacement(settings, name, value, place) for name, value in values.items()}
     try:
         return replace(settings, **changes)

@@ -9,7 +9,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import warp as wp
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -40,20 +39,18 @@ def progress_line(row: dict[str, float]) -> str:
     )
 
 
-def time_to_go(iteration: int, iterations: int, started_at: int, elapsed: float, allowed: float) -> float:
+def time_to_go(iteration: int, iterations: float, started_at: int, elapsed: float, allowed: float) -> float:
     """Seconds until the iterations or the time of this session are used up, at the pace so far.
 
     Args:
         iteration: reached.
-        iterations: at which the run ends.
+        iterations: at which the run ends; infinity: by time alone.
         started_at: iteration at which this session began.
         elapsed: time of this session [s].
-        allowed: time of this session [s].
+        allowed: time of this session [s]; infinity: no limit.
     """
     left = max(0.0, allowed - elapsed)
-    done = iteration - started_at
-    if done < 1:
-        return left
+    done = max(1, iteration - started_at)
     return min(left, (iterations - iteration) * elapsed / done)
 
 
@@ -128,7 +125,6 @@ def follow_on_wandb(project: str, folder: Path, settings: dict[str, Any]) -> Non
 @contextmanager
 def preparing(quiet: bool) -> Generator[None]:
     """Say on stderr that kernels are being compiled, instead of one line of Warp's for each of them."""
-    wp.config.log_level = wp.LOG_WARNING
     console = Console(stderr=True, highlight=False, quiet=quiet)
     text = "preparing: kernels are compiled, once a machine (up to two minutes)"
     if not console.is_terminal:
@@ -161,7 +157,7 @@ class Reporter:
     def __init__(
         self,
         *,
-        iterations: int,
+        iterations: float,
         seconds: float,
         started_at: int,
         board: Board | None,

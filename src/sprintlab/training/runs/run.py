@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import stat
@@ -11,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -22,19 +22,11 @@ from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import read_text, refused_as_damaged
 from sprintlab.training.learner.distributed import Workers, join_workers
 from sprintlab.training.runs.checkpoint import check_robot, read_checkpoint, unknown_settings
-from sprintlab.training.runs.cloud import CLOUD_NAME, write_cloud
 from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
-from sprintlab.training.runs.policy_start import (
-    PolicyStart,
-    begin_from_policy,
-    check_iterations_left,
-    is_policy_file,
-    read_policy_start,
-)
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.run_file import RUN_FILE, resumed_text, run_text
-from sprintlab.training.runs.runner import Runner, command_line
+from sprintlab.training.runs.runner import RunLength, Runner, command_line
 
 POLICY_NAME = "policy.onnx"
 
@@ -86,8 +78,11 @@ def train(options: TrainOptions, restartable: bool = False, typed: str | None = 
             if workers.leads:
                 with _stopping_cleanly(runner, options):
                     _record(options, runner, typed or command_line())
-            spent = runner.progress.seconds if restartable else 0.0
-            _sit(options, runner, 60.0 * options.minutes - spent)
+            spent, limit = runner.progress.seconds, options.seconds()
+            if limit is not None and not restartable:
+                limit += spent
+            runner.begin(RunLength(iterations=options.iterations, seconds=limit))
+            _sit(options, runner, math.inf if limit is None else limit - spent)
         finally:
             runner.learner.release_graphs()
         if workers.leads:
@@ -127,7 +122,6 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
     if saved is None and checkpoint.exists():
         raise SprintlabError(f"{checkpoint} exists: choose another output, or resume it")
     settings = saved["settings"] if saved else options.full_settings()
-    begun = None if saved or options.start_from is None else _begun(options.start_from, options)
     if unknown := unknown_settings(settings):
         raise SprintlabError(
             f"{checkpoint} was trained with {', '.join(unknown)}: import that module before you resume"
@@ -141,20 +135,8 @@ def open_run(options: TrainOptions, workers: Workers, typed: str | None = None) 
         runner = Runner(settings, device, words, options.fused, workers)
     if saved:
         check_robot(saved, runner.environment.robot)
-    if isinstance(begun, PolicyStart):
-        begin_from_policy(runner, begun, options.critic_iterations)
-    elif state := saved or begun:
-        runner.load(state)
+        runner.load(saved)
     return runner
-
-
-def _begun(path: Path, options: TrainOptions) -> dict[str, Any] | PolicyStart:
-    """The checkpoint or policy that a run begins with; its iterations count, so that some must be left."""
-    if is_policy_file(path):
-        return read_policy_start(path, options.full_settings(), options.iterations)
-    state = read_checkpoint(path)
-    check_iterations_left(path, state["progress"].iteration, options.iterations)
-    return state
 
 
 def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
@@ -165,7 +147,7 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         follow_on_wandb(options.wandb, options.output, runner.settings.as_dict())
     board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
     reporter = Reporter(
-        iterations=options.iterations,
+        iterations=math.inf if options.iterations is None else options.iterations,
         seconds=seconds,
         started_at=progress.iteration,
         board=board,
@@ -175,8 +157,6 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
     if leads and progress.iteration:
         with _stopping_cleanly(runner, options):  # rows after the checkpoint will be done once more
             runner.save_log(options.output / "log.jsonl")
-    if too_short := _never_steady(options, runner):
-        reporter.say(too_short)
     with StopRequest().listening() as stop, reporter:
         _loop(runner, options, seconds, stop, reporter)
         if stop:
@@ -188,20 +168,6 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         from sprintlab.training.runs.figures import learning_figures
 
         learning_figures(options.output / "checkpoint.pt", options.output)
-    if options.cloud and leads:  # last of all: the robots run on, and the run could not
-        with working("recording where the motors work"):
-            write_cloud(runner, options.output / CLOUD_NAME)
-
-
-def _never_steady(options: TrainOptions, runner: Runner) -> str:
-    """A warning where the run ends before its last stage begins, else nothing."""
-    first = runner.settings.stages.steady_iteration
-    if first is None or options.iterations > first:
-        return ""
-    return (
-        f"the run ends at iteration {options.iterations}, before its fine-tuning phase (stages.steady_"
-        f"iteration, {first}): the policy may fall where it brakes or stands without action noise"
-    )
 
 
 def _loop(
@@ -209,14 +175,15 @@ def _loop(
 ) -> None:
     """Iterate; every process stops and saves at the same iteration as the others."""
     started = saved = time.monotonic()
-    ended = seconds <= 0.0 or runner.progress.iteration >= options.iterations
+    last = math.inf if options.iterations is None else options.iterations
+    ended = seconds <= 0.0 or runner.progress.iteration >= last
     while not ended:
         before = runner.progress.seconds
         row = runner.iterate()
         reporter.show(row)
         keep_milestone(runner, options, before)
         now = time.monotonic()
-        over = now - started >= seconds or row["iteration"] >= options.iterations
+        over = now - started >= seconds or row["iteration"] >= last
         due = now - saved >= options.save_seconds
         ended, due = runner.workers.any_of([over or bool(stop), due])
         if ended or due:
@@ -259,7 +226,7 @@ def _stopping_cleanly(runner: Runner, options: TrainOptions) -> Iterator[None]:
 
 def _remove_halves(folder: Path) -> None:
     """Delete the files that killed writes have left; ``.run.toml.swp`` and ``.run.toml.original`` are not."""
-    for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, CLOUD_NAME, POLICY_NAME):
+    for name in ("checkpoint.pt", "log.jsonl", RUN_FILE, POLICY_NAME):
         for half in folder.glob(f".{name}.*"):
             written = re.fullmatch("[a-z0-9_]{8}", half.name.removeprefix(f".{name}."))  # as tempfile names
             if written and stat.S_ISREG((status := half.lstat()).st_mode) and _is_temporary(status):

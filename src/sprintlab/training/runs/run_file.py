@@ -27,8 +27,7 @@ RUN_FILE = "run.toml"
 ENVIRONMENTS = "simulation.environments"
 _CHANGED, _LONGEST_COMMAND = "changed: ", 2000
 _BEGUN_WITH = (  # the checkpoint holds them, and a session that takes the run up changes none
-    "method", "robot", "environments", "seed", "start_from", "critic_iterations", "keep_schedule",
-    "keep_motor_model",
+    "method", "robot", "environments", "seed", "keep_schedule", "keep_motor_model",
 )  # fmt: skip
 _UNWRITTEN = ("output", "wandb", "device", "resume", "preset", "settings")
 _REFUSED = {

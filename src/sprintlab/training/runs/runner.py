@@ -6,7 +6,7 @@ import json
 import random
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
@@ -20,15 +20,15 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.core.files import atomic_write_text
 from sprintlab.core.reading import refused_as_damaged
 from sprintlab.robots import robot_fingerprint
+from sprintlab.training.environment.constraints import WATCHED, Chances
 from sprintlab.training.environment.sprint import SprintEnvironment
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
 from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
-from sprintlab.training.runs.policy_start import PolicyRest
 from sprintlab.training.settings import TrainingSettings
 
-_PACKAGES = ("torch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
+_PACKAGES = ("torch", "mujoco", "numpy")
 
 
 def device_description(device: str) -> str:
@@ -41,6 +41,28 @@ def package_versions() -> dict[str, str]:
     return {package: metadata.version(package) for package in _PACKAGES}
 
 
+@dataclass(frozen=True, kw_only=True)
+class RunLength:
+    """When a run ends: its phases begin at shares of this.
+
+    Attributes:
+        iterations: of the run; None: as many as fit into the time.
+        seconds: of the run, over all sessions; None: no limit.
+    """
+
+    iterations: int | None = None
+    seconds: float | None = None
+
+    def share(self, progress: Progress) -> float:
+        """Share of the run that is done, from 0 to 1."""
+        shares = [0.0]
+        if self.iterations is not None:
+            shares.append(progress.iteration / self.iterations)
+        if self.seconds is not None:
+            shares.append(progress.seconds / self.seconds)
+        return min(1.0, max(shares))
+
+
 class Runner:
     """One run: made from settings, or taken up again from its checkpoint.
 
@@ -50,6 +72,9 @@ class Runner:
         command_line: as typed; goes into the policy's contract.
         fused: graphs and compiled kernels (GPU only); without them the same code runs plainly.
         workers: the processes that train together.
+
+    Attributes:
+        length: when the run ends.
     """
 
     def __init__(
@@ -60,6 +85,7 @@ class Runner:
         fused: bool = True,
         workers: Workers | None = None,
     ) -> None:
+        self.length = RunLength()
         self.workers = workers or Workers()
         random.seed(settings.seed)
         np.random.seed(settings.seed)
@@ -77,8 +103,15 @@ class Runner:
             earliest_iteration=stages.earliest_iteration,
             ramp_iterations=stages.ramp_iterations,
         )
+        self.chances = None if settings.constraints is None else Chances(settings.constraints)
         self.progress = Progress()
-        self._rest: PolicyRest | None = None
+        self.mean = {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
+        self._set_curriculum()
+
+    def begin(self, length: RunLength) -> None:
+        """Put the run, new or taken up, into the phase that it is in."""
+        self.length = length
+        self._set_curriculum()
 
     def iterate(self) -> dict[str, float]:
         """One rollout and one update; returns the statistics of the iteration."""
@@ -90,20 +123,44 @@ class Runner:
         self.learner.update()
         self.workers.average(self.environment.grid_weights)
         statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
-        self.growth.update(statistics["speed_p999"], self.blend.top)
+        if self.chances is not None:
+            self.chances.update(statistics, moving=self.blend.weight >= 1.0)
+        if self._may_open():
+            self.growth.update(statistics["speed_p999"], self.blend.top)
         self.blend.update(self.growth.upper)
-        row = self._record(statistics, time.perf_counter() - started)
-        if self._rest is not None and not self._rest.after(self.progress.iteration):
-            self._rest = None
+        row = self._record(statistics, self._agreed(time.perf_counter() - started))
+        self._average()
         self._set_curriculum()
         return row
 
+    def _may_open(self) -> bool:
+        """Whether the range of speeds may grow: far up only while feet and gears hold."""
+        gated = self.growth.upper >= self.settings.stages.gated_top
+        return self.chances is None or not gated or self.chances.held
+
+    def _agreed(self, seconds: float) -> float:
+        """Mean over the processes, so that all of them are in the same phase."""
+        if not self.workers.several:
+            return seconds
+        value = torch.tensor(seconds, device=self.device)
+        self.workers.average(value)
+        return float(value)
+
+    @torch.no_grad()
+    def _average(self) -> None:
+        """Let the mean of the weights follow; of the first iterations it is the plain mean."""
+        weight = 1.0 / min(self.progress.iteration, self.settings.ppo.averaging_iterations)
+        now = self.learner.actor.state_dict()
+        torch._foreach_lerp_(list(self.mean.values()), [now[name] for name in self.mean], weight)
+
     def _set_curriculum(self) -> None:
-        """Range, stage and noise of the next iteration."""
-        iteration = self.progress.iteration
-        steady = self.settings.stages.is_steady(iteration)
+        """Range, stage, chances and noise of the next iteration."""
+        iteration, share = self.progress.iteration, self.length.share(self.progress)
+        steady = self.settings.stages.is_steady(share)
         self.environment.set_curriculum(self.growth.upper, self.growth.lower, self.blend.weight, steady)
-        self.learner.set_phase(iteration)
+        self.learner.set_phase(share)
+        if self.chances is not None:
+            self.environment.chances.copy_(torch.tensor(self.chances.values))
         if self.settings.prior is not None:
             self.environment.prior_weight.fill_(self.settings.prior.weight_at(iteration))
 
@@ -120,10 +177,15 @@ class Runner:
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
             **statistics,
+            **({} if self.chances is None else self._chances_row()),
             "broken": round(statistics["broken"] * steps),  # a count: one in a million steps should be seen
         }
         self.progress.log.append(row)
         return row
+
+    def _chances_row(self) -> dict[str, float]:
+        assert self.chances is not None
+        return {f"chance/{name}": value for name, value in zip(WATCHED, self.chances.values, strict=True)}
 
     # --- checkpoints -------------------------------------------------------------------------------------
 
@@ -140,12 +202,14 @@ class Runner:
         first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
         return {
             **self._description(),
+            "policy": self.mean,
             "learner": self.learner.state_dict(),
             **(first or {}),
             "others": others,
             "grid_weights": self.environment.grid_weights,
             "growth": self.growth.state_dict(),
             "blend": self.blend.state_dict(),
+            "chances": None if self.chances is None else self.chances.state_dict(),
             "progress": self.progress,
         }
 
@@ -196,10 +260,7 @@ class Runner:
             return
         state = {
             **self._description(),
-            # Copies: the parameters are views on a block, and a view is saved with all that it looks at.
-            "learner": {
-                "actor": {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
-            },
+            "policy": self.mean,
             "progress": replace(self.progress, log=[]),
         }
         write_checkpoint(state, path)
@@ -227,6 +288,10 @@ class Runner:
         self.learner.load_state_dict(state["learner"])
         self.growth.load_state_dict(state["growth"])
         self.blend.load_state_dict(state["blend"])
+        if self.chances is not None and state["chances"] is not None:
+            self.chances.load_state_dict(state["chances"])
+        for name, value in self.mean.items():
+            value.copy_(state["policy"][name])
         if state["grid_weights"].shape == self.environment.grid_weights.shape:
             self.environment.grid_weights.copy_(state["grid_weights"])
         saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]
@@ -235,13 +300,7 @@ class Runner:
             self._load_own(saved[rank])
         else:  # a newcomer: random numbers that no process has had
             torch.manual_seed(self.settings.seed + 1_000_003 * rank + state["progress"].iteration)
-        self.take_up(state["progress"])
-
-    def take_up(self, progress: Progress) -> None:
-        """Go on with networks, range and stage as they are, from where ``progress`` says the run is."""
-        self.progress = progress
-        resting = progress.iteration < progress.policy_rests_until
-        self._rest = PolicyRest(self.learner, progress.policy_rests_until) if resting else None
+        self.progress = state["progress"]
         self._set_curriculum()
 
     def _load_own(self, state: dict[str, Any]) -> None:
