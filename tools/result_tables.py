@@ -19,7 +19,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from sprintlab.core.theme import DARK, LIGHT, Theme
-from sprintlab.evaluation.report_text import audit_limit, audit_value, number
+from sprintlab.evaluation.report_text import audit_limit, audit_measured, number
 from sprintlab.evaluation.results import AuditItem
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -206,7 +206,8 @@ def upright(row: Row) -> str:
 
 
 def _audit_cell(item: Row) -> str:
-    text = audit_value(float("nan") if item["value"] is None else item["value"], item["unit"])
+    numbers = {key: float("nan") if item[key] is None else item[key] for key in ("value", "worst")}
+    text = audit_measured(AuditItem(**item | numbers))
     return text if item["passed"] else f"**{text}**"
 
 
