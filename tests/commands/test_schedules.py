@@ -164,6 +164,15 @@ def test_turns_use_their_share_of_the_friction():
     assert used.max() == pytest.approx(0.5)
 
 
+@given(st.floats(-1.0, 1.0), st.floats(-2.0, 14.0), st.floats(0.5, 1.2))
+def test_scaled_turns_keep_their_share_of_what_friction_allows(share, speed, friction):
+    targets = TargetSampling(scaled_turns=True, turn_share=0.8)
+    turn = targets.turn(np.array([share]), np.array([speed]), np.array([friction]))
+    fastest = targets.turn(np.array([1.0]), np.array([speed]), np.array([friction]))
+    np.testing.assert_allclose(turn, share * fastest, atol=1e-12)
+    assert abs(speed * fastest[0]) <= 0.8 * friction * 9.81 + 1e-9
+
+
 def test_ramps_move_the_command_at_their_acceleration_whatever_the_robot_does():
     schedule = AdaptiveSchedule(targets=TargetSampling(persistence=(60.0, 60.0)), ramp_share=0.4)
     generator = np.random.default_rng(15)

@@ -17,6 +17,7 @@ from sprintlab.training.environment.constraints import (
     by_phase,
     command_phases,
     ended_share,
+    nominal_deflection,
 )
 from sprintlab.training.learner.losses import generalized_advantages
 from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, ConstraintSettings, PpoSettings
@@ -158,3 +159,9 @@ def test_a_checkpoint_keeps_the_chances_and_refuses_others() -> None:
     assert (other.values, other.shares) == (chances.values, chances.shares)
     with pytest.raises(InvalidValueError, match=r"chances\.values"):
         other.load_state_dict({"values": [0.1], "shares": [0.1]})
+
+
+def test_a_soft_pad_counts_by_the_force_that_it_carries() -> None:
+    """The audit's 15 mm are those of a nominal pad; half as stiff, the same force deflects twice as far."""
+    measured = nominal_deflection(torch.tensor([[0.024], [0.012]]), torch.tensor([[40e3], [80e3]]))
+    torch.testing.assert_close(measured, torch.full((2, 1), 0.012))

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 from sprintlab.commands.curricula import Curriculum
 from sprintlab.commands.grid import CommandGrid
 from sprintlab.commands.profiles import BRAKING_WINDOW, PACE_WINDOW, self_paced
-from sprintlab.commands.state import CommandState, limit_yaw_rate
+from sprintlab.commands.state import CommandState, limit_yaw_rate, share_of_turn
 from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_interval, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
@@ -44,6 +44,9 @@ class TargetSampling:
         yaw_limit: greatest yaw-rate target [rad/s].
         turn_share: of the friction that a commanded turn may use, ``|v w| <= turn_share mu g``; at the
             paper's 1 nothing is left to run with.
+        scaled_turns: whether a target is a share of the fastest turn that friction allows at the commanded
+            speed. Otherwise it is clipped, as in the paper: near the top of the range nearly half of the
+            turns then use all of the friction, and small ones are rare.
         grid: curriculum from which the other speed targets and their yaw rates are drawn; None: they are
             uniform over the range.
 
@@ -59,6 +62,7 @@ class TargetSampling:
     yaw_share: float = 0.5
     yaw_limit: float = 1.0
     turn_share: float = 1.0
+    scaled_turns: bool = False
     grid: Curriculum | None = CommandGrid()
 
     def __post_init__(self) -> None:
@@ -89,6 +93,13 @@ class TargetSampling:
         xp = namespace(random)
         turning = self.yaw_limit * (2.0 * random[:, 2] - 1.0)
         return xp.where(random[:, 3] < self.yaw_share, turning, xp.zeros_like(turning))
+
+    def turn(self, target: Array, speed: Array, friction: Array | float) -> Array:
+        """Commanded yaw rate [rad/s] ``(n,)`` for a target and a commanded speed: ``|v w| <= mu g``."""
+        held = self.turn_share * friction
+        if self.scaled_turns:
+            return share_of_turn(target / max(self.yaw_limit, 1e-9), self.yaw_limit, speed, held)
+        return limit_yaw_rate(target, speed, held)
 
     def draw(
         self, random: Array, lower: Array | float, upper: Array | float, weights: Array | None
@@ -132,10 +143,9 @@ class TargetSampling:
         ), renewed
 
 
-def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | float) -> Array:
-    """Command ``(n, 3)``: forward speed, no sideways speed, yaw rate with ``|v w| <= mu g``."""
+def assemble_command(speed: Array, yaw_rate: Array) -> Array:
+    """Command ``(n, 3)``: forward speed, no sideways speed, yaw rate."""
     xp = namespace(speed)
-    yaw_rate = limit_yaw_rate(target_yaw_rate, speed, friction)
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
 
 
@@ -258,8 +268,9 @@ class TargetSchedule:
 
     def _commanded(self, state: CommandState, speed: Array, step: CommandStep, **others: Any) -> CommandState:
         """The state that commands a speed [m/s] ``(n,)`` within the range, and ``others`` of its fields."""
-        friction = self.targets.turn_share * step.friction
-        command = assemble_command(clip(speed, step.lower, step.upper), state.target_yaw_rate, friction)
+        within = clip(speed, step.lower, step.upper)
+        turn = self.targets.turn(state.target_yaw_rate, within, step.friction)
+        command = assemble_command(within, turn)
         return state._replace(command=command, **others)
 
 

@@ -28,7 +28,12 @@ Schedule = (
     AdaptiveSchedule | UniformSchedule | FixedAccelerationSchedule | CurriculumSchedule | RampedSchedule
 )
 TARGETS = TargetSampling(
-    persistence=(5.0, 12.0), top_share=0.38, zero_share=0.16, backward_share=0.08, turn_share=0.6
+    persistence=(5.0, 12.0),
+    top_share=0.38,
+    zero_share=0.16,
+    backward_share=0.08,
+    turn_share=0.8,
+    scaled_turns=True,
 )
 """What robots are asked for: long enough to reach a top speed, many stops, and turns that leave friction to
 run with."""

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import torch
 
 from sprintlab.core.errors import InvalidValueError
+from sprintlab.robots.foot import NOMINAL_FOOT
 from sprintlab.training.settings import CONSTRAINTS, PHASES, Constraint, ConstraintSettings
 
 WATCHED = tuple(f"{phase}/{name}" for phase in PHASES for name in CONSTRAINTS)
@@ -42,7 +43,7 @@ class Monitors(NamedTuple):
 
     Attributes:
         foot_force: mean of 5 ms [body weights] ``(n, legs)``.
-        pad_deflection: [m] ``(n, legs)``.
+        pad_deflection: that the same force gives a nominal pad [m] ``(n, legs)``.
         gear_torque: mean of 1 ms [peak torques] ``(n, joints)``.
         leg_distance: between the surfaces of two legs [m] ``(n, pairs)``.
         joint_speed: over the no-load speed ``(n, joints)``.
@@ -55,6 +56,15 @@ class Monitors(NamedTuple):
     leg_distance: torch.Tensor
     joint_speed: torch.Tensor
     stop_depth: torch.Tensor
+
+
+def nominal_deflection(deflection: torch.Tensor, stiffness: torch.Tensor) -> torch.Tensor:
+    """Deflection [m] that the same spring force gives a nominal pad, on which the audit measures.
+
+    Training randomizes the stiffness [N/m] from half to twice the nominal one: a soft pad's own deflection
+    would pass 15 mm in gaits that the audit passes, and the range of speeds would never open.
+    """
+    return deflection * (stiffness / NOMINAL_FOOT.stiffness)
 
 
 def broken_parts(monitors: Monitors, settings: ConstraintSettings) -> torch.Tensor:

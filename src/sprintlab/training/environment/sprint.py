@@ -46,6 +46,7 @@ from sprintlab.training.environment.constraints import (
     by_phase,
     command_phases,
     ended_share,
+    nominal_deflection,
 )
 from sprintlab.training.environment.draws import Draws
 from sprintlab.training.environment.episodes import Ends, choose_starts, find_ends, standing_starts
@@ -385,7 +386,7 @@ class SprintEnvironment:
         engine = self.engine
         return Monitors(
             foot_force=engine.foot_force,
-            pad_deflection=engine.pad_deflection,
+            pad_deflection=nominal_deflection(engine.pad_deflection, engine.pad_stiffness[:, None]),
             gear_torque=engine.gear_torque,
             leg_distance=engine.leg_distance,
             joint_speed=engine.joint_speed,
