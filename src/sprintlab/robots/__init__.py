@@ -15,15 +15,8 @@ from sprintlab.robots.description import robot_fingerprint as robot_fingerprint
 from sprintlab.robots.foot import NOMINAL_FOOT as NOMINAL_FOOT
 from sprintlab.robots.foot import RESTITUTION_BAND as RESTITUTION_BAND
 from sprintlab.robots.foot import STIFFNESS_BAND as STIFFNESS_BAND
-from sprintlab.robots.foot import ContactLaw as ContactLaw
-from sprintlab.robots.foot import DropOutcome as DropOutcome
 from sprintlab.robots.foot import FootContact as FootContact
-from sprintlab.robots.foot import contact_law as contact_law
-from sprintlab.robots.foot import drop_outcome as drop_outcome
 from sprintlab.robots.foot import effective_leg_mass as effective_leg_mass
-from sprintlab.robots.foot import friction_ratio as friction_ratio
-from sprintlab.robots.foot import pair_parameters as pair_parameters
-from sprintlab.robots.foot import set_foot_contact as set_foot_contact
 from sprintlab.robots.foot import set_friction as set_friction
 from sprintlab.robots.joint_motors import JointMotors as JointMotors
 from sprintlab.robots.joint_motors import match_joints as match_joints

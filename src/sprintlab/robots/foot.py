@@ -10,22 +10,21 @@ The bands are those of rubber pads, after Hertz and from rebound resilience: ``d
 In MuJoCo a contact's stiffness and damping are per unit of the regularization ``R``, which is ``(1 - d) / d``
 times the inverse mass at the foot for an impedance ``d``, and ``1 / R`` acts as a mass that the contact adds
 to the foot. So ``d`` is chosen for the smallest added mass with which the time step is stable even for the
-lightest foot, and stiffness and damping are given directly. A coarse step and the added mass both shift what
-a drop shows; ``contact_law`` corrects for it.
+lightest foot, and stiffness and damping are given directly. Plant and engine have no such contact: they apply
+the pad's force themselves.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.checks import check_positive, check_range
+from sprintlab.core.checks import check_range
 from sprintlab.core.errors import RobotModelError
 
 STIFFNESS_BAND = (40e3, 160e3)
@@ -38,8 +37,6 @@ _FRICTION_RATE = 0.9  # of the slip that a time step may take away; 1 is all of 
 _LIGHTEST_FOOT = 0.15  # [kg] vertical inertia at the foot of a bent leg on its knee spring
 _LEAST_ADDED = 0.02  # of the dropped mass: what MuJoCo's regularization cannot do without
 _SAFETY = 1.1  # above the least added mass at which the time step is stable
-_CORRECTIONS, _RELAXATION, _CLOSE_ENOUGH = 30, 0.7, 0.01
-_PHASES = 16  # where between two time steps a dropped foot touches down
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,23 +89,6 @@ NOMINAL_FOOT = FootContact()
 
 
 @dataclass(frozen=True, kw_only=True)
-class DropOutcome:
-    """What a drop shows.
-
-    Attributes:
-        stiffness: force over deflection where the deflection is greatest [N/m].
-        restitution: speed after over speed before [-].
-        deflection: the greatest [m].
-        contact_time: from touchdown to the end of the force [s].
-    """
-
-    stiffness: float
-    restitution: float
-    deflection: float
-    contact_time: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class ContactLaw:
     """Spring, dashpot and added mass with which a time-stepping engine shows a pad's numbers.
 
@@ -123,88 +103,10 @@ class ContactLaw:
     added_mass: float | FloatArray
 
 
-def drop_outcome(
-    timestep: float, deflection: FloatArray, velocity: FloatArray, force: FloatArray
-) -> DropOutcome:
-    """Read a drop's numbers off its course; any engine's.
-
-    Args:
-        timestep: between the samples [s].
-        deflection: of the pad, positive in contact ``(samples,)`` [m].
-        velocity: of the mass, negative downward, at the same instants ``(samples,)`` [m/s].
-        force: on the mass, upward, at the same instants ``(samples,)`` [N].
-    """
-    after = int(np.argmax(velocity >= 0.0))
-    before = after - 1
-    share = -velocity[before] / (velocity[after] - velocity[before])
-    deepest = deflection[before] + share * (deflection[after] - deflection[before])
-    there = force[before] + share * (force[after] - force[before])
-    return DropOutcome(
-        stiffness=float(there / deepest),
-        restitution=float(velocity[-1] / -velocity[0]),
-        deflection=float(deepest),
-        contact_time=float(timestep * np.count_nonzero(force > 0.0)),
-    )
-
-
-def contact_law(foot: FootContact, mass: float, timestep: float) -> ContactLaw:
-    """Spring and dashpot that show ``foot``'s numbers at a time step, on average over the touchdown's phase.
-
-    Args:
-        foot: the pad.
-        mass: the leg's effective mass [kg].
-        timestep: of an engine that takes the force from a step's start (semi-implicit Euler) [s].
-    """
-    check_positive("mass", mass, "kg")
-    check_positive("timestep", timestep, "s")
-    return _contact_law(foot, round(mass, 6), timestep)
-
-
-@lru_cache(maxsize=256)
-def _contact_law(foot: FootContact, mass: float, timestep: float) -> ContactLaw:
-    """Fixed-point iteration on the logarithms of stiffness and damping; the best of its points."""
-    stiff, damped = math.log(foot.stiffness), math.log(foot.damping(mass))
-    first = (stiff, damped)
-    wanted = math.log(foot.restitution)
-    best, least = _stable_law(foot.stiffness, foot.damping(mass), mass, timestep), math.inf
-    for _ in range(_CORRECTIONS):
-        law = _stable_law(math.exp(stiff), math.exp(damped), mass, timestep)
-        bounce, shown = (math.log(max(number, 1e-3)) for number in _stepped_drop(law, mass, timestep))
-        error = math.hypot(bounce - wanted, shown - math.log(foot.stiffness))
-        if error < least:
-            best, least = law, error
-        if error < _CLOSE_ENOUGH:
-            break
-        # Restitution is about exp(-damping): its logarithm grows in proportion to the damping.
-        stiff += _RELAXATION * (math.log(foot.stiffness) - shown)
-        damped += _RELAXATION * math.log(min(max(wanted / min(bounce, -0.05), 0.5), 2.0))
-        stiff, damped = (
-            min(max(now, start - 1.0), start + 1.0) for now, start in zip((stiff, damped), first, strict=True)
-        )
-    return best
-
-
 def _stable_law(stiffness: float, damping: float, mass: float, timestep: float) -> ContactLaw:
     """The law with the least added mass at which a step is stable for the lightest foot."""
     needed = _SAFETY * (stiffness * timestep**2 + 2.0 * damping * timestep) / 4.0 - _LIGHTEST_FOOT
     return ContactLaw(stiffness=stiffness, damping=damping, added_mass=max(_LEAST_ADDED * mass, needed))
-
-
-def _stepped_drop(law: ContactLaw, mass: float, timestep: float) -> tuple[float, float]:
-    """Mean restitution and median stiffness [N/m] of drops with a time step, over the touchdown's phase."""
-    height = (np.arange(_PHASES) + 0.5) / _PHASES * timestep
-    velocity = -np.ones(_PHASES)
-    period = 2.0 * math.pi * math.sqrt((mass + law.added_mass) / law.stiffness)
-    courses = []
-    for _ in range(int(2.0 * period / timestep) + 8):
-        push = (-law.stiffness * height - law.damping * velocity) / (1.0 + law.added_mass / mass)
-        force = np.where(height < 0.0, np.maximum(push, 0.0), 0.0)
-        courses.append((-height, velocity, force))
-        velocity = velocity + timestep * force / mass
-        height = height + timestep * velocity
-    columns = np.array(courses)
-    drops = [drop_outcome(timestep, *columns[:, :, phase].T) for phase in range(_PHASES)]
-    return float(np.mean([d.restitution for d in drops])), float(np.median([d.stiffness for d in drops]))
 
 
 def _restitution(ratio: float) -> float:
@@ -263,7 +165,7 @@ def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> N
         mass: the leg's effective mass [kg].
     """
     timestep = float(model.opt.timestep)
-    law = contact_law(foot, mass, timestep)
+    law = _stable_law(foot.stiffness, foot.damping(mass), mass, timestep)
     model.opt.impratio = friction_ratio(law)
     for pair in range(model.npair):
         body = model.geom_bodyid[model.pair_geom2[pair]]

@@ -105,6 +105,9 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "friction": (1e-3, 10.0),
     "bus_voltage": (1.0, 2000.0),
     "drag_area": (0.0, 20.0),
+    "series_cells": (1.0, 500.0),
+    "internal_resistance": (0.0, 10.0),
+    "capacity": (1e-3, 1e6),
 }
 """Least and greatest number of a quantity, by the last part of its name, in its unit: wide of every robot on
 legs, and so near that nothing computed of it overflows. Motors and gears have bounds of their own."""
