@@ -143,9 +143,10 @@ class TargetSampling:
         ), renewed
 
 
-def assemble_command(speed: Array, yaw_rate: Array) -> Array:
-    """Command ``(n, 3)``: forward speed, no sideways speed, yaw rate."""
+def assemble_command(speed: Array, target_yaw_rate: Array, friction: Array | float) -> Array:
+    """Command ``(n, 3)``: forward speed, no sideways speed, yaw rate with ``|v w| <= mu g``."""
     xp = namespace(speed)
+    yaw_rate = limit_yaw_rate(target_yaw_rate, speed, friction)
     return xp.stack((speed, xp.zeros_like(speed), yaw_rate), axis=-1)
 
 
@@ -270,7 +271,7 @@ class TargetSchedule:
         """The state that commands a speed [m/s] ``(n,)`` within the range, and ``others`` of its fields."""
         within = clip(speed, step.lower, step.upper)
         turn = self.targets.turn(state.target_yaw_rate, within, step.friction)
-        command = assemble_command(within, turn)
+        command = assemble_command(within, turn, step.friction)
         return state._replace(command=command, **others)
 
 
