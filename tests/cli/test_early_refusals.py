@@ -86,7 +86,7 @@ REFUSED = (
     (["evaluate", "sprint", "--output", "loop/numbers.json"], "cannot write"),
     (["evaluate", "sprint", "--output", "."], "it is a folder"),
     (["evaluate", "sprint", "--output", "pipe"], "a pipe, a device or an open file"),
-    (["evaluate", "sprint", "--output", "n" * 300], "no part of it longer than 255 bytes"),
+    (["evaluate", "sprint", "--output", "n" * 300], "File name too long"),
     (["limit", "--figure", "pipe.png"], "a pipe, a device or an open file"),
     (["limit", "--figure", "loop.png"], "cannot write"),
     (["limit", "--results", "pipe"], "there is no folder pipe"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -108,8 +109,12 @@ def check_writable_file(path: str | os.PathLike[str]) -> None:
 
 def _check_replaceable(path: Path) -> None:
     """Refuse a pipe or a device: as root, a file would take the place of ``/dev/null``."""
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise UnwrittenError(f"cannot write {path}: a pipe or a device has this name")
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise UnwrittenError(f"cannot write {path}: a pipe, a device or an open file has this name")
 
 
 def check_new_folder(path: str | os.PathLike[str]) -> None:

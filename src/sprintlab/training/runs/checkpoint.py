@@ -117,13 +117,13 @@ def check_robot(state: Mapping[str, Any], robot: RobotDescription) -> None:
 
 def _loaded(path: Path) -> dict[str, Any]:
     """The packed state in a file, its checksums compared."""
-    import torch
-
     if not path.is_file():
         raise SprintlabError(f"{path} is not a checkpoint: there is no such file")
     with zipfile.ZipFile(path) as archive:
         if (member := archive.testzip()) is not None:
             raise ValueError(f"the checksum of {member} does not fit; take an earlier copy")
+    import torch  # takes seconds: a file of another kind is refused before
+
     found = torch.load(path, map_location="cpu", weights_only=True)
     if found["format"] != CHECKPOINT_FORMAT:
         raise SprintlabError(f"{path} has format {found['format']}; this version reads {CHECKPOINT_FORMAT}")
