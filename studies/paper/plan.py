@@ -18,7 +18,7 @@ PRESETS = ("sprintlab", "paper")
 """Our reward table, and the paper's to the letter."""
 SEEDS, SEEDS_OF_OTHERS = 10, 5
 NO_SATURATION, LITERAL_ACS = "no-saturation", "literal-acs"
-OTHERS = ("rlvrl", "lp-acrl", "hound")
+OTHERS = ("rlvrl", "lp-acrl", "hound", "spot-battery", "flux-weakening")
 """Methods of other papers that differ from ``sprint`` by a schedule or a switch."""
 
 
