@@ -23,7 +23,10 @@ from sprintlab.robots import load_robot
 def judged(monkeypatch, *, failed=(), fall_time=None):
     """What is said of a policy whose trial ended like that."""
     items = [
-        SimpleNamespace(name=name, value=9.0, unit="x", threshold=3.0, bound="at most") for name in failed
+        SimpleNamespace(
+            name=name, value=9.0, worst=9.0, unit="x", threshold=3.0, bound="at most", detail="", passed=False
+        )
+        for name in failed
     ]
     trial = SimpleNamespace(
         audit=SimpleNamespace(failed=items), fall_time=fall_time, fall_reason="tilt" if fall_time else ""
@@ -66,6 +69,11 @@ TRIAL = SimpleNamespace(
     lane_excursion=0.1,
     final_speed=0.0,
     stride_frequency=3.3,
+    asked_speed=5.0,
+    feet=("FL",),
+    load_share=(0.25,) * 4,
+    duty_factor=(0.2,) * 4,
+    command_share=1.0,
 )
 
 

@@ -361,7 +361,7 @@ def test_a_recording_is_whole_or_not_there(trial, tmp_path, monkeypatch):
     save_trajectory(tmp_path / "run.npz", trial.trajectory)
     assert (tmp_path / "mine").read_text() == "old" and "time" in np.load(tmp_path / "run.npz")
     os.mkfifo(tmp_path / "pipe.npz")
-    with pytest.raises(SprintlabError, match="a pipe or a device"):
+    with pytest.raises(SprintlabError, match="a pipe, a device"):
         save_trajectory(tmp_path / "pipe.npz", trial.trajectory)
 
     def full_disk(_):

@@ -15,8 +15,10 @@ from sprintlab.core.errors import SimulationError
 
 COMPILERS = ("g++", "clang++")
 _FLAGS = (
-    "-O3", "-march=native", "-ffast-math", "-fno-associative-math", "-fPIC", "-shared", "-w", "-std=c++17",
+    "-O3", "-march=native", "-fPIC", "-shared", "-w", "-std=c++17", "-fno-math-errno", "-fno-trapping-math",
+    "-ffinite-math-only", "-fno-signed-zeros", "-freciprocal-math", "-ffp-contract=fast",
 )  # fmt: skip
+"""Not ``-ffast-math``: a library linked with it sets subnormal numbers to zero in the whole process."""
 
 
 def cache_folder() -> Path:
