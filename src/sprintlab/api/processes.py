@@ -6,7 +6,7 @@ import multiprocessing
 from collections.abc import Callable
 
 Progress = Callable[[str, float | None], None]
-"""Told what is being done, and the share done: 0 to 1, ``None`` where nobody knows."""
+"""Told what is being done, and the share done: 0 to 1, ``None`` where it is not known."""
 
 
 def leave_to_the_parent() -> None:

@@ -49,7 +49,7 @@ class Race(Drawn):
         folder: where the report lies; ``None`` where none was written.
         facts: what somebody needs to repeat the race, as the report tells it.
         video_message: why the report has no video; empty where it has one.
-        robot_fingerprint: of the robot that ran; empty where nobody knows.
+        robot_fingerprint: of the robot that ran; empty where it is not known.
     """
 
     result: RaceResult

@@ -34,7 +34,7 @@ def stderr_console() -> Console:
 
 
 def print_json(data: Any) -> None:
-    """JSON and nothing else on stdout; what is not finite, which a stranger's file may hold, is null."""
+    """JSON and nothing else on stdout; what is not finite, which a file may hold, is null."""
     print(json.dumps(json_ready(data), indent=2, allow_nan=False))
 
 

@@ -89,7 +89,7 @@ def ask(what: str, option: str, number: bool) -> Any:
     """An answer from the terminal.
 
     Raises:
-        RobotModelError: nobody is there to answer; names the option to give.
+        RobotModelError: there is no terminal to answer; names the option to give.
     """
     if not sys.stdin.isatty():
         raise RobotModelError(f"{what} is not given: use {option} or --choices")

@@ -46,7 +46,7 @@ class ProgressGrid(SpeedGrid):
     """LP-ACRL: bins are drawn by learning progress, ``softmax((R_j - R_(j-1)) / temperature)``.
 
     ``R_j(bin)`` is the mean ``target_score`` of stage j. The paper's temperature, stage length and rule for
-    a bin that nobody tried are not known to us: here they are fields, and such a bin keeps its mean and has
+    an untried bin are not known to us: here they are fields, and such a bin keeps its mean and has
     no progress. All bins are equally likely in the first stage, whose means count from zero.
 
     Attributes:

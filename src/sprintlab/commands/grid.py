@@ -15,7 +15,7 @@ from sprintlab.control.arrays import Array, clip, namespace
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 
-_MOST_BINS = 1000  # each way, by default 32 and 5: a stranger's file may ask for all memory there is
+_MOST_BINS = 1000  # each way, by default 32 and 5: a file may ask for all memory there is
 
 
 class GridBins(NamedTuple):

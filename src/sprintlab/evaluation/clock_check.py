@@ -64,7 +64,7 @@ class ClockCheck:
 
     @property
     def greatest_loss(self) -> float:
-        """Held speed lost with the worst other clock, as a share; ``nan`` where nobody completes there."""
+        """Held speed lost with the worst other clock, as a share; ``nan`` where no trial completes there."""
         own, *others = (item.held_speed for item in self.clocks)
         return 1.0 - min(others) / own if all(map(math.isfinite, others)) else math.nan
 

@@ -110,7 +110,7 @@ class GroundResult:
     grounds: tuple[GroundTrials, ...]
 
     def change(self, found: GroundTrials) -> float:
-        """Held speed against that on level ground, as a share; ``nan`` where nobody runs there."""
+        """Held speed against that on level ground, as a share; ``nan`` where no robot runs there."""
         level = self.grounds[0].held_speed
         return found.held_speed / level - 1.0 if level > _STANDS else math.nan
 

@@ -81,7 +81,7 @@ def _film(recording: Path, film: Path, robot: RobotDescription, table: str, hold
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
     """What somebody needs to repeat a race: command as typed, policy, training run, versions.
 
-    Much of it is a stranger's, and goes onto a page: there, too, nothing turns the writing round.
+    Much of it comes from a policy file and goes onto a page: there, too, nothing turns the writing round.
     """
     facts = {
         "command": command_line,

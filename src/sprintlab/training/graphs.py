@@ -40,7 +40,7 @@ def suspended_garbage_collection() -> Iterator[None]:
 def compiled(work: Callable[Arguments, Result], fused: bool) -> Callable[Arguments, Result]:
     """``work`` with its kernels fused; ``work`` itself where ``fused`` is off.
 
-    What cannot be compiled in one piece is an error: in pieces it would run, slowly, and nobody would notice.
+    What cannot be compiled in one piece is an error: in pieces it would run, slowly, and without a word.
     """
     if not fused:
         return work

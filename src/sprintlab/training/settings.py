@@ -42,7 +42,7 @@ ACS = AdaptiveSchedule(
 )
 """ACS as the methods of this package train with it; the preset ``paper`` has it as printed."""
 MOST_ENVIRONMENTS = 1 << 17
-"""Robots side by side: sixteen times the default; a stranger's file may ask for all memory there is."""
+"""Robots side by side: sixteen times the default; a file may ask for all memory there is."""
 LARGEST_ROLLOUT = 1 << 23
 """Policy steps of all robots in one iteration, which are kept until its end."""
 _LARGEST = 1e30
@@ -705,7 +705,7 @@ class TrainingSettings:
 
     Raises:
         InvalidValueError: a motor model that is unknown, or a setting, also one of a part, of another kind
-            than its own or beyond 1e30: a checkpoint of a stranger may hold half an epoch, or a text as a
+            than its own or beyond 1e30: a checkpoint from elsewhere may hold half an epoch, or a text as a
             weight.
     """
 

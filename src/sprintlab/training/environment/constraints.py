@@ -68,7 +68,7 @@ def nominal_deflection(deflection: torch.Tensor, stiffness: torch.Tensor) -> tor
 
 
 def broken_parts(monitors: Monitors, settings: ConstraintSettings) -> torch.Tensor:
-    """How far each constraint is broken, from 0 to 1 ``(n, constraints)``; 1 where a number is none."""
+    """How far each constraint is broken, from 0 to 1 ``(n, constraints)``; NaN counts as 1."""
     foot = torch.maximum(monitors.foot_force, monitors.pad_deflection * (FORCE_LIMIT / PAD_LIMIT))
     worst = {
         "foot": foot.amax(1),

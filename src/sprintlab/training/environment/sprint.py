@@ -471,7 +471,7 @@ class SprintEnvironment:
     # --- resets ------------------------------------------------------------------------------------------
 
     def _start_all(self) -> None:
-        """Fresh starts everywhere; no copies, since nobody runs yet."""
+        """Fresh starts everywhere; no copies, since no robot runs yet."""
         self.draws.refill()
         self.episode_length_buf.zero_()
         everyone = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)

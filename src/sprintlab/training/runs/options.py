@@ -101,7 +101,7 @@ class TrainOptions:
             raise InvalidValueError("wandb", self.wandb, "None without tensorboard, whose curves it copies")
 
     def _check_milestones(self, interval: float) -> None:
-        """Refuse more files than a run needs: the options may be a stranger's, and would fill the disk."""
+        """Refuse more files than a run needs: the options may come from a file, and would fill the disk."""
         check_range("milestones", interval, 1.0, 1e6, "s")
         seconds = self.seconds()
         count = min(math.inf if seconds is None else seconds / interval, self.iterations or MOST_ITERATIONS)
@@ -192,7 +192,7 @@ def _check_own_folders(output: Path) -> None:
 
 
 def _check_settings_of_wandb() -> None:
-    """wandb obeys a file in the working folder, which may be a stranger's.
+    """wandb obeys a file in the working folder, which may come from elsewhere.
 
     It says to whom curves and the account's key go, and that the folder's code is saved: for that wandb
     calls git, which runs what the folder's own ``.git/config`` names.

@@ -35,7 +35,7 @@ def pick_device(wanted: str) -> str:
     """``auto`` is the first GPU, else the CPU.
 
     Raises:
-        SprintlabError: a name that is none, or a GPU that is not there.
+        SprintlabError: an unknown name, or a GPU that is not there.
     """
     gpus = [f"cuda:{number}" for number in range(torch.cuda.device_count())]
     if wanted == "auto":
@@ -234,5 +234,5 @@ def _remove_halves(folder: Path) -> None:
 
 
 def _is_temporary(status: os.stat_result) -> bool:
-    """Whether nobody but its owner may read a file, as tempfile makes them; Windows does not tell."""
+    """Whether only its owner may read a file, as tempfile makes them; Windows does not tell."""
     return sys.platform == "win32" or stat.S_IMODE(status.st_mode) == 0o600

@@ -3,7 +3,7 @@
 Options of the run and settings stand side by side under the names that ``sprintlab train`` has for them; a
 part of the settings is a table, ``[ppo]``. What a file leaves out keeps its default. Where a run is put, on
 which device, who else gets its curves, and whether it is taken up again is said anew each time, so it is not
-written; and since a file may come from a stranger, it cannot say where to write or send.
+written; and since a file may come from elsewhere, it cannot say where to write or send.
 """
 
 from __future__ import annotations

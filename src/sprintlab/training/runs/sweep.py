@@ -223,7 +223,7 @@ def new_job_folder(jobs: Path) -> Path:
     """A new folder for submitit's files of one job.
 
     submitit runs the pickle that bears the job's number, and follows links that bear the names of its logs:
-    in a sweep's folder that came from elsewhere, both may be a stranger's.
+    in a sweep's folder that came from elsewhere, both may be another's.
 
     Raises:
         SprintlabError: ``jobs`` is a link, or no folder can be made in it.
