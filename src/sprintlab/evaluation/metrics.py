@@ -373,7 +373,7 @@ def _asked_speed(trajectory: Trajectory, window: NDArray[np.bool_]) -> float:
 
 def _powers(
     trajectory: Trajectory, robot: RobotDescription, window: NDArray[np.bool_], mass: float
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Mean powers of all motors in the steady window, and the cost of transport that follows."""
     names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
     if not window.any():

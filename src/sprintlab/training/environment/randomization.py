@@ -32,7 +32,8 @@ def randomize(engine: Engine, settings: RandomizationSettings) -> Drawn:
 
     joints = engine.stiffness.shape[1]
     engine.friction.copy_(uniform(*settings.friction))
-    stiffness = uniform(*(math.log(end) for end in settings.foot_stiffness)).exp()
+    softest, stiffest = settings.foot_stiffness
+    stiffness = uniform(math.log(softest), math.log(stiffest)).exp()
     engine.draw_pads(stiffness, uniform(*settings.foot_restitution))
     engine.timestep.mul_(uniform(*settings.clock))
     engine.drag_area.copy_(uniform(*settings.drag_area))

@@ -121,7 +121,7 @@ class SymmetricTrunk(nn.Module):
     def forward(self, vector: torch.Tensor) -> torch.Tensor:
         """``(2, n, widths[-1] / 2)``."""
         for layer in self.layers:
-            vector = _activated(layer(vector), layer.bias)
+            vector = _activated(layer(vector), layer.bias)  # pyright: ignore[reportArgumentType]
         return vector
 
 

@@ -151,7 +151,8 @@ class Runner:
         """Let the mean of the weights follow; of the first iterations it is the plain mean."""
         weight = 1.0 / min(self.progress.iteration, self.settings.ppo.averaging_iterations)
         now = self.learner.actor.state_dict()
-        torch._foreach_lerp_(list(self.mean.values()), [now[name] for name in self.mean], weight)
+        for name, value in self.mean.items():
+            value.lerp_(now[name], weight)
 
     def _set_curriculum(self) -> None:
         """Range, stage, chances and noise of the next iteration."""
