@@ -35,7 +35,7 @@ LANE_MARK = "left its lane"
 
 
 def sprint_text(sprint: SprintResult) -> str:
-    """Time of a sprint with the mark of a lane that was left, or why there is none."""
+    """Time of a sprint with the mark of a lane that was left, or the reason that it did not finish."""
     if sprint.stalled:
         return f"given up: {stall_text(sprint)}"
     if not sprint.finished:

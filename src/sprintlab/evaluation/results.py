@@ -419,7 +419,7 @@ class ProtocolResult:
 
     @property
     def best(self) -> SpeedResult | None:
-        """The highest v* of ``passed``; ``None`` where there is none."""
+        """The highest v* of ``passed``; ``None`` if no speed passed."""
         return self.passed[-1] if self.passed else None
 
     @property

@@ -280,12 +280,6 @@ class EstimatorPpo:
         self.learning_rate.nan_to_num_(nan=1e-4)
         self.rolled_back.add_(1.0 - finite.float())
 
-    def start_anew(self, learning_rate: float) -> None:
-        """Forget what the optimizers remember, and go on with this learning rate."""
-        for tensor in self._moments():
-            tensor.zero_()
-        self.learning_rate.fill_(learning_rate)
-
     # --- numbers, checkpoints ----------------------------------------------------------------------------
 
     def take_log(self) -> MetricBuffer:
