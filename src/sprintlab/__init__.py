@@ -17,8 +17,6 @@ TYPE_CHECKING = False  # as type checkers know it; typing itself takes longer to
 if TYPE_CHECKING:
     from sprintlab.api.actuators import Actuators as Actuators
     from sprintlab.api.actuators import actuators as actuators
-    from sprintlab.api.calibrations import Calibration as Calibration
-    from sprintlab.api.calibrations import calibrate as calibrate
     from sprintlab.api.doctor import Examination as Examination
     from sprintlab.api.doctor import doctor as doctor
     from sprintlab.api.drive import DriveOptions as DriveOptions
@@ -78,7 +76,6 @@ _HOMES = {
     name: home
     for home, names in {
         "api.actuators": "Actuators actuators",
-        "api.calibrations": "Calibration calibrate",
         "api.doctor": "Examination doctor",
         "api.drive": "DriveOptions",
         "api.envelopes": "Envelope envelope",

@@ -46,16 +46,6 @@ def test_an_import_names_what_is_no_file(name, value, tmp_path):
         sl.import_robot(**{**given, name: value})
 
 
-@pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:12])
-@pytest.mark.parametrize("name", ["policy", "output", "top_speed", "robot", "workers"])
-def test_a_calibration_is_refused_before_it_measures(name, value, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    given = {"policy": "sprint", "output": tmp_path / "new.onnx", "top_speed": 4.0}
-    with pytest.raises(SprintlabError):
-        sl.calibrate(**{**given, name: value})
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("request_", "field"),
     [

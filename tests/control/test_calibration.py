@@ -8,21 +8,17 @@ from itertools import pairwise
 
 import msgspec
 import numpy as np
-import onnx
 import pytest
 from hypothesis import given, strategies
 
 from sprintlab.control import (
-    CONTRACT_KEY,
     Measurement,
     PolicyRuntime,
-    encode_contract,
     load_policy,
     shipped_policy,
 )
 from sprintlab.control.calibration import CalibrationContract, given_speed, true_speed
 from sprintlab.control.pace import PaceContract
-from sprintlab.control.policy_graph import check_graph, with_metadata
 from sprintlab.control.standing import StandingContract
 from sprintlab.control.turning import TurningContract
 from sprintlab.core.errors import InvalidValueError
@@ -235,22 +231,3 @@ def test_a_contract_without_tables_and_tables_out_of_reach_change_no_bit() -> No
             still = Measurement(change[:3], np.array([0.0, 0.0, -1.0]), pose + change, change)
             told.append(np.append(runtime.step(still, np.array([12.0, 0.0, 0.5])), runtime.last_estimate))
     np.testing.assert_array_equal(told[:10], told[10:])
-
-
-def test_another_contract_leaves_the_network_as_it_is() -> None:
-    content = shipped_policy().read_bytes()
-    contract = load_policy(shipped_policy()).contract
-    text = encode_contract(msgspec.structs.replace(contract, calibration=TABLES))
-    before, after = (
-        onnx.load_from_string(data) for data in (content, with_metadata(content, CONTRACT_KEY, text))
-    )
-    assert after.graph == before.graph
-    assert {entry.key: entry.value for entry in after.metadata_props}[CONTRACT_KEY] == text
-
-
-def test_an_entry_that_is_missing_is_added() -> None:
-    content = shipped_policy().read_bytes()
-    added = with_metadata(content, "another", "text" * 100)
-    check_graph(added)
-    props = {entry.key: entry.value for entry in onnx.load_from_string(added).metadata_props}
-    assert props["another"] == "text" * 100 and CONTRACT_KEY in props

@@ -17,7 +17,6 @@ from typing import Any, get_args, get_type_hints
 
 import tyro
 
-from sprintlab.api.calibrations import calibrate
 from sprintlab.api.doctor import doctor
 from sprintlab.api.evaluations import evaluate
 from sprintlab.api.grounds import ground
@@ -81,7 +80,6 @@ COMMANDS = {
         "sweep": Sweep,
         "learning": command(learning),
         "export": Export,
-        "calibrate": command(calibrate, positional=2),
         "doctor": command(doctor, positional=0, status=lambda examined: 0 if examined.ok else 1),
     },
     "deploy": {

@@ -37,6 +37,5 @@ from sprintlab.control.policy import Measurement as Measurement
 from sprintlab.control.policy import Policy as Policy
 from sprintlab.control.policy import PolicyRuntime as PolicyRuntime
 from sprintlab.control.policy import load_policy as load_policy
-from sprintlab.control.policy import read_again as read_again
 from sprintlab.control.policy import shipped_policies as shipped_policies
 from sprintlab.control.policy import shipped_policy as shipped_policy

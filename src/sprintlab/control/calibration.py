@@ -5,7 +5,7 @@ the command, and its estimate of the speed leans toward the speeds that it saw m
 the speed above all, so one table for each removes most of them. The tables stand outside the network, which
 keeps reading its own estimate: told its true speed, it would run slower.
 
-They are measured on the nominal robot (``sprintlab.evaluation.calibration``): a feed-forward, no loop.
+They were measured on the nominal robot: a feed-forward, no loop.
 """
 
 from __future__ import annotations

@@ -367,18 +367,6 @@ def _load(path: str | os.PathLike[str], robot: RobotDescription | None) -> Polic
     return policy
 
 
-def read_again(path: Path, policy: Policy) -> bytes:
-    """Content of the file that a policy was read from, of which nothing but this was checked.
-
-    Raises:
-        PolicyFileError: the file cannot be read, or has changed since.
-    """
-    content = read_bytes(path, POLICY_LIMIT, what="policy file", error=PolicyFileError)
-    if hashlib.sha256(content).hexdigest() != policy.digest:
-        raise PolicyFileError(f"{path} has changed since it was read: begin again")
-    return content
-
-
 def shipped_policy(name: str = "sprint") -> Path:
     """Path of a policy that comes with the package.
 

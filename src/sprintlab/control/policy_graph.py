@@ -58,27 +58,6 @@ def check_graph(content: bytes) -> None:
         raise GraphError(f"is refused by ONNX: {str(error).strip().splitlines()[0]}") from error
 
 
-def with_metadata(content: bytes, name: str, text: str) -> bytes:
-    """An ONNX file with one metadata entry replaced or added; its network stays as it is.
-
-    Args:
-        content: bytes of the file.
-        name: key of the metadata entry.
-        text: its new content.
-
-    Raises:
-        GraphError: the file is damaged.
-    """
-    model = _parsed(content)
-    for entry in model.metadata_props:
-        if entry.key == name:
-            entry.value = text
-            break
-    else:
-        model.metadata_props.add(key=name, value=text)
-    return model.SerializeToString()
-
-
 def _parsed(content: bytes) -> Any:
     """The ONNX model in a file's bytes, without what it may keep in other files."""
     try:
