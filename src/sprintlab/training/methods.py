@@ -20,6 +20,7 @@ from sprintlab.commands import (
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import MotorModel
+from sprintlab.training.scaling import scaled_settings
 from sprintlab.training.settings import ACS, TARGETS, RewardSettings, RewardWeight, Schedule, TrainingSettings
 
 
@@ -255,3 +256,25 @@ def method_settings(name: str, base: TrainingSettings | None = None) -> Training
         rewards=rewards,
         simulation=simulation,
     )
+
+
+DEFAULT_METHOD = "sprint"
+
+
+def method(
+    name: str = DEFAULT_METHOD, *, robot: str = "bp2", preset: str = "sprintlab", seed: int = 0
+) -> TrainingSettings:
+    """The settings of a run.
+
+    Args:
+        name: of the method, one of ``ALL_METHODS``.
+        robot: name, folder or table of the robot; lengths, speeds and masses are scaled to it.
+        preset: of rewards and practice, one of ``PRESETS``.
+        seed: of every random generator.
+
+    Raises:
+        InvalidValueError: an unknown method or preset.
+        SprintlabError: the robot is not known, or its table is refused.
+    """
+    base = preset_settings(preset)
+    return replace(scaled_settings(robot, method_settings(name, base), base), seed=seed)

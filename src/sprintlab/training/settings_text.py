@@ -1,0 +1,274 @@
+"""Settings as text: ``NAME=VALUE`` on a command line, TOML in a file, JSON in a checkpoint.
+
+A name is dotted, ``ppo.steps``; a value is written as TOML. Each value must be of the kind that the setting
+has, or is refused by its name. What may be absent, such as the heat of the windings, is ``"none"`` then. A
+part of which there are several kinds, such as ``schedule``, has a key ``kind``: the name of its class.
+Nothing here needs PyTorch.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+import tomli_w
+
+from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.reading import parse_toml, read_toml
+
+ABSENT = "none"
+KIND = "kind"
+Settings = TypeVar("Settings")
+
+
+def with_changes(settings: Settings, changes: Iterable[str] | Mapping[str, Any]) -> Settings:
+    """Settings with some of them changed; what belongs together is checked together.
+
+    Args:
+        settings: a frozen dataclass.
+        changes: ``["ppo.steps=8", "schedule.kind=UniformSchedule"]``, or a mapping of dotted names to values.
+
+    Raises:
+        SprintlabError: a text without ``=``.
+        InvalidValueError: there is no such setting, the value is of another kind, or the settings refuse it.
+    """
+    named = changes if isinstance(changes, Mapping) else dict(map(parse_assignment, changes))
+    nested = dict[str, Any]()
+    for name, value in named.items():
+        *outer, last = name.split(".")
+        place = nested
+        for part in outer:
+            place = place.setdefault(part, {})
+        present = place.get(last)
+        place[last] = {**present, **value} if isinstance(present, dict) and isinstance(value, dict) else value
+    return cast("Settings", _value(type(settings), nested, settings, ""))
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """``"ppo.steps=8"`` as name and value. Raises ``SprintlabError`` where there is no ``=``."""
+    name, equals, value = text.partition("=")
+    if not (equals and name.strip() and value.strip()):
+        raise SprintlabError(f"{text!r} changes no setting; expected e.g. ppo.steps=8")
+    return name.strip().replace("-", "_"), parse_value(value.strip())
+
+
+def parse_value(text: str) -> Any:
+    """A value of TOML; text needs no quotes."""
+    try:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text
+
+
+def read_settings(path: Path, base: Settings) -> Settings:
+    """``base`` with what a TOML file says in place.
+
+    Raises:
+        SprintlabError: the file cannot be read or is not TOML.
+        InvalidValueError: as ``with_changes``, with the file's name.
+    """
+    try:
+        return cast("Settings", _value(type(base), read_toml(path, what="settings"), base, ""))
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+
+
+def settings_toml(settings: object) -> str:
+    """The settings as TOML, which ``read_settings`` reads."""
+    return tomli_w.dumps(to_plain(settings))
+
+
+def to_plain(settings: object) -> dict[str, Any]:
+    """Nested dictionaries of numbers, texts and lists; ``from_plain`` makes the same settings of them."""
+    hints = get_type_hints(type(settings))
+    return {
+        field.name: _plain(getattr(settings, field.name), hints[field.name])
+        for field in fields(cast("Any", settings))
+    }
+
+
+def from_plain(kind: type[Settings], values: Mapping[str, Any]) -> Settings:
+    """Settings of a class from nested plain values; what is left out keeps its default.
+
+    Raises:
+        InvalidValueError: as ``with_changes``.
+    """
+    return cast("Settings", _value(kind, values, None, ""))
+
+
+# --- from settings to plain values -----------------------------------------------------------------------
+
+
+def _plain(value: Any, hint: Any = None) -> Any:
+    if value is None:
+        return ABSENT
+    if is_dataclass(value):
+        kinds = _dataclasses(hint)
+        named = {} if kinds == [type(value)] else {KIND: _class_name(type(value), kinds)}
+        return {**named, **to_plain(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(each, _entry(hint)) for name, each in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in cast("Sequence[Any]", value)]
+    if callable(value):
+        return _path(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _path(value: Any) -> str:
+    return f"{value.__module__}:{value.__qualname__}"
+
+
+def _class_name(kind: type, known: Sequence[type]) -> str:
+    return kind.__name__ if kind in known else _path(kind)
+
+
+# --- from plain values to settings -----------------------------------------------------------------------
+
+
+def _value(hint: Any, value: Any, present: Any, place: str) -> Any:
+    """``value`` as an instance of what a type hint allows; a mapping changes what is present."""
+    kinds = _kinds(hint)
+    if types.NoneType in kinds and (value is None or value == ABSENT):
+        return None
+    if isinstance(value, Mapping):
+        given = cast("Mapping[str, Any]", value)
+        if _entry(hint) is not None:
+            return _mapping(_entry(hint), given, present, place)
+        if _dataclasses(hint) or is_dataclass(present):
+            return _part(hint, given, present, place)
+    for kind in kinds:
+        converted = _converted(value, kind)
+        if converted is not MISSING:
+            return converted
+    raise InvalidValueError(place, value, f"must be {_described(hint)}")
+
+
+def _mapping(item: Any, values: Mapping[str, Any], present: Any, place: str) -> dict[str, Any]:
+    """A dictionary with entries changed, added, or, where they are ``none``, removed."""
+    entries: dict[str, Any] = dict(present or {})
+    for name, value in values.items():
+        if value is None or value == ABSENT:
+            entries.pop(name, None)
+        else:
+            entries[name] = _value(item, value, entries.get(name), f"{place}.{name}")
+    return entries
+
+
+def _part(hint: Any, values: Mapping[str, Any], present: Any, place: str) -> Any:
+    """A dataclass from its fields; those that are not named are as present, else their defaults."""
+    kind = _chosen_class(hint, values.get(KIND), present, place)
+    given = {name: value for name, value in values.items() if name != KIND}
+    known, hints = [field.name for field in fields(kind) if field.init], get_type_hints(kind)
+    if type(present) is not kind:
+        present = None
+    changes = dict[str, Any]()
+    for name, value in given.items():
+        full = f"{place}.{name}".lstrip(".")
+        if name not in known:
+            raise InvalidValueError(full, value, _unknown(name, known, place))
+        changes[name] = _value(hints[name], value, getattr(present, name, None), full)
+    try:
+        return kind(**changes) if present is None else replace(present, **changes)
+    except InvalidValueError as error:
+        own = error.field.removeprefix(f"{place.rpartition('.')[2]}.")
+        raise InvalidValueError(f"{place}.{own}".lstrip("."), error.value, error.allowed) from error
+    except TypeError as error:  # a field without default is missing
+        raise InvalidValueError(place, dict(values), f"must say all of {', '.join(known)}") from error
+
+
+def _chosen_class(hint: Any, name: Any, present: Any, place: str) -> Any:
+    known = _dataclasses(hint)
+    if name is None:
+        return type(present) if is_dataclass(present) else known[0]
+    for kind in known:
+        if kind.__name__ == name:
+            return kind
+    found = imported(name) if isinstance(name, str) else None
+    if isinstance(found, type) and is_dataclass(found):
+        return found
+    names = ", ".join(kind.__name__ for kind in known)
+    raise InvalidValueError(f"{place}.{KIND}", name, f"choose one of {names}, or a class that is imported")
+
+
+def imported(path: str) -> Any:
+    """What stands under ``"module:name"`` in a module that is already imported, else None."""
+    module, _, name = path.partition(":")
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    return found
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """``value`` as an instance of a plain type; ``MISSING`` where it is of another kind."""
+    if get_origin(kind) is tuple and isinstance(value, list | tuple):
+        inner, items = get_args(kind), list(cast("Sequence[Any]", value))
+        inner = inner[:1] * len(items) if inner[-1] is Ellipsis else inner
+        pieces = [_converted(each, one) for each, one in zip(items, inner, strict=False)]
+        return tuple(pieces) if len(items) == len(inner) and MISSING not in pieces else MISSING
+    if kind in (float, Any) and type(value) is int:
+        return float(value)
+    if kind is Path and isinstance(value, str):
+        return Path(value)
+    if get_origin(kind) is Callable:
+        found = imported(value) if isinstance(value, str) else value
+        return found if callable(found) else MISSING
+    if get_origin(kind) is Literal:
+        return value if value in get_args(kind) else MISSING
+    return value if kind is Any or type(value) is kind else MISSING
+
+
+# --- words -----------------------------------------------------------------------------------------------
+
+
+def _kinds(hint: Any) -> tuple[Any, ...]:
+    """The types that a type hint allows."""
+    return get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+
+
+def _dataclasses(hint: Any) -> list[Any]:
+    return [kind for kind in _kinds(hint) if is_dataclass(kind)]
+
+
+def _entry(hint: Any) -> Any:
+    """Type of the entries of a dictionary; None for other types."""
+    return next((get_args(kind)[1] for kind in _kinds(hint) if get_origin(kind) in (dict, Mapping)), None)
+
+
+def _unknown(name: str, known: Sequence[str], place: str) -> str:
+    near = difflib.get_close_matches(name, known, n=2, cutoff=0.6)
+    if near:
+        full = [f"{place}.{each}".lstrip(".") for each in near]
+        return f"there is no such setting, did you mean {' or '.join(full)}?"
+    return f"there is no such setting here, choose among {', '.join(known)}"
+
+
+_WORDS = {int: "a whole number", float: "a number", str: "text", bool: "true or false", Path: "a path"}
+
+
+def _described(hint: Any) -> str:
+    return " or ".join(map(_word, _kinds(hint)))
+
+
+def _word(kind: Any) -> str:
+    if kind is types.NoneType:
+        return f'"{ABSENT}"'
+    if is_dataclass(kind):
+        return f"a table of {', '.join(field.name for field in fields(kind))}"
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(get_args(kind))}"
+    if get_origin(kind) is tuple:
+        inner = get_args(kind)
+        count = "" if inner[-1] is Ellipsis else f"{len(inner)} "
+        return f"a list of {count}{_word(inner[0]).split()[-1]}s"
+    if get_origin(kind) in (dict, Mapping):
+        return "a table"
+    if get_origin(kind) is Callable:
+        return '"module:name" of a function that is imported'
+    return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))

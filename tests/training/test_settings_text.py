@@ -1,0 +1,58 @@
+"""Settings as text: what is written is read back equal, and each refusal names the setting."""
+
+from __future__ import annotations
+
+import pytest
+
+from sprintlab.commands import UniformSchedule
+from sprintlab.core.errors import SprintlabError
+from sprintlab.core.reading import parse_toml
+from sprintlab.training.methods import ALL_METHODS, method
+from sprintlab.training.settings import TrainingSettings
+from sprintlab.training.settings_text import from_plain, read_settings, settings_toml, with_changes
+
+
+@pytest.mark.parametrize("name", sorted({*ALL_METHODS} - {"stride-prior"}))
+def test_what_is_written_is_read_back_equal(name: str) -> None:
+    settings = method(name, robot="go2", seed=5)
+    assert from_plain(TrainingSettings, parse_toml(settings_toml(settings))) == settings
+
+
+def test_settings_are_changed_by_name() -> None:
+    changed = with_changes(
+        method(),
+        ["ppo.steps=8", "schedule.kind=UniformSchedule", "actuator_model=square", "ppo.std_anneal=none"],
+    )
+    assert (changed.ppo.steps, changed.ppo.std_anneal, changed.actuator_model) == (8, None, "square")
+    assert isinstance(changed.schedule, UniformSchedule)
+
+
+def test_a_part_that_is_off_begins_with_its_defaults() -> None:
+    heat = with_changes(method(), ["simulation.heat.ambient_temperature=30"]).simulation.heat
+    assert heat is not None and heat.ambient_temperature == 30.0
+
+
+def test_a_file_changes_what_it_names(tmp_path) -> None:
+    path = tmp_path / "settings.toml"
+    path.write_text("[ppo]\nsteps = 8\n")
+    assert read_settings(path, method()) == with_changes(method(), {"ppo.steps": 8})
+    path.write_text("[ppo]\nsteps = 0\n")
+    with pytest.raises(SprintlabError, match=r"settings\.toml: ppo\.steps = 0"):
+        read_settings(path, method())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("ppo.steps", "changes no setting"),
+        ("ppo.steps=1.5", r"ppo\.steps = 1\.5.*a whole number"),
+        ("ppo.step=3", r"did you mean ppo\.steps"),
+        ("schedule.kind=Spiral", r"schedule\.kind = 'Spiral'.*UniformSchedule"),
+        ("ppo=3", "a table of steps"),
+        ("actuator_model=round", "one of refined"),
+        ("ppo.initial_std=-1", r"ppo\.initial_std = -1"),
+    ],
+)
+def test_a_refusal_names_the_setting(change: str, words: str) -> None:
+    with pytest.raises(SprintlabError, match=words):
+        with_changes(method(), [change])
