@@ -14,10 +14,8 @@ from sprintlab.motors import (
     drive_torque,
     electrical_power,
     loaded_voltage,
-    no_load_speed,
     open_circuit_voltage,
     shared_bus_voltage,
-    stack_motors,
 )
 from sprintlab.motors.gear import Gear
 
@@ -53,17 +51,6 @@ def test_a_load_takes_out_what_the_source_gives_less_the_loss_inside(battery, ch
         assert source - voltage == pytest.approx(resistance * current, abs=1e-6 * source)
 
 
-@given(BATTERIES, CHARGES)
-def test_the_bus_falls_with_the_load(battery, charge):
-    powers = np.linspace(-20e3, 20e3, 401)
-    assert (np.diff(loaded_voltage(battery, charge, powers)) <= 1e-12).all()
-
-
-def test_more_than_the_battery_can_give_leaves_half_its_voltage():
-    battery = Battery(internal_resistance=0.1)
-    assert loaded_voltage(battery, 1.0, 1e6) == pytest.approx(0.5 * 58.8)
-
-
 def test_what_the_battery_does_not_take_back_is_burnt():
     battery = Battery(internal_resistance=0.1, regeneration_limit=10.0)
     voltage = loaded_voltage(battery, 0.5, -5000.0)
@@ -77,24 +64,6 @@ def test_what_the_battery_does_not_take_back_is_burnt():
 def joint_powers(motor, desired, velocity, bus, model="refined"):
     output = drive_torque(motor, GEAR, desired, velocity, bus, model)
     return electrical_power(motor, output.motor_torque, 6.0 * velocity, output.direct_current)
-
-
-@given(MOTORS, BATTERIES, CHARGES, st.integers(0, 2**32 - 1), st.sampled_from(["refined", "flux-weakening"]))
-def test_the_shared_voltage_is_the_one_that_the_joints_power_leaves(motor, battery, charge, seed, model):
-    random = np.random.default_rng(seed)
-    speed = float(no_load_speed(motor, open_circuit_voltage(battery, charge))) / 6
-    velocity = random.uniform(-1.2, 1.2, 12) * speed
-    desired = random.uniform(-1.0, 1.0, 12) * 6 * motor.peak_torque
-
-    def power_at(bus):
-        return joint_powers(motor, desired, velocity, float(bus), model).sum()
-
-    voltage = float(shared_bus_voltage(battery, charge, power_at))
-    left = float(loaded_voltage(battery, charge, power_at(voltage)))
-    # A motor that passes the speed where no current fits changes its power in a leap: between the two
-    # sides of it lies the answer.
-    beside = [float(loaded_voltage(battery, charge, power_at(voltage + step))) for step in (-0.02, 0.02)]
-    assert min(*beside, left) - 1e-3 <= voltage <= max(*beside, left) + 1e-3
 
 
 def solved(battery, charge, power_at, voltage):
@@ -135,22 +104,6 @@ def test_numbers_and_arrays_give_the_same_voltage_to_the_last_bit(charge, stiffn
     assert discharged(battery, charge, power, 0.001) == left
 
 
-def test_a_power_that_is_no_number_gives_no_voltage():
-    assert np.isnan(shared_bus_voltage(Battery(), 0.5, lambda bus: float("nan")))
-
-
-def test_the_slowest_of_all_searches_ends(surrogate, torch):
-    """The worst of a hunt among random robots: after twelve plain secants 2.2 V were missing."""
-    battery = Battery(series_cells=19, internal_resistance=0.944, regeneration_limit=100.0)
-    velocity, desired = np.tile([300.0, 369.0, 415.0], 4) / 6, np.tile([-14.5, 1.3, 5.6], 4) * 6
-
-    def power_at(bus):
-        return joint_powers(surrogate, desired, velocity, bus[:, None], "flux-weakening").sum(-1)
-
-    voltage = solved_both_ways(battery, np.array([0.4]), power_at, torch)
-    assert voltage[0] == pytest.approx(34.39, abs=0.01)
-
-
 @given(
     cells=st.integers(1, 500),
     resistance=st.floats(0.0, 10.0),
@@ -170,42 +123,6 @@ def test_every_battery_finds_its_voltage_whatever_the_power_does(torch, cells, r
         return scale * (bus / source) ** power + np.where(bus > place * source, leap, 0.0)
 
     solved_both_ways(battery, charge, power_at, torch)
-
-
-def test_one_hard_working_leg_takes_voltage_from_all(surrogate):
-    battery = Battery()
-    velocity = np.full(12, 35.0)
-    idle, busy = np.zeros(12), np.concatenate((np.zeros(9), np.full(3, 500.0)))
-    buses = [
-        float(shared_bus_voltage(battery, 1.0, lambda v, d=d: joint_powers(surrogate, d, velocity, v).sum()))
-        for d in (idle, busy)
-    ]
-    assert buses[0] == pytest.approx(58.8, abs=0.1)
-    assert buses[1] < 55.0
-    limits = [drive_torque(surrogate, GEAR, 500.0, 35.0, bus).upper for bus in buses]
-    assert limits[1] < 0.9 * limits[0]
-
-
-def test_every_environment_has_its_own_voltage_in_numpy_and_torch(surrogate, torch):
-    motors = stack_motors([surrogate] * 12)
-    random = np.random.default_rng(3)
-    velocity = random.uniform(-40, 40, (64, 12))
-    desired = random.uniform(-200, 200, (64, 12)) * random.uniform(0, 1, (64, 1))
-    charge = random.uniform(0, 1, 64)
-    battery = Battery()
-
-    def solve(wanted, speeds, charges):
-        def power_at(bus):
-            return joint_powers(motors, wanted, speeds, bus[:, None]).sum(-1)
-
-        return shared_bus_voltage(battery, charges, power_at)
-
-    together = solve(desired, velocity, charge)
-    assert np.ptp(together) > 5.0
-    one_by_one = [solve(desired[[i]], velocity[[i]], charge[[i]])[0] for i in range(64)]
-    np.testing.assert_allclose(together, one_by_one, atol=1e-3)
-    tensors = (torch.as_tensor(values) for values in (desired, velocity, charge))
-    np.testing.assert_allclose(solve(*tensors).numpy(), together, atol=1e-3)
 
 
 def test_a_guess_changes_the_way_and_not_the_answer(surrogate):

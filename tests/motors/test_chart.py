@@ -7,16 +7,11 @@ from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
-    MOTOR_MODELS,
     Gear,
     PmsmParameters,
-    copper_loss,
     critical_speed,
     drive_torque,
-    joint_torque,
-    saturate,
     stack_motors,
-    torque_limits,
 )
 from sprintlab.motors.chart import (
     SATURATED,
@@ -24,7 +19,6 @@ from sprintlab.motors.chart import (
     d_axis_cost,
     end_of_drive,
     envelope_names,
-    joint_copper_loss,
     joint_limits,
     peak_power,
     peak_torque_speed,
@@ -46,19 +40,6 @@ def test_the_saturated_envelope_is_what_the_drive_delivers(drive):
         assert limit == pytest.approx(delivered)
 
 
-@pytest.mark.parametrize("model", MOTOR_MODELS)
-def test_joint_limits_are_the_motors_geared(drive, model):
-    speed = np.linspace(-50.0, 50.0, 41)
-    limits = torque_limits(drive.motor, 6.0 * speed, 60.0, model=model)
-    for found, limit in zip(joint_limits(drive, speed, model), limits, strict=True):
-        assert found == pytest.approx(joint_torque(GEAR, limit, speed))
-
-
-def test_an_unknown_envelope_is_refused(drive):
-    with pytest.raises(InvalidValueError, match="model"):
-        joint_limits(drive, 0.0, "best")
-
-
 @given(motor=st.from_type(PmsmParameters), share=st.floats(0.05, 0.95))
 def test_the_d_axis_voltage_and_the_rest_make_up_the_whole(motor, share):
     """At the refined limit |v| = V unless the current binds: v_d and v_q from the phase equations."""
@@ -74,15 +55,6 @@ def test_the_d_axis_voltage_and_the_rest_make_up_the_whole(motor, share):
     )
     if 0.0 < cost.torque < 0.999 * motor.peak_torque:
         assert cost.voltage_share**2 + (v_q / limit) ** 2 == pytest.approx(1.0, rel=1e-6)
-
-
-def test_without_inductance_the_d_axis_costs_nothing(surrogate):
-    motor = PmsmParameters(
-        **{name: getattr(surrogate, name) for name in surrogate.__dataclass_fields__}
-        | {"q_axis_inductance": 0.0}
-    )
-    cost = d_axis_cost(JointDrive(motor=motor, gear=GEAR, bus_voltage=60.0), 0.9)
-    assert cost.lost == pytest.approx(0.0, abs=1e-12) and cost.voltage_share == 0.0
 
 
 def test_speeds_on_the_joint_side(drive):
@@ -103,12 +75,6 @@ def test_peak_power_is_on_the_envelope_and_nowhere_exceeded(drive):
         assert best.power == pytest.approx(best.speed * best.torque)
         assert best.torque == pytest.approx(float(joint_limits(drive, best.speed, name)[1]))
         assert best.power >= float(np.max(speed * joint_limits(drive, speed, name)[1])) * (1 - 1e-4)
-
-
-def test_copper_loss_of_a_delivered_torque_undoes_saturation_and_gear(drive):
-    asked = np.linspace(-15.0, 15.0, 31)
-    delivered = 5.4 * saturate(drive.motor, asked)
-    assert joint_copper_loss(drive, delivered) == pytest.approx(copper_loss(drive.motor, asked))
 
 
 def test_a_chart_has_one_motor(surrogate):

@@ -8,13 +8,11 @@ from sprintlab.motors import (
     Battery,
     PmsmParameters,
     critical_speed,
-    desaturate,
     electrical_power,
     loaded_voltage,
     no_load_speed,
     open_circuit_voltage,
     phase_voltage_limit,
-    saturate,
     shared_bus_voltage,
     torque_limits,
     voltage_infeasible,
@@ -144,13 +142,6 @@ def test_single_precision_stays_finite_and_ordered(corners, model, torch):
     assert torch.isfinite(lower).all()
     assert torch.isfinite(upper).all()
     assert (lower <= upper).all()
-
-
-def test_saturation_is_undone_by_its_inverse(corners):
-    motor, _, _ = corners
-    torque = np.random.default_rng(1).uniform(-1.0, 1.0, COUNT) * motor.peak_torque
-    error = (desaturate(motor, saturate(motor, torque)) - torque) / motor.peak_torque
-    assert np.abs(error).max() < 1e-12
 
 
 @pytest.mark.parametrize("limit", [0.0, 1.0, 1000.0])

@@ -52,15 +52,6 @@ def test_the_peak_current_flows_for_its_duration_and_then_the_continuous_one(sur
     assert np.allclose(currents[3001:], continuous, rtol=1e-9)
 
 
-@given(st.floats(1.05, 20.0), st.floats(0.1, 100.0))
-def test_a_constant_overload_lasts_as_long_as_the_closed_form_says(overload, time_constant):
-    lasts = time_constant * math.log(overload**2 / (overload**2 - 1.0))
-    level = i2t_level(10.0, 0.0, (10.0 * overload) ** 2, math.exp(-lasts / time_constant))
-    assert level == pytest.approx(1.0, abs=1e-9)
-    shorter = i2t_level(10.0, 0.0, (10.0 * overload) ** 2, math.exp(-0.99 * lasts / time_constant))
-    assert shorter < 1.0
-
-
 def test_the_level_is_the_balance_of_heat_over_any_course_of_currents():
     """What flowed in, less what flowed off, is what is there: against SciPy's integrator."""
     random = np.random.default_rng(7)
@@ -77,18 +68,6 @@ def test_the_level_is_the_balance_of_heat_over_any_course_of_currents():
     expected = solve_ivp(rate, (0.0, 4.0), [0.0], max_step=0.01, rtol=1e-9, atol=1e-12).y[0, -1]
     assert 0.1 < level < 1.0
     assert level == pytest.approx(expected, abs=2e-3)  # the integrator does not know where the steps are
-
-
-def test_after_a_rest_the_peak_current_is_back():
-    limit_level = 1.0
-    decay = math.exp(-0.001 / 8.0)
-    assert i2t_current(10.0, limit_level, decay) == pytest.approx(10.0)
-    rested = float(i2t_level(10.0, limit_level, 0.0, math.exp(-5.0)))
-    assert rested == pytest.approx(math.exp(-5.0))
-    # 30 A again for nearly as long as from cold
-    lasts = -8.0 * math.log((9.0 - 1.0) / (9.0 - rested))
-    assert i2t_level(10.0, rested, 900.0, math.exp(-lasts / 8.0)) == pytest.approx(1.0)
-    assert lasts > 0.99 * 8.0 * math.log(9.0 / 8.0)
 
 
 @pytest.mark.parametrize("model", MOTOR_MODELS)

@@ -14,13 +14,11 @@ import pytest
 
 from sprintlab.motors import (
     PmsmParameters,
-    copper_loss,
     dq_currents,
     mtpv_currents,
     no_load_speed,
     phase_voltage_limit,
     torque_limits,
-    weakening_current,
 )
 
 pytest.importorskip("motulator")
@@ -157,24 +155,6 @@ def test_flux_weakening_envelope(seed):
     angles = np.linspace(max(0.0, middle - 0.08), min(0.5 * math.pi, middle + 0.06), 5)
     torque, voltage = settled(motor, speed, bus, [1j * limit * np.exp(1j * angle) for angle in angles])
     assert crossing(torque, voltage, phase_voltage_limit(bus)) == pytest.approx(bound, rel=0.01)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_least_loss_below_the_envelope(seed):
-    """At a torque that needs flux weakening: the voltage is used up, and less i_d would need more."""
-    motor, bus, random = random_motor(200 + seed, strongest=0.45)
-    speed = float(random.uniform(1.0, 1.2) * no_load_speed(motor, bus))
-    bound = float(torque_limits(motor, speed, bus, "flux-weakening")[1])
-    torque_asked = 0.5 * bound
-    direct = float(weakening_current(motor, torque_asked, speed, bus))
-    quadrature = torque_asked / motor.torque_constant
-    currents = [share * direct + 1j * quadrature for share in (1.0, 0.9)]
-    torque, voltage = settled(motor, speed, bus, currents)
-    assert torque[0] == pytest.approx(torque_asked, rel=0.01)
-    assert voltage[0] == pytest.approx(phase_voltage_limit(bus), rel=0.005)
-    assert voltage[1] > 1.002 * voltage[0]
-    loss = 1.5 * motor.stator_resistance * abs(currents[0]) ** 2
-    assert copper_loss(motor, torque_asked, direct) == pytest.approx(loss)
 
 
 def far_reaching_motor(seed):

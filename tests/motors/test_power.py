@@ -24,12 +24,3 @@ def test_terminal_power_is_mechanical_power_plus_copper_loss(motor, torque_share
     assert electrical_power(motor, torque, speed) == pytest.approx(
         shaft + copper_loss(motor, torque), abs=1e-9 * scale
     )
-
-
-def test_copper_loss_of_the_surrogate_at_its_peak(surrogate):
-    current = 15.0 / (1.5 * 21 * 6.08e-3)
-    assert copper_loss(surrogate, -15.0) == pytest.approx(1.5 * 0.1163 * current**2)
-
-
-def test_gentle_braking_at_speed_feeds_the_bus(surrogate):
-    assert electrical_power(surrogate, -3.0, 200.0) < 0

@@ -9,13 +9,14 @@ from hypothesis.extra.numpy import arrays
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
+    PmsmParameters,
     PreparedDrive,
     critical_speed,
     drive,
     drive_torque,
     envelope,
-    no_load_speed,
     prepared,
+    prepared_torque_limits,
     torque_limits,
     voltage_infeasible,
 )
@@ -34,15 +35,6 @@ def test_equals_the_general_law_also_far_beyond_the_no_load_speed(model, torque,
         PreparedDrive(ROBOT.motors, ROBOT.gear, voltage, model)(torque, velocity), expected, strict=True
     ):
         np.testing.assert_allclose(np.broadcast_to(got, 12), np.broadcast_to(wanted, 12), atol=1e-9)
-
-
-def test_equals_the_general_law_around_the_speed_where_no_current_fits():
-    no_load = no_load_speed(ROBOT.motors, 60.0) / ROBOT.gear.ratio
-    for share in np.linspace(0.9, 4.0, 4001):
-        lower, upper = PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0).limits(share * no_load)
-        expected = drive_torque(ROBOT.motors, ROBOT.gear, np.zeros(12), share * no_load, 60.0)
-        np.testing.assert_allclose(lower, expected.lower, atol=1e-6)
-        np.testing.assert_allclose(upper, expected.upper, atol=1e-6)
 
 
 def test_refuses_a_voltage_of_zero_and_an_unknown_model():
@@ -85,3 +77,11 @@ def test_a_model_without_a_fast_form_has_the_torque_of_the_general_law(monkeypat
     np.testing.assert_allclose(given.motor_torque, ROBOT.motors.peak_torque / 2)
     expected = drive_torque(ROBOT.motors, ROBOT.gear, asked, still, 60.0, "half")
     np.testing.assert_allclose(given.torque, expected.torque)
+
+
+@given(motor=st.from_type(PmsmParameters), speed=arrays(float, 5, elements=st.floats(-2e3, 2e3)))
+def test_prepared_limits_are_the_same_to_the_last_bit(motor, speed):
+    for bus in (0.0, 60.0):
+        np.testing.assert_array_equal(
+            prepared_torque_limits(motor)(speed, bus), torque_limits(motor, speed, bus)
+        )

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-import torch
 
 from sprintlab.motors import (
     Gear,
-    PreparedDrive,
     copper_loss,
     drive_torque,
     electrical_power,
@@ -47,16 +45,6 @@ def test_electrical_input_is_joint_output_and_heat(robot, points):
     assert (electrical - drive.torque * velocity >= -1e-12).all(), "a drive that makes energy"
 
 
-def test_a_closed_cycle_returns_less_than_it_takes(robot):
-    """The same joint torque out and back: driving costs more than braking gives."""
-    velocity = np.full(12, 10.0)
-    shaft = np.full(12, 4.0)
-    out = joint_torque(robot.gear, shaft, velocity)
-    back = shaft_torque(robot.gear, out, -velocity)
-    assert (back < shaft).all()
-    np.testing.assert_allclose(back, shaft * np.asarray(robot.gear.efficiency) ** 2, rtol=1e-6)
-
-
 def test_the_gear_passes_all_on_at_rest_and_turns_smoothly():
     gear = Gear(ratio=6.0, efficiency=0.9)
     velocity = np.linspace(-5.0, 5.0, 20001)
@@ -66,18 +54,6 @@ def test_the_gear_passes_all_on_at_rest_and_turns_smoothly():
     assert torque[0] == pytest.approx(18.0 / 0.9, rel=1e-3)
     assert np.abs(np.diff(torque)).max() < 0.002
     np.testing.assert_allclose(shaft_torque(gear, torque, velocity), 3.0)
-
-
-def test_the_prepared_law_and_tensors_are_the_same_law(robot, points):
-    desired, velocity = points
-    wanted = drive_torque(robot.motors, robot.gear, desired, velocity, robot.bus_voltage).torque
-    prepared = PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)
-    for row in range(len(desired)):
-        np.testing.assert_allclose(prepared(desired[row], velocity[row]).torque, wanted[row], rtol=1e-12)
-    tensors = drive_torque(
-        robot.motors, robot.gear, torch.tensor(desired), torch.tensor(velocity), robot.bus_voltage
-    )
-    np.testing.assert_allclose(tensors.torque, wanted, rtol=1e-9)
 
 
 def test_the_loss_is_stable_at_a_kilohertz(robot):

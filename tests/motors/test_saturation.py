@@ -31,15 +31,3 @@ def test_saturation_is_odd_and_takes_its_share_at_the_peak(motor, share):
 def test_unreachable_torque_asks_for_the_peak(motor, factor):
     assert desaturate(motor, factor * motor.peak_torque) == pytest.approx(motor.peak_torque)
     assert desaturate(motor, -factor * motor.peak_torque) == pytest.approx(-motor.peak_torque)
-
-
-def test_no_saturation_changes_nothing():
-    motor = PmsmParameters(
-        pole_pairs=21,
-        stator_resistance=0.1,
-        q_axis_inductance=5e-5,
-        flux_linkage=6e-3,
-        peak_torque=15.0,
-        rotor_inertia=5e-4,
-    )
-    assert saturate(motor, 9.0) == desaturate(motor, 9.0) == 9.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sprintlab.cli.main import main
-from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import PmsmParameters
-from sprintlab.workbench.identification import Bench, fit, identify
+from sprintlab.workbench.identification import Bench, identify
 
 PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
 CONSTANT = 1.5 * PAIRS * FLUX
@@ -51,25 +51,6 @@ def said(found, words):
     return any(words in warning for warning in found.warnings)
 
 
-@pytest.mark.parametrize(("levels", "rows", "largest"), [(9, 20, 40.0), (5, 30, 40.0), (9, 20, 10.0)])
-def test_noise_of_the_current_at_steps_is_no_pattern(levels, rows, largest):
-    """Exact torque, 0.2 A of noise: within a step the residuals follow that noise, between steps nothing."""
-    told = 0
-    for seed in range(30):
-        current, speed, random = points(seed, levels, rows, largest)
-        noisy = current + random.normal(0.0, 0.2, len(current))
-        told += said(fitted(bench(noisy, shaft(current, speed), speed)), "follow")
-    assert told == 0
-
-
-def test_a_knee_of_saturation_is_still_a_pattern():
-    for seed in range(5):
-        current, speed, random = points(seed)
-        torque = shaft(current, speed) - 0.1 * np.sign(current) * np.maximum(np.abs(current) - 25.0, 0.0)
-        noisy = current + random.normal(0.0, 0.2, len(current))
-        assert said(fitted(bench(noisy, torque, speed)), "residuals of torque follow the current")
-
-
 def test_the_zero_of_the_torque_sensor_is_noticed_and_fitted():
     current, speed, random = points(1)
     torque = shaft(current, speed) + 0.3 + random.normal(0.0, 0.02, len(current))
@@ -96,19 +77,6 @@ def test_the_zero_of_the_current_sensor_is_told_from_the_torques_by_the_voltage(
     for name, value in {"current_offset": 0.8, "torque_offset": -0.1, "flux_linkage": FLUX}.items():
         estimate = found.estimates[name]
         assert estimate.determined and abs(estimate.value - value) < 1.6 * estimate.half_width, name
-
-
-def test_in_a_table_without_speeds_the_zero_may_be_friction():
-    current, _, random = points(10)
-    torque = shaft(current, 0.0 * current) - 0.3 + random.normal(0.0, 0.02, len(current))
-    assert said(fitted(bench(current, torque, None)), "friction, or a sensor with a wrong zero")
-
-
-def test_without_voltages_the_two_zeros_are_not_told_apart():
-    current, speed, random = points(3, largest=10.0)
-    torque = shaft(current, speed) + 0.3 + random.normal(0.0, 0.02, len(current))
-    found = fitted(bench(current, torque, speed), also=("torque_offset", "current_offset"))
-    assert not found.estimates["current_offset"].determined
 
 
 def test_a_gear_that_loses_with_the_load_is_noticed_and_fitted():
@@ -145,32 +113,6 @@ def test_a_flux_that_drifts_as_no_magnet_does_is_told():
         torque = shaft(current, speed) + drift * (temperature - 20.0) * CONSTANT * current + noise
         found = fitted(bench(current, torque, speed, temperature=temperature))
         assert said(found, "no magnet's") == unsound
-
-
-def test_a_flux_far_from_the_base_motors_is_told():
-    current, speed, random = points(6)
-    data = bench(current, shaft(current, speed) + random.normal(0.0, 0.02, len(current)), speed)
-    for factor, unlike in ((1.18, True), (1.02, False)):
-        base = PmsmParameters(
-            pole_pairs=PAIRS,
-            stator_resistance=RESISTANCE,
-            q_axis_inductance=INDUCTANCE,
-            flux_linkage=factor * FLUX,
-            peak_torque=11.0,
-            rotor_inertia=5e-4,
-        )
-        assert said(fitted(data, base=base), "that of the base motor") == unlike
-
-
-def test_at_standstill_the_encoders_noise_tells_no_friction():
-    current, _, random = points(7)
-    speed = random.normal(0.0, 0.1, len(current))
-    torque = shaft(current, np.zeros(len(current))) + random.normal(0.0, 0.02, len(current))
-    found = fitted(bench(current, torque, speed))
-    assert said(found, "no row turns")
-    for name in ("coulomb_friction", "viscous_friction"):
-        assert found.estimates[name].value is None and not found.estimates[name].determined
-    assert found.estimates["flux_linkage"].value == pytest.approx(FLUX, rel=0.01)
 
 
 def test_rows_that_stand_are_left_out_of_the_torque():
@@ -223,30 +165,3 @@ def test_friction_alone_is_fitted_to_a_motor_whose_flux_is_known():
     friction = found.estimates["coulomb_friction"]
     assert friction.determined and abs(friction.value - COULOMB) < 1.6 * friction.half_width
     np.testing.assert_allclose(found.torque(found.bench), shaft(current, speed), atol=0.01)
-
-
-def test_a_gear_is_not_blamed_where_the_bench_only_drives():
-    """Torque 6 % above what the power allows: without braking, nothing says that a gear takes it."""
-    current, speed, random = points(22, levels=8)
-    speed = np.abs(speed) * np.sign(current)
-    power = 1.5 * current * (RESISTANCE * current + PAIRS * speed * FLUX)
-    torque = 1.06 * shaft(current, speed) + random.normal(0.0, 0.01, len(current))
-    found = fitted(bench(current, torque, speed, power=power + random.normal(0.0, 1.0, len(current))))
-    assert not said(found, "gear_efficiency") and not said(found, "nan")
-    assert said(found, "follow")
-
-
-def test_more_rows_than_are_fitted_within_ten_seconds_are_refused():
-    current = np.linspace(-30.0, 30.0, 40_001)
-    with pytest.raises(SprintlabError, match="40001 rows, and at most 40000 are fitted"):
-        fitted(bench(current, 0.1 * current, np.linspace(1.0, 90.0, 40_001)))
-
-
-def test_a_fit_that_does_not_settle_ends_before_ten_seconds(monkeypatch):
-    current, speed, random = points(22, levels=8)
-    torque = shaft(current, speed) + random.normal(0.0, 0.01, len(current))
-    measured = bench(current, torque, speed)
-    assert fitted(measured).trustworthy
-    monkeypatch.setattr(fit, "_MOST_WORK", 10 * len(current))  # ten steps in all rounds
-    with pytest.raises(SprintlabError, match=f"the fit of {len(current)} rows does not settle"):
-        fitted(measured)

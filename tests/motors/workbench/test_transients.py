@@ -77,22 +77,6 @@ def test_steady_windows_tell_the_motor_and_all_rows_do_not():
     assert raw.channels[0].noise > 3.0 * found.channels[0].noise
 
 
-def test_a_remark_counts_the_windows():
-    data = bench(*log(2))
-    short = rested(data)
-    assert 100 < short.size < 54 * 10
-    assert f"{short.size} of 540 windows" in fitted(short).warnings[0]
-    assert f"{data.size} rows" in short.remarks[0]
-
-
-def test_windows_lie_where_nothing_changes():
-    time, current, speed, torque = log(3, torque_lag=1e-6)
-    short = rested(bench(time, current, speed, torque))
-    assert np.abs(short.acceleration).max() < 0.2 * np.abs(np.gradient(speed, time)).max()
-    assert np.all(np.diff(short.time) > 0.0)
-    assert set(short.lines) <= set(range(2, len(time) + 2))
-
-
 def test_the_inertia_of_the_rotor_comes_from_the_transients():
     data = bench(*log(4, settling=0.25, torque_lag=1e-6))
     moving = rested(data, 0.05, speed_may_change=True)
@@ -103,12 +87,6 @@ def test_the_inertia_of_the_rotor_comes_from_the_transients():
     determined = replace(inertia, value=0.0, half_width=0.0)
     complete = found.estimates | {name: replace(determined, name=name, value=v) for name, v in values.items()}
     assert replace(found, estimates=complete).motor().rotor_inertia == inertia.value
-
-
-def test_without_a_log_no_inertia_is_fitted():
-    data = bench(*log(5))
-    with pytest.raises(SprintlabError, match="rotor_inertia needs accelerations"):
-        fitted(replace(data, time=None), also=("rotor_inertia",))
 
 
 @pytest.mark.parametrize(
@@ -132,15 +110,6 @@ def test_what_no_window_can_use_is_refused_in_a_sentence():
         rested(bench(backwards, current, speed, torque))
     with pytest.raises(InvalidValueError, match="window"):
         rested(bench(time, current, speed, torque), 0.0)
-
-
-def test_windows_that_are_partly_limited_are_left_out():
-    data = bench(*log(8))
-    limited = np.zeros(data.size, dtype=bool)
-    limited[105:] = True
-    short = rested(replace(data, limited=limited))
-    assert not np.any((short.lines > 101) & (short.lines < 110))
-    assert short.limited[short.lines >= 112].all() and not short.limited[short.lines < 102].any()
 
 
 @pytest.mark.parametrize("unit", ["s", "ms"])
@@ -173,9 +142,3 @@ def test_a_stalled_log_is_fitted_where_it_stands():
     assert abs(found.estimates["saturation"].value - SATURATION) < 0.02
     assert not found.estimates["coulomb_friction"].determined
     assert any("18 of 360 rows turn" in warning for warning in found.warnings)
-
-
-def test_a_time_without_a_unit_is_not_read(tmp_path):
-    path = written(tmp_path / "log.csv", *log(11))
-    path.write_text(path.read_text(encoding="utf-8").replace("time [s]", "time"), encoding="utf-8")
-    assert load_bench(path).time is None and load_bench(path).unused == ("time",)
