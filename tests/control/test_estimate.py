@@ -13,7 +13,7 @@ from sprintlab.control import (
     load_policy,
 )
 from sprintlab.control.standing import StandingContract
-from sprintlab.core.errors import InvalidValueError, PolicyFileError
+from sprintlab.core.errors import PolicyFileError
 
 COEFFICIENT = 0.25
 
@@ -101,28 +101,8 @@ def test_a_robot_that_nearly_stands_is_held_in_its_default_pose(
         np.testing.assert_allclose(blended, pose + share * (own - pose), rtol=1e-5, atol=1e-6)
 
 
-def test_without_an_estimate_a_decision_starts_from_zeros(write_estimator):
-    loaded = load_policy(write_estimator())
-    observation = np.random.default_rng(7).normal(size=(3, 225))
-    blank = loaded.decide(observation, np.zeros((3, ESTIMATE_SIZE)))
-    np.testing.assert_array_equal(loaded.infer(observation), blank.action)
-    with pytest.raises(InvalidValueError, match="previous_estimate"):
-        loaded.decide(observation, np.zeros((3, 7)))
-
-
-def test_a_policy_without_estimator_has_no_estimate(write_policy, robot, measurements):
-    runtime = PolicyRuntime(load_policy(write_policy()), robot)
-    runtime.step(measurements[0], np.zeros(3))
-    assert runtime.last_estimate is None
-
-
 def test_contract_and_network_must_agree_on_the_estimator(write_estimator, contract):
     with pytest.raises(PolicyFileError, match="input must be observation"):
         load_policy(write_estimator(described=contract))
     with pytest.raises(PolicyFileError, match=r"output must be action .*estimate"):
         load_policy(write_estimator(outputs=("action",)))
-
-
-def test_a_cutoff_that_is_not_positive_is_refused(contract):
-    with pytest.raises(InvalidValueError, match="estimate_cutoff_hz"):
-        msgspec.structs.replace(contract.filters, estimate_cutoff_hz=0.0)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from sprintlab.control import LowPass, joint_targets, low_pass, low_pass_coefficient, pd_torque
+from sprintlab.control import LowPass, joint_targets, low_pass, low_pass_coefficient
 from sprintlab.core.errors import InvalidValueError
 
 
@@ -24,14 +24,6 @@ def test_filter_equals_scipy(cutoff, rate):
         state = low_pass(state, value, coefficient)
         outputs.append(float(state))
     np.testing.assert_allclose(outputs, expected, atol=1e-12)
-
-
-def test_cutoff_passes_half_the_power_at_a_high_rate():
-    signal = pytest.importorskip("scipy.signal")
-    rate, cutoff = 100_000.0, 10.0
-    coefficient = low_pass_coefficient(cutoff, rate)
-    _, response = signal.freqz([coefficient], [1.0, coefficient - 1.0], worN=[cutoff], fs=rate)
-    assert abs(response[0]) == pytest.approx(1 / math.sqrt(2), rel=1e-3)
 
 
 def test_fresh_rows_start_from_their_value_in_both_libraries(torch):
@@ -61,9 +53,3 @@ def test_joint_targets_are_limited_scaled_and_offset(torch):
     tensors = (torch.from_numpy(array) for array in (action, pose, scale))
     np.testing.assert_allclose(joint_targets(*tensors, 4.0).numpy(), expected, atol=1e-12)
     np.testing.assert_array_equal(joint_targets(np.zeros(12), pose, scale, 4.0), pose)
-
-
-def test_pd_torque_pulls_to_the_target_and_brakes():
-    stiffness, damping = np.array([60.0, 160.0]), np.array([4.9, 4.9])
-    torque = pd_torque(stiffness, damping, np.array([0.5, 0.0]), np.zeros(2), np.array([0.0, 2.0]))
-    np.testing.assert_allclose(torque, [30.0, -9.8])

@@ -31,11 +31,6 @@ def draw_terms(n=6):
     return {name: generator.normal(size=(n, size)) for name, size in SIZES.items()}
 
 
-def as_torch(terms):
-    torch = pytest.importorskip("torch")
-    return {name: torch.from_numpy(value) for name, value in terms.items()}
-
-
 def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
     layout, terms = ObservationLayout(), draw_terms()
     frame = observation_frame(layout, **terms)
@@ -51,27 +46,6 @@ def test_frame_holds_the_scaled_terms_in_the_order_of_the_layout():
         np.testing.assert_allclose(frame[:, start : start + size], expected, rtol=1e-12)
         start += size
     assert start == 45
-
-
-def test_default_scales():
-    scales = {term.name: term.scales for term in ObservationLayout().for_joints(12).terms}
-    assert scales["command"] == (0.25, 1.0, 1.0)
-    rest = {name: set(factors) for name, factors in scales.items() if name != "command"}
-    assert rest == {
-        "angular_velocity": {0.25},
-        "projected_gravity": {1.0},
-        "joint_position": {1.0},
-        "joint_velocity": {0.05},
-        "previous_action": {0.5},
-    }
-
-
-def test_frame_in_torch_and_for_one_robot_equals_numpy():
-    layout, terms = ObservationLayout(), draw_terms()
-    frame = observation_frame(layout, **terms)
-    np.testing.assert_array_equal(observation_frame(layout, **as_torch(terms)).numpy(), frame)
-    single = observation_frame(layout, **{name: value[2] for name, value in terms.items()})
-    np.testing.assert_array_equal(single, frame[2])
 
 
 def test_history_is_oldest_first_and_starts_with_the_first_frame():
@@ -98,15 +72,6 @@ def test_fresh_rows_start_their_history_anew(torch):
     np.testing.assert_array_equal(update_history(*tensors).numpy(), updated)
 
 
-def test_proprioception_joins_to_thirty_numbers_and_splits_again():
-    terms = draw_terms()
-    parts = Proprioception(**{name: terms[name] for name in Proprioception._fields})
-    joined = join_proprioception(parts)
-    assert joined.shape == (6, 30)
-    for before, after in zip(parts, split_proprioception(joined), strict=True):
-        np.testing.assert_array_equal(before, after)
-
-
 def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     random = np.random.default_rng(1)
@@ -121,16 +86,6 @@ def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
     np.testing.assert_allclose(projected_gravity(quaternion, slope), turned, atol=1e-12)
     on_torch = projected_gravity(torch.from_numpy(quaternion), torch.from_numpy(slope))
     np.testing.assert_allclose(on_torch.numpy(), turned, atol=1e-12)
-
-
-def test_projected_gravity_is_the_world_down_axis_in_the_body_frame(torch):
-    rotation = pytest.importorskip("scipy.spatial.transform").Rotation.random(
-        20, rng=np.random.default_rng(3)
-    )
-    quaternion = rotation.as_quat(scalar_first=True)
-    expected = rotation.inv().apply([0.0, 0.0, -1.0])
-    np.testing.assert_allclose(projected_gravity(quaternion), expected, atol=1e-12)
-    np.testing.assert_allclose(projected_gravity(torch.from_numpy(quaternion)).numpy(), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -77,15 +77,6 @@ def test_the_command_runs_ahead_by_no_more_than_the_lead(
     assert limit_lead(PaceContract(), estimated, asked) == asked
 
 
-def test_a_robot_that_does_not_get_faster_is_asked_for_no_more_than_the_lead(
-    watched_runtime: Callable[..., tuple[PolicyRuntime, Measurement, list[np.ndarray]]],
-) -> None:
-    runtime, still, seen = watched_runtime(pace=PaceContract(lead=3.0))
-    for _ in range(3):
-        runtime.step(still, np.array([12.0, 0.0, 0.0]))
-    assert [command[0] for command in seen] == [3.0, 3.0, 3.0]
-
-
 @pytest.mark.parametrize("speed", [0.0, 0.05, 3.0, 12.0])
 @pytest.mark.parametrize(("power", "deceleration"), [(30.0, 5.0), (1.0, 50.0), (1000.0, 0.5)])
 def test_the_time_to_rest_is_that_of_the_limited_command(

@@ -6,7 +6,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
-from sprintlab.control.policy_graph import OPERATORS, GraphError, check_graph
+from sprintlab.control.policy_graph import GraphError, check_graph
 from sprintlab.core.errors import PolicyFileError
 
 INPUT = load_policy(shipped_policy()).layout.input_size
@@ -40,14 +40,6 @@ def loop():
     )
 
 
-def random_numbers():
-    return model([helper.make_node("RandomNormalLike", ["observation"], ["drawn"])])
-
-
-def another_domain():
-    return model([helper.make_node("Relu", ["observation"], ["y"], domain="com.example")])
-
-
 def subgraph_of_an_allowed_operator():
     node = helper.make_node("Relu", ["observation"], ["y"])
     node.attribute.add(name="body", type=onnx.AttributeProto.GRAPH).g.name = "inner"
@@ -68,17 +60,6 @@ def numbers_in_another_file():
     return model([], tensor)
 
 
-def constant_in_another_file():
-    node = helper.make_node("Constant", [], ["y"], value=numbers_in_another_file().graph.initializer[-1])
-    return model([node])
-
-
-def more_numbers_than_the_file_has():
-    tensor = constant("huge", [0.0], np.float32)
-    tensor.dims[:] = [10**5, 10**5]
-    return model([], tensor)
-
-
 def outer_product():
     return model(
         [helper.make_node("Add", ["row", "column"], ["huge"])],
@@ -87,29 +68,12 @@ def outer_product():
     )
 
 
-def filled():
-    return model([helper.make_node("ConstantOfShape", ["size"], ["huge"])], constant("size", [10**10]))
-
-
-def shapes_that_contradict():
-    return model(
-        [helper.make_node("MatMul", ["observation", "short"], ["y"])],
-        constant("short", np.zeros((INPUT - 1, 3)), np.float32),
-    )
-
-
 REFUSED = {
     loop: "operator 'Loop'",
-    random_numbers: "operator 'RandomNormalLike'",
-    another_domain: "operator 'Relu'",
     subgraph_of_an_allowed_operator: "a network within its operator Relu",
     function: "functions of its own",
     numbers_in_another_file: "other files",
-    constant_in_another_file: "other files",
-    more_numbers_than_the_file_has: "refused by ONNX",
     outer_product: "tensor of 10000000000 numbers",
-    filled: "tensor of 10000000000 numbers",
-    shapes_that_contradict: "refused by ONNX",
 }
 
 
@@ -129,21 +93,3 @@ def test_shipped_policies_pass_and_truncated_ones_do_not(name):
     for cut in (10, len(content) // 2, len(content) - 1):
         with pytest.raises(GraphError):
             check_graph(content[:cut])
-
-
-def test_a_network_that_fails_on_its_input_says_so(tmp_path):
-    path = tmp_path / "policy.onnx"
-    nodes = [
-        helper.make_node("Cast", ["observation"], ["whole"], to=TensorProto.INT64),
-        helper.make_node("Add", ["whole", "far"], ["index"]),
-        helper.make_node("Gather", ["few", "index"], ["taken"]),
-    ]
-    path.write_bytes(model(nodes, constant("far", [10**9]), constant("few", [1, 2])).SerializeToString())
-    with pytest.raises(PolicyFileError, match="network fails"):
-        load_policy(path).infer(np.zeros((1, INPUT), np.float32))
-
-
-def test_no_allowed_operator_branches_or_draws():
-    assert OPERATORS.isdisjoint(
-        {"If", "Loop", "Scan", "SequenceMap", "RandomNormal", "Multinomial", "Bernoulli"}
-    )
