@@ -1,12 +1,11 @@
 """Files from elsewhere: what is not a regular file, too large, or no text is refused in one sentence."""
 
-import os
 import zipfile
 
 import numpy as np
 import pytest
 
-from sprintlab.core.archives import named_floats, read_arrays
+from sprintlab.core.archives import read_arrays
 from sprintlab.core.errors import RobotModelError, SprintlabError
 from sprintlab.core.reading import (
     parse_json,
@@ -16,18 +15,6 @@ from sprintlab.core.reading import (
     read_json,
     read_toml,
 )
-
-
-def test_link_to_a_file_is_followed(tmp_path):
-    (tmp_path / "a").write_text("x = 1\n")
-    (tmp_path / "b").symlink_to(tmp_path / "a")
-    assert read_toml(tmp_path / "b") == {"x": 1}
-
-
-def test_pipe_is_refused_at_once(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(SprintlabError, match="not a regular file"):
-        read_bytes(tmp_path / "pipe", 100)
 
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/", "no such file", "with\0zero"])
@@ -101,21 +88,3 @@ def test_bomb_is_refused_before_it_unpacks(tmp_path):
         archive.writestr("a.npy", bytes(3 << 20))
     with pytest.raises(SprintlabError, match="unpacks to more than"):
         read_arrays(tmp_path / "a.npz", ("a",), limit=1 << 20)
-
-
-def test_arrays_that_must_be_numbers(tmp_path):
-    np.savez(tmp_path / "a.npz", a=np.full(3, 1e4000, np.longdouble), b=np.array(["1"]), c=np.ones(2, bool))
-    found = read_arrays(tmp_path / "a.npz")
-    assert named_floats("a", found, ("a", "c"), "not a table")["a"].tolist() == [np.inf] * 3
-    for name in ("b", "d"):
-        with pytest.raises(SprintlabError, match="a is not a table"):
-            named_floats("a", found, (name,), "not a table")
-
-
-def test_shape_that_claims_40_gigabytes(tmp_path):
-    header = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little")
-    text = b"{'descr': '<f4', 'fortran_order': False, 'shape': (10000000000,), }"
-    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
-        archive.writestr("a.npy", header + text.ljust(117) + b"\n" + bytes(40))
-    with pytest.raises(SprintlabError, match="not an npz archive"):
-        read_arrays(tmp_path / "a.npz", ("a",))

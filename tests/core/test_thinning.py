@@ -2,16 +2,9 @@
 
 import numpy as np
 
-from sprintlab.core.thinning import MOST_OF_CLOUD, MOST_OF_CURVE, thinned_cloud, thinned_curve
+from sprintlab.core.thinning import MOST_OF_CURVE, thinned_cloud, thinned_curve
 
 RANDOM = np.random.default_rng(3)
-
-
-def test_short_records_stay_as_they_are():
-    x, y = RANDOM.random((2, MOST_OF_CURVE))
-    assert thinned_curve(x, y) == (x, y)
-    x, y = RANDOM.random((2, MOST_OF_CLOUD))
-    assert thinned_cloud(x, y) == (x, y)
 
 
 def test_a_curve_keeps_ends_and_extremes_of_every_thousandth_of_its_length():
@@ -43,8 +36,3 @@ def test_a_cloud_keeps_a_sample_wherever_there_was_one():
         return {*zip(*pixels, strict=True)}
 
     assert seen(thin) == seen((x, y))
-
-
-def test_a_cloud_without_extent_is_a_dot():
-    x, y = thinned_cloud(np.full(50_000, 3.0), np.zeros(50_000))
-    assert len(x) == len(y) == 3 and x[0] == 3.0

@@ -91,16 +91,6 @@ def test_mass_matrix_agrees(robot: RobotDescription) -> None:
         assert np.abs((engine.mass_matrix(position) - expected) / scale).max() < 1e-6
 
 
-def test_mass_matrix_needs_the_rotors(robot: RobotDescription) -> None:
-    """The armature of every joint is in it: rotor inertia times the gear ratio squared."""
-    model = build_model(robot)
-    without = DrakeEngine(model, TIMESTEP, rotors={})
-    position = model.key("stand").qpos
-    difference = np.diag(engine_of(model, robot).mass_matrix(position) - without.mass_matrix(position))
-    joints = [model.joint(name).dofadr[0] for name in robot.joint_names]
-    assert difference[joints] == pytest.approx(robot.armature, rel=1e-9)
-
-
 def test_reflected_inertia(robot: RobotDescription) -> None:
     """A torque on each joint, and a force and a twist on the trunk, accelerate the free robot alike."""
     model = build_model(robot, ModelOptions(dry_friction=False, joint_limits=False))
@@ -207,16 +197,6 @@ def test_a_standing_robot_weighs_what_it_weighs(robot: RobotDescription) -> None
         vertical.append(sum(plant.pads.normal_force))
     assert np.mean(vertical) == pytest.approx((robot.total_mass + 2.0) * 9.81, rel=0.03)
     assert plant.time == pytest.approx(0.7)
-
-
-def test_motors_limit_the_torque() -> None:
-    """The same law as in the first engine: what it gives moves the robot, not what was asked for."""
-    robot = load_robot("bp2")
-    plant = open_plant(robot, on_engine(PlantOptions(), "drake"), TrialSettings())
-    given = plant.drive_joints(np.full(12, 1e4), robot.default_pose, BlindRecorder())
-    limit = np.asarray(robot.motors.peak_torque) * np.asarray(robot.gear.ratio)
-    assert (given.torque <= limit).all()
-    assert np.abs(plant.joint_state()[1]).max() < 0.001 * (limit / robot.armature).max()
 
 
 @pytest.mark.parametrize("name", ["sprint", "go1-sprint"])

@@ -25,15 +25,6 @@ def standing(robot, ground, seconds, *, place=0.0):
     return plant, recorder.trajectory()
 
 
-def test_without_a_choice_the_floor_is_level_and_even(robot):
-    plant = Plant(robot, PlantOptions(), TrialSettings())
-    assert plant.model.nhfield == 0 and plant.rough is None
-    assert plant.model.opt.gravity.tolist() == [0.0, 0.0, -9.81]
-    assert plant.model.geom_type[plant.model.geom("floor").id] == mujoco.mjtGeom.mjGEOM_PLANE
-    assert PlantOptions().remarks == ()
-    assert plant.measurement().projected_gravity.tolist() == [0.0, 0.0, -1.0]
-
-
 @pytest.mark.parametrize("slope", [0.05, -0.3])
 def test_the_inertial_unit_feels_the_true_vertical(robot, slope):
     plant = Plant(robot, PlantOptions(ground=Ground(slope=slope)), TrialSettings())
@@ -51,14 +42,6 @@ def test_a_robot_in_the_air_falls_along_the_true_vertical(robot, slope):
     mujoco.mj_subtreeVel(plant.model, plant.data)
     down = 0.2 * 9.81 / math.hypot(1.0, slope) * np.array([-slope, 0.0, -1.0])
     np.testing.assert_allclose(plant.data.subtree_linvel[0], down, atol=0.005)
-
-
-def test_heights_stay_within_the_roughness_and_follow_the_seed():
-    field, again = RoughGround(ROUGH), RoughGround(ROUGH)
-    assert np.abs(field.heights).max() <= 0.02
-    assert field.heights.min() < -0.0199 and field.heights.max() > 0.0199
-    np.testing.assert_array_equal(field.heights, again.heights)
-    assert (field.heights != RoughGround(Ground(roughness=0.02, seed=4)).heights).any()
 
 
 def test_the_start_is_flat():

@@ -11,7 +11,6 @@ from sprintlab.motors import (
     HousedHeat,
     I2tLimit,
     MotorValues,
-    PreparedDrive,
     WindingHeat,
     battery_current,
     copper_loss,
@@ -31,7 +30,7 @@ from sprintlab.motors import (
     warmed_with_housing,
 )
 from sprintlab.plant import BlindRecorder, Plant, PlantOptions, SuppliedDrive, TrialSettings
-from sprintlab.robots import AIR_DENSITY, load_robot
+from sprintlab.robots import load_robot
 
 ROBOT = load_robot("bp2")
 STEP = 0.001
@@ -135,19 +134,6 @@ def test_winding_and_housing_warm_by_the_law_of_two_nodes():
     assert SuppliedDrive(ROBOT, 60.0, heat=WindingHeat()).state.housing_temperature is None
 
 
-def test_a_stiff_battery_and_cold_windings_change_nothing():
-    table = (3.0, 60.0 / 14, 60.0 / 14 + 1e-9)
-    battery = Battery(internal_resistance=0.0, charge_table=(0.0, 0.1, 1.0), voltage_table=table)
-    heat = WindingHeat(heat_capacity=1e9)
-    supplied, plain = (
-        SuppliedDrive(ROBOT, 60.0, battery=battery, heat=heat),
-        PreparedDrive(ROBOT.motors, ROBOT.gear, 60.0),
-    )
-    for desired, velocity in zip(*motion(50), strict=True):
-        for got, wanted in zip(supplied(desired, velocity), plain(desired, velocity), strict=True):
-            np.testing.assert_allclose(got, wanted, atol=1e-4)
-
-
 def test_the_plant_uses_them_only_where_asked(standing_targets):
     plain = Plant(ROBOT, PlantOptions(), TrialSettings())
     assert plain.supply is None
@@ -209,12 +195,3 @@ def test_a_robot_stands_on_the_cells_of_its_own_table(name: str, full: float) ->
     plant.advance(robot.default_pose, 1, BlindRecorder())
     assert plant.supply is not None
     assert plant.supply.bus_voltage == pytest.approx(full, rel=0.01)
-
-
-def test_air_holds_a_robot_back_by_its_own_area() -> None:
-    robot = load_robot("go1")
-    plant = Plant(robot, PlantOptions(), TrialSettings())
-    plant.data.qvel[0] = 10.0
-    plant.advance(robot.default_pose, 1, BlindRecorder())
-    force = plant.data.xfrc_applied[plant.model.body("trunk").id, 0]
-    assert force == pytest.approx(-0.5 * AIR_DENSITY * 0.074 * 100.0)

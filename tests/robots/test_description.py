@@ -10,8 +10,6 @@ from sprintlab import robots
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.robots import (
-    Link,
-    SoftStop,
     load_robot,
     load_robot_file,
     parameter_table,
@@ -41,18 +39,9 @@ def edited_table(tmp_path):
     return edit
 
 
-def test_bp2_is_known():
-    assert "bp2" in robot_names()
-
-
 def test_an_unknown_robot_lists_the_known_ones():
     with pytest.raises(RobotModelError, match=r"'bp3' is unknown; known robots: .*bp2"):
         load_robot("bp3")
-
-
-def test_the_empty_name_is_unknown():
-    with pytest.raises(RobotModelError, match="is unknown"):
-        load_robot("")
 
 
 @pytest.mark.parametrize("name", ["../robots/bp3", "bp3/parameters.toml", Path("bp3")])
@@ -100,30 +89,9 @@ def test_the_robots_of_the_shipped_policies_are_those_that_they_were_trained_on(
     assert robot_fingerprint(load_robot(contract.robot_name)) == contract.robot_fingerprint
 
 
-def test_joints_stand_in_policy_order(bp2):
-    assert bp2.leg_names == ("FL", "FR", "RL", "RR")
-    assert bp2.joint_names[:4] == ("FL_abad", "FL_hip", "FL_knee", "FR_abad")
-    assert bp2.spring_joint_names == ("FL_spring", "FR_spring", "RL_spring", "RR_spring")
-
-
 def test_gains_are_those_of_the_paper(bp2):
     np.testing.assert_array_equal(bp2.stiffness, np.tile([60.0, 160.0, 160.0], 4))
     np.testing.assert_array_equal(bp2.damping, np.full(12, 4.9))
-
-
-def test_motors_differ_between_abduction_and_the_sagittal_joints(bp2):
-    np.testing.assert_array_equal(bp2.motors.peak_torque, np.tile([12.0, 15.0, 15.0], 4))
-    np.testing.assert_allclose(bp2.armature, np.tile([0.0200, 0.0472, 0.0417], 4), rtol=2e-3)
-
-
-def test_standing_height_is_the_height_of_the_bent_leg(bp2):
-    expected = 0.31 * np.cos(0.7) + 0.32 * np.cos(0.5) + 0.03
-    assert bp2.standing_height == pytest.approx(expected, abs=1e-12)
-
-
-def test_arrays_cannot_be_changed(bp2):
-    with pytest.raises(ValueError, match="read-only"):
-        bp2.default_pose[0] = 1.0
 
 
 def test_every_number_has_unit_uncertainty_and_basis():
@@ -155,9 +123,6 @@ def test_a_deleted_section_is_named(tmp_path):
     [
         ("name = ", "# name = ", "name is missing"),
         ("zone = { value = 0.08", "zone = { value = nan", r"soft_stop\.zone\.value = nan"),
-        ("zone = { value = 0.08", "zone = { value = true", r"soft_stop\.zone\.value = True"),
-        ("zone = { value = 0.08", "zone = { value = [0.08]", r"must be a finite number"),
-        ("[-1.2, 2.6]", "[-1.2]", r"joint\.hip\.range\.value .* list of 2 finite numbers"),
         ("[-1.2, 2.6]", "[2.6, -1.2]", r"joint\.hip\.range .* lower first"),
         ("[-0.7, 0.7]", "[-0.6, 0.7]", r"joint\.abad\.range .* symmetric"),
         (
@@ -165,8 +130,6 @@ def test_a_deleted_section_is_named(tmp_path):
             'uncertainty = "x or / 3"',
             r"soft_stop\.zone has the fields",
         ),
-        ("[soft_stop]", "[soft_stop]\nextra = 3", r"soft_stop\.extra must be a table"),
-        ("pole_pairs = { value = 21.0", "pole_pairs = { value = 21.5", r"motor\.pole_pairs = 21\.5"),
         ("value = 8.4e-05", "value = 84.0", "q_axis_inductance = 84.0"),
         ("total_mass = { value = 36.5", "total_mass = { value = 15.0", "must exceed the legs' mass"),
         ("[0.1299, 0.7196, 0.7596]", "[0.1299, 0.7196, 0.9596]", "no moment may exceed"),
@@ -179,16 +142,6 @@ def test_a_broken_table_is_refused_with_what_is_wrong(edited_table, old, new, me
     with pytest.raises(RobotModelError, match=message) as caught:
         load_robot_file(path)
     assert str(path) in str(caught.value)
-
-
-def test_an_absent_table_is_refused(tmp_path):
-    with pytest.raises(RobotModelError, match="cannot read robot table"):
-        load_robot_file(tmp_path / "none.toml")
-
-
-def test_the_fingerprint_is_repeatable(bp2):
-    assert robot_fingerprint(load_robot("bp2")) == robot_fingerprint(bp2)
-    assert re.fullmatch("[0-9a-f]{64}", robot_fingerprint(bp2))
 
 
 @pytest.mark.parametrize(
@@ -224,10 +177,3 @@ def test_wrong_shapes_and_values_are_refused(bp2):
         replace(bp2, dry_friction=-np.ones(12))
     with pytest.raises(InvalidValueError, match="bus_voltage"):
         replace(bp2, bus_voltage=0.0)
-
-
-def test_impossible_parts_are_refused():
-    with pytest.raises(InvalidValueError, match="zone"):
-        SoftStop(zone=0.0, stiffness=1.0, damping=1.0)
-    with pytest.raises(InvalidValueError, match="mass"):
-        Link(mass=-1.0, inertia=(1.0, 1.0, 1.0))

@@ -46,8 +46,3 @@ def test_the_feet_are_drawn_where_they_touch(dressed):
         rotation = data.geom_xmat[geom].reshape(3, 3)
         heights = (dressed.mesh_vert[start : start + count] @ rotation.T + data.geom_xpos[geom])[:, 2]
         assert heights.min() > -0.005
-
-
-def test_cameras_follow_the_trunk(dressed):
-    assert {dressed.camera(i).name for i in range(dressed.ncam)} == {"side", "chase", "front"}
-    assert (dressed.cam_mode == mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM).all()
