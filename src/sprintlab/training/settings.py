@@ -652,6 +652,28 @@ class EstimatorSettings:
         return self.learning_rate * (self.final_learning_rate / self.learning_rate) ** annealed
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExamSettings:
+    """When the policy is examined in the training: see ``training.exam``. The best exam's policy is exported.
+
+    Attributes:
+        interval: iterations between two exams; a shorter run has none, a longer one also ends with one.
+        hopeless: the run ends in its second half when no exam has held this speed within the audit's limits
+            [m/s]; None: it goes on.
+
+    Raises:
+        InvalidValueError: a number that is not positive.
+    """
+
+    interval: int = 600
+    hopeless: float | None = None
+
+    def __post_init__(self) -> None:
+        check_range("interval", self.interval, 1, 1_000_000)
+        if self.hopeless is not None:
+            check_positive("hopeless", self.hopeless, "m/s")
+
+
 @functools.cache
 def _kinds(kind: type) -> dict[str, Any]:
     """Type hints of the fields that a class has from this package; none for one that has nothing of it."""
@@ -701,6 +723,7 @@ class TrainingSettings:
         standing_hold: robots that are asked to stand, and nearly do, are held in their default pose, as
             ``PolicyRuntime`` does it: the estimator sees robots that stand, and runs begin from there.
         prior: strides that are rewarded at the start; none in the paper.
+        exam: of the policy, every so often; None: the last policy is exported.
         seed: of every random generator.
 
     Raises:
@@ -722,6 +745,7 @@ class TrainingSettings:
     constraints: ConstraintSettings | None = ConstraintSettings()
     stages: StageSettings = StageSettings()
     prior: StridePrior | None = None
+    exam: ExamSettings | None = ExamSettings()
     ppo: PpoSettings = PpoSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     observation: ObservationLayout = field(default_factory=lambda: ObservationLayout(history_length=10))
@@ -745,6 +769,8 @@ class TrainingSettings:
 
 CPU_ENVIRONMENTS, CPU_HIDDEN = 2048, (128, 64)
 """Robots and widths of all networks with which a CPU learns quickest."""
+CPU_EXAM_INTERVAL = 80
+"""Iterations between two exams on a CPU, whose iterations are longer."""
 
 
 def settings_for_cpu(settings: TrainingSettings) -> TrainingSettings:
@@ -761,4 +787,5 @@ def settings_for_cpu(settings: TrainingSettings) -> TrainingSettings:
     if estimator.encoder == defaults.estimator.encoder:
         estimator = replace(estimator, encoder=CPU_HIDDEN)
     ppo = replace(ppo, precision="tf32")
-    return replace(settings, simulation=simulation, ppo=ppo, estimator=estimator)
+    exam = ExamSettings(interval=CPU_EXAM_INTERVAL) if settings.exam == defaults.exam else settings.exam
+    return replace(settings, simulation=simulation, ppo=ppo, estimator=estimator, exam=exam)

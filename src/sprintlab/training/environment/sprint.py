@@ -617,9 +617,14 @@ class SprintEnvironment:
         self._put(self.estimate, released, torch.zeros_like(self.estimate))
         return released
 
-    def _observe(self, reset_mask: torch.Tensor) -> None:
-        """Hold; noise, filter, frame, history for the actor; no noise in the critic's observation."""
-        body = self.kinematics.read()
+    def _observe(self, reset_mask: torch.Tensor, body: BodyState | None = None) -> None:
+        """Hold; noise, filter, frame, history for the actor; no noise in the critic's observation.
+
+        Args:
+            reset_mask: robots that begin ``(n,)``.
+            body: the present state, where it has been read already.
+        """
+        body = body or self.kinematics.read()
         released = self._hold(reset_mask, body.gravity)
         parts = Proprioception(
             body.angular_velocity, body.gravity, body.joint_position - self._default_pose, body.joint_velocity

@@ -183,9 +183,12 @@ def _loop(
         reporter.show(row)
         keep_milestone(runner, options, before)
         now = time.monotonic()
-        over = now - started >= seconds or row["iteration"] >= last
+        over = now - started >= seconds or row["iteration"] >= last or runner.hopeless
         due = now - saved >= options.save_seconds
-        ended, due = runner.workers.any_of([over or bool(stop), due])
+        over, stopped, due = runner.workers.any_of([over, bool(stop), due])
+        ended = over or stopped
+        if over:
+            runner.examine_at_end()
         if ended or due:
             _save(runner, options)
             saved = time.monotonic()

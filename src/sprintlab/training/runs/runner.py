@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import random
 import sys
@@ -22,6 +23,7 @@ from sprintlab.core.reading import refused_as_damaged
 from sprintlab.robots import robot_fingerprint
 from sprintlab.training.environment.constraints import WATCHED, Chances
 from sprintlab.training.environment.sprint import SprintEnvironment
+from sprintlab.training.exam import Exam, ExamResult
 from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
@@ -63,6 +65,34 @@ class RunLength:
         return min(1.0, max(shares))
 
 
+EQUAL_SPEED = 0.05
+"""Held speeds that differ by less are equal, and the cost of transport decides [m/s]."""
+_HALF = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class BestExam:
+    """The policy that did best in an exam.
+
+    Attributes:
+        iteration: at which it was examined.
+        held: speed within the audit's limits [m/s].
+        cost: of transport there [-].
+        policy: its weights by name.
+    """
+
+    iteration: int
+    held: float
+    cost: float
+    policy: dict[str, torch.Tensor]
+
+    def beaten_by(self, held: float, cost: float) -> bool:
+        """Whether another policy is faster, or as fast and cheaper."""
+        if abs(held - self.held) < EQUAL_SPEED:
+            return cost < self.cost
+        return held > self.held
+
+
 class Runner:
     """One run: made from settings, or taken up again from its checkpoint.
 
@@ -75,6 +105,8 @@ class Runner:
 
     Attributes:
         length: when the run ends.
+        best: the policy of the best exam so far; None: no exam has kept the audit's limits.
+        last_exam: the latest.
     """
 
     def __init__(
@@ -106,6 +138,9 @@ class Runner:
         self.chances = None if settings.constraints is None else Chances(settings.constraints)
         self.progress = Progress()
         self.mean = {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
+        self.best: BestExam | None = None
+        self.last_exam: ExamResult | None = None
+        self._fused, self._exam = fused, None
         self._set_curriculum()
 
     def begin(self, length: RunLength) -> None:
@@ -130,8 +165,59 @@ class Runner:
         self.blend.update(self.growth.upper)
         row = self._record(statistics, self._agreed(time.perf_counter() - started))
         self._average()
+        if self._exam_due():
+            row |= self.examine()
         self._set_curriculum()
         return row
+
+    # --- exams -------------------------------------------------------------------------------------------
+
+    def _exam_due(self) -> bool:
+        settings = self.settings.exam
+        return settings is not None and self.progress.iteration % settings.interval == 0
+
+    def examine(self) -> dict[str, float]:
+        """Examine the policy, remember it if it is the best so far; returns what the log gets.
+
+        All processes examine the same weights on the same robots, and come to the same result.
+        """
+        started = time.perf_counter()
+        result = self._examiner().run(self.growth.upper)
+        self.last_exam, best = result, result.best
+        if best is not None and (self.best is None or self.best.beaten_by(best.held, best.cost)):
+            policy = {name: value.clone() for name, value in self.mean.items()}
+            iteration = self.progress.iteration
+            self.best = BestExam(iteration=iteration, held=best.held, cost=best.cost, policy=policy)
+        seconds = self._agreed(time.perf_counter() - started)
+        self.progress.seconds += seconds
+        return {**result.row(), "exam/seconds": seconds}
+
+    def examine_at_end(self) -> None:
+        """Examine the last policy, too, where there have been exams; its numbers go into the last row."""
+        if self.last_exam is not None and not self._exam_due():
+            self.progress.log[-1] |= self.examine()
+
+    def _examiner(self) -> Exam:
+        """The exam's robots, which act by the mean of the weights."""
+        if self._exam is None:
+            actor = copy.deepcopy(self.learner.actor)
+            actor.load_state_dict(self.mean, assign=True)
+            self._exam = Exam(self.settings, self.device, actor, self._fused)
+        return self._exam
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether half of the run is over and no exam has held the speed that the settings ask for."""
+        settings = self.settings.exam
+        if settings is None or settings.hopeless is None or self.last_exam is None:
+            return False
+        held = 0.0 if self.best is None else self.best.held
+        return self.length.share(self.progress) >= _HALF and held < settings.hopeless
+
+    @property
+    def chosen(self) -> dict[str, torch.Tensor]:
+        """Weights of the policy that is exported: that of the best exam, else the present mean."""
+        return self.mean if self.best is None else self.best.policy
 
     def _may_open(self) -> bool:
         """Whether the range of speeds may grow: far up only while feet and gears hold."""
@@ -203,7 +289,9 @@ class Runner:
         first, *others = self.workers.gather(self._own_state(with_robots)) or [None]
         return {
             **self._description(),
-            "policy": self.mean,
+            "policy": self.chosen,
+            "mean": self.mean,
+            "best": None if self.best is None else vars(self.best),
             "learner": self.learner.state_dict(),
             **(first or {}),
             "others": others,
@@ -292,7 +380,8 @@ class Runner:
         if self.chances is not None and state["chances"] is not None:
             self.chances.load_state_dict(state["chances"])
         for name, value in self.mean.items():
-            value.copy_(state["policy"][name])
+            value.copy_(state["mean"][name])
+        self.best = None if state["best"] is None else BestExam(**state["best"])
         if state["grid_weights"].shape == self.environment.grid_weights.shape:
             self.environment.grid_weights.copy_(state["grid_weights"])
         saved = [{name: state[name] for name in ("environment", "generators")}, *state.get("others", ())]

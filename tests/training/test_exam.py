@@ -1,0 +1,152 @@
+"""The exam of a training: what it measures, and that it changes nothing but the choice of the policy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+
+import torch
+
+from sprintlab.evaluation.audit import TOLERANCE, AuditThresholds
+from sprintlab.evaluation.results import REST_SPEED
+from sprintlab.training import exam as exam_module
+from sprintlab.training.exam import GROUPS, LIMITS, Exam, GroupResult
+from sprintlab.training.learner.algorithm import build_actor
+from sprintlab.training.runs.checkpoint import read_checkpoint
+from sprintlab.training.runs.runner import BestExam, Runner
+from sprintlab.training.settings import ExamSettings, PpoSettings, SimulationSettings, TrainingSettings
+
+SETTINGS = TrainingSettings(
+    simulation=SimulationSettings(environments=8),
+    ppo=PpoSettings(steps=2, epochs=1, mini_batches=2, hidden=(16,)),
+    exam=ExamSettings(interval=2),
+)
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four robots per speed, and a run of two seconds."""
+    torch.set_num_threads(1)
+    monkeypatch.setattr(exam_module, "ROBOTS", 4)
+    for name, value in {"HOLD": 0.6, "REST": 0.4, "STEADY": 0.4, "REST_WINDOW": 0.2}.items():
+        monkeypatch.setattr(exam_module, name, value)
+
+
+def group(**values: object) -> GroupResult:
+    """A group that keeps all limits, but for the values given."""
+    worst = {"foot_force": 3.0, "pad_deflection": 0.012, "gear_torque": 2.0, "joint_speed": 1.0,
+             "leg_distance": 0.05, "stop_depth": 0.2}  # fmt: skip
+    good = GroupResult(
+        asked=10.0, held=9.8, fallen=0.0, at_rest=1.0, worst=worst, most=worst, load=(0.25,) * 4,
+        duty=(0.2,) * 4, cost=0.9,
+    )  # fmt: skip
+    return replace(good, **values)  # type: ignore[arg-type]
+
+
+def test_the_limits_are_those_of_the_audit() -> None:
+    audit = AuditThresholds()
+    named = {
+        "foot_force": audit.foot_force,
+        "pad_deflection": audit.pad_deflection,
+        "gear_torque": audit.gear_torque_ratio,
+        "joint_speed": audit.joint_speed_ratio,
+        "leg_distance": audit.leg_distance,
+    }
+    assert named == LIMITS and exam_module.TOLERANCE == TOLERANCE
+    assert exam_module.REST_SPEED == REST_SPEED
+    others = exam_module.LOAD_SHARE, exam_module.DUTY_FACTOR, exam_module.COMMAND_SHARE
+    assert others == (audit.load_share, audit.duty_factor, audit.command_share)
+
+
+@pytest.mark.parametrize(
+    ("values", "failed"),
+    [
+        ({}, []),
+        ({"fallen": 0.2}, ["fallen"]),
+        ({"at_rest": 0.5}, ["at_rest"]),
+        ({"held": 7.9}, ["held"]),
+        ({"load": (0.09, 0.3, 0.3, 0.31)}, ["load"]),
+        ({"worst": {**group().worst, "foot_force": 4.01}}, ["foot_force"]),
+        ({"most": {**group().worst, "foot_force": 4.5}}, []),
+        (
+            {"most": {**group().worst, "gear_torque": 3.5, "leg_distance": -0.01}},
+            ["gear_torque", "leg_distance"],
+        ),
+    ],
+)
+def test_what_fails_a_group(values: dict[str, object], failed: list[str]) -> None:
+    assert group(**values).failed == failed
+
+
+def test_robots_that_stand_are_measured_as_standing() -> None:
+    """A policy without weights gives the default pose: it holds nothing, and presses as its weight does."""
+    actor = build_actor(SETTINGS, Runner(SETTINGS, "cpu", "test").environment.robot)
+    with torch.no_grad():
+        for parameter in actor.policy.parameters():
+            parameter.zero_()
+    result = Exam(SETTINGS, "cpu", actor).run(2.0)
+    assert [g.asked for g in result.groups.values()] == pytest.approx(
+        [2.0 * share for share in GROUPS.values()]
+    )
+    for found in result.groups.values():
+        assert (found.fallen, found.at_rest) == (0.0, 1.0) and abs(found.held) < 0.05
+        assert found.failed == ["held"]
+        assert sum(found.load) == pytest.approx(1.0) and min(found.load) > 0.1
+        assert found.duty == pytest.approx((1.0,) * 4)
+        assert 0.2 < found.worst["foot_force"] < 1.0 and found.worst["leg_distance"] > 0.1
+    assert result.path.shape == (Exam.steps(2.0), 23) and all(map(math.isfinite, result.row().values()))
+
+
+def test_one_seed_gives_one_network_with_exams_or_without() -> None:
+    """The same networks bit for bit, and the same numbers of the exams."""
+
+    def trained(exam: ExamSettings | None) -> tuple[Runner, list[dict[str, float]]]:
+        runner = Runner(replace(SETTINGS, exam=exam), "cpu", "test")
+        rows = [runner.iterate() for _ in range(4)]
+        return runner, [{k: v for k, v in row.items() if k.startswith("exam/")} for row in rows]
+
+    (first, exams), (second, others), (without, nothing) = map(trained, (SETTINGS.exam, SETTINGS.exam, None))
+    for name, value in first.learner._networks().items():
+        assert torch.equal(value, second.learner._networks()[name]), name
+        assert torch.equal(value, without.learner._networks()[name]), name
+    assert [bool(row) for row in exams] == [False, True, False, True] and not any(nothing)
+    for row, other in zip(exams, others, strict=True):
+        assert {**row, "exam/seconds": 0.0} == {**other, "exam/seconds": 0.0}
+
+
+def test_the_best_exams_policy_is_kept_and_survives_a_checkpoint(tmp_path: Path) -> None:
+    runner = Runner(SETTINGS, "cpu", "test")
+    runner.iterate()
+    kept = {name: value.clone() for name, value in runner.mean.items()}
+    runner.best = BestExam(iteration=1, held=8.0, cost=1.0, policy=kept)
+    runner.iterate()
+    runner.save(tmp_path / "checkpoint.pt")
+    state = read_checkpoint(tmp_path / "checkpoint.pt")
+    resumed = Runner(SETTINGS, "cpu", "test")
+    resumed.load(state)
+    for name, value in kept.items():
+        assert torch.equal(state["policy"][name], value) and torch.equal(resumed.chosen[name], value)
+        assert torch.equal(resumed.mean[name], runner.mean[name])
+    assert resumed.best is not None and resumed.best.held == 8.0
+
+
+def test_faster_beats_and_as_fast_must_be_cheaper() -> None:
+    best = BestExam(iteration=1, held=8.0, cost=1.0, policy={})
+    assert best.beaten_by(8.1, 2.0) and best.beaten_by(8.02, 0.9)
+    assert not best.beaten_by(8.02, 1.1) and not best.beaten_by(7.9, 0.5)
+
+
+def test_a_hopeless_run_ends_in_its_second_half() -> None:
+    from sprintlab.training.runs.runner import RunLength
+
+    runner = Runner(replace(SETTINGS, exam=ExamSettings(interval=1, hopeless=3.0)), "cpu", "test")
+    runner.begin(RunLength(iterations=4))
+    ended = [(runner.iterate(), runner.hopeless)[1] for _ in range(3)]
+    assert ended == [False, True, True]
+    runner.best = BestExam(iteration=1, held=3.5, cost=1.0, policy={})
+    assert not runner.hopeless
