@@ -204,7 +204,7 @@ def main() -> None:
     """Time what is installed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", type=int, default=4096)
-    parser.add_argument("--out", type=Path, default=Path("results/integrations/cost.json"))
+    parser.add_argument("--output", type=Path, default=Path("results/integrations/cost.json"))
     given = parser.parse_args()
     found: dict[str, object] = {"robots": given.robots, "processor": processor(), "threads": 1}
     for name, guest in GUESTS.items():
@@ -216,7 +216,7 @@ def main() -> None:
         package = PACKAGES.get(name, name)
         found[name] = {"version": importlib.metadata.version(package), "microseconds_per_step": times}
         print(name, found[name])
-    given.out.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    given.output.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 def processor() -> str:

@@ -26,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
             part.add_argument("--seed", type=int)
             part.add_argument("--until", type=float)
             continue
-        part.add_argument("--out", type=Path, required=True)
+        part.add_argument("--output", type=Path, required=True)
         part.add_argument("--actuators", nargs="+", choices=ACTUATORS, default=ACTUATORS)
         part.add_argument("--seeds", type=int, nargs="+", default=(1, 2, 3))
         part.add_argument("--minutes", type=float, default=9.0, help="no training goes on for longer")

@@ -80,6 +80,6 @@ run beyond the refined envelope, as `sprintlab audit` counts it. *Falls*: of all
 commands 1 to 6 m/s.
 
 ```sh
-python -m studies.mjlab_speed train --out OUT --iterations {iterations} --minutes 9
+python -m studies.mjlab_speed train --output OUT --iterations {iterations} --minutes 9
 ```
 """

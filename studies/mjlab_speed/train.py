@@ -161,9 +161,9 @@ def folder_of(given: argparse.Namespace, seed: int, law: str) -> Path:
 
 def pack(given: argparse.Namespace, runs: Sequence[tuple[int, str]]) -> None:
     """``results.zip`` of the finished policies, 0.8 MB per run, and what is left to do."""
-    given.out.mkdir(parents=True, exist_ok=True)
+    given.output.mkdir(parents=True, exist_ok=True)
     left = []
-    with zipfile.ZipFile(given.out / "results.zip", "w") as archive:
+    with zipfile.ZipFile(given.output / "results.zip", "w") as archive:
         for seed, law in runs:
             path = folder_of(given, seed, law) / "policy.npz"
             if path.exists():

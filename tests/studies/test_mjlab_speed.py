@@ -142,7 +142,7 @@ def test_finished_runs_are_packed_judged_and_make_a_page(trained, tmp_path):
     folder.mkdir(parents=True)
     (folder / "policy.npz").write_bytes(path.read_bytes())
     work = ["--work", str(tmp_path / "work"), "--actuators", "refined", "--seeds", "1", "--iterations", "2"]
-    main(["train", "--out", str(tmp_path), *work])
+    main(["train", "--output", str(tmp_path), *work])
     with zipfile.ZipFile(tmp_path / "results.zip") as archive:
         archive.extractall(tmp_path / "results")
     main(["judge", str(tmp_path / "results"), "--commands", "1", "--trials", "1", "--jobs", "1"])

@@ -37,8 +37,9 @@ LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
     "knee torque in swing": ("knee in swing",),
     "joint range and leg length": ("joint range", "leg length"),
     "friction on the ground": ("friction",),
+    "the drag of the air": (),
 }
-"""What is taken away, one at a time, to see what stops the robot."""
+"""What is taken away, one at a time, to see what stops the robot: groups of limits, or the air's drag."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,6 +230,8 @@ def _lift(
     runner: Runner, settings: SearchSettings, best: Fastest, cause: str, tick: Callable[[], None]
 ) -> Lifted:
     kept = [group for group in GROUPS if group not in LIMITS_TO_LIFT[cause]]
+    if cause == "the drag of the air":
+        runner = replace(runner, drag_area=0.0)
     ceiling = _WITHOUT_CEILING * best.speed
     found = fastest_stride(runner, settings, groups=kept, near=best, ceiling=ceiling, tick=tick)
     return Lifted(cause=cause, speed=found.speed, bounded=found.bounded)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from sprintlab.motors import Gear, MotorModel, PmsmParameters, joint_torque, saturate, torque_limits
-from sprintlab.robots import KneeSpring, RobotDescription
+from sprintlab.robots import AIR_DENSITY, KneeSpring, RobotDescription
 from sprintlab.speed_limit.leg import FloatArray, PlanarLeg, planar_leg
 
 _HALF_TURN = 2.0  # joint speed over which dry friction turns round [rad/s]
@@ -29,6 +29,7 @@ class Runner:
         mass: mass of the robot [kg].
         legs: number of legs that share the load.
         foot_friction: sliding friction coefficient.
+        drag_area: drag coefficient times frontal area in still air [m^2]; 0 on a treadmill.
         knee_spring: series spring between the knee's drive and the shank; None without one.
         motor_model: torque limits of the motors, one of ``sprintlab.motors.MOTOR_MODELS``.
     """
@@ -43,6 +44,7 @@ class Runner:
     mass: float
     legs: int
     foot_friction: float
+    drag_area: float
     knee_spring: KneeSpring | None
     motor_model: MotorModel = "refined"
 
@@ -66,6 +68,10 @@ class Runner:
         """Torque that the joints' friction takes ``(..., 2)`` [N m]."""
         return self.viscous_friction * velocity + self.dry_friction * np.tanh(velocity / _HALF_TURN)
 
+    def air_drag(self, speed: FloatArray) -> FloatArray:
+        """Force with which still air holds the robot back at a speed [N]."""
+        return 0.5 * AIR_DENSITY * self.drag_area * speed**2
+
 
 def runner_from_robot(robot: RobotDescription) -> Runner:
     """The sagittal plane of a robot: hip and knee of its first leg stand for all; a waist is straight."""
@@ -87,5 +93,6 @@ def runner_from_robot(robot: RobotDescription) -> Runner:
         mass=robot.total_mass,
         legs=len(robot.leg_names),
         foot_friction=robot.foot_friction,
+        drag_area=robot.drag_area,
         knee_spring=robot.mechanics.knee_spring,
     )

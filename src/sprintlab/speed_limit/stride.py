@@ -189,8 +189,8 @@ def _stance_load(runner: Runner, shape: dict[str, FloatArray], speed: FloatArray
 
     Vertical impulse balance: over a stride of length T the legs together give the trunk ``m g T``, each leg
     ``m g T / legs``; a part ``impact`` of it comes at once at touchdown, the rest as a sum of sine waves over
-    the stance. No horizontal impulse remains: nothing slows the trunk down. The mean of ``sin(k pi s)`` is
-    ``2 / (k pi)`` for odd k and 0 for even k.
+    the stance. The horizontal impulse makes up for the drag of the air and leaves the speed as it is. The
+    mean of ``sin(k pi s)`` is ``2 / (k pi)`` for odd k and 0 for even k.
 
     One stance carries the mass ``share m``: a quarter where all legs push together, half where left and
     right take turns. That mass falls freely between its stances, an interval ``T / (legs share)`` apart, and
@@ -203,6 +203,7 @@ def _stance_load(runner: Runner, shape: dict[str, FloatArray], speed: FloatArray
     up = mean * np.hstack(((1.0 - struck) * 0.5 * np.pi - third / 3.0, shape["second"][:, None], third))
     push, late = shape["push"][:, None], shape["late_push"][:, None]
     forward = mean * np.hstack((-slope * struck * 0.5 * np.pi - late / 3.0, push, late))
+    forward[:, :1] += 0.5 * np.pi * runner.air_drag(speed) / runner.legs / shape["duty"][:, None]
     force = np.stack((forward @ _SINES, up @ _SINES), axis=-1)
     carried = shape["share"][:, None] * runner.mass
     gain = stance_time / carried * (up @ _SINES_ONCE) - GRAVITY * stance_time * _SHARE
