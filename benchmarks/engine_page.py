@@ -1,4 +1,4 @@
-"""Writes the tables of docs/engine.md from the files below results/engine.
+"""Writes the tables of docs/how-it-works.md from the files below results/engine.
 
 python benchmarks/engine_page.py
 """
@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, RESULTS = ROOT / "docs" / "engine.md", ROOT / "results" / "engine"
+PAGE, RESULTS = ROOT / "docs" / "how-it-works.md", ROOT / "results" / "engine"
 
 
 def running_table() -> str:

@@ -1,4 +1,4 @@
-"""docs/engine.md says what the results say."""
+"""docs/how-it-works.md says what the results say."""
 
 from __future__ import annotations
 
