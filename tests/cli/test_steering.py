@@ -1,7 +1,5 @@
 """``sprintlab turning`` and ``sprintlab lap``: what they print, draw and refuse."""
 
-import json
-
 import numpy as np
 import pytest
 from tests.short_trials import shorten_trials
@@ -10,19 +8,12 @@ from sprintlab.evaluation.turning import TurningSettings
 
 
 @pytest.mark.usefixtures("short_trials")
-def test_a_policy_that_stands_is_mapped(call, policy, tmp_path, run_once, monkeypatch):
+def test_a_policy_that_stands_is_mapped(call, policy, tmp_path, monkeypatch):
     shorten_trials(monkeypatch.setitem, {TurningSettings: {"turn": 2.0}})
-    run_once("sprintlab.evaluation.turning.turn_once")
     figure = tmp_path / "turning.svg"
-    options = ("--speeds", 0, "--workers", 1)
-    outcome = call("turning", policy, *options, "--json", "--figure", figure)
-    numbers = json.loads(outcome.out)
-    assert outcome.status == 0 and numbers["falls"] == 0
-    assert {turn["command_speed_m_s"] for turn in numbers["turns"]} == {0.0}
-    assert all(abs(turn["gain"]) < 0.05 for turn in numbers["turns"])
-    assert figure.read_text().startswith("<?xml")
-    table = call("turning", policy, *options).out
-    assert "half of mu g" in table and "+50 %" in table
+    outcome = call("turning", policy, "--speeds", 0, "--workers", 1, "--figure", figure)
+    assert outcome.status == 0 and "half of mu g" in outcome.out and "+50 %" in outcome.out
+    assert "Falls: 0" in outcome.out and figure.read_text().startswith("<?xml")
 
 
 def test_bad_input_is_refused_before_anything_runs(call, policy, tmp_path):

@@ -11,11 +11,9 @@ from tests.short_trials import COARSE
 
 from sprintlab.cli.main import main
 from sprintlab.control import load_policy
-from sprintlab.core.errors import SimulationError
 from sprintlab.evaluation.estimates import (
     body_velocity,
     estimate_bands,
-    estimate_pair,
     merge_bands,
     total_band,
 )
@@ -92,15 +90,8 @@ def test_errors_are_told_apart_by_speed(run):
     assert fast.contact_accuracy == pytest.approx(0.75)
 
 
-def test_only_fresh_estimates_count(run):
-    pair = estimate_pair(run(exact))
-    np.testing.assert_allclose(np.diff(pair.time), 0.02)
-
-
 def test_without_an_estimator_there_is_nothing_to_compare(run):
     assert estimate_bands(run(None)) == ()
-    with pytest.raises(SimulationError, match="no estimator"):
-        estimate_pair(run(None))
 
 
 def band(lower, samples, error, contact):
@@ -124,8 +115,7 @@ def test_bands_of_several_trials_merge_by_their_samples():
     assert merged[1].forward_bias == pytest.approx(2.5)
     assert merged[1].contact_accuracy == pytest.approx(0.7)
     total = total_band(merged)
-    assert total is not None and (total.lower, total.upper, total.samples) == (0.0, 6.0, 45)
-    assert total_band([]) is None
+    assert (total.lower, total.upper, total.samples) == (0.0, 6.0, 45)
 
 
 def test_a_trial_records_the_estimate_that_the_policy_used(estimating_policy, robot):

@@ -11,6 +11,7 @@ from sprintlab.commands import Track
 from sprintlab.control import load_policy
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.evaluation.lap import LapCourse, lap_result, run_lap
+from sprintlab.evaluation.sweep_figures import _oval
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import BaseState
 
@@ -93,3 +94,10 @@ def test_a_robot_that_stands_does_not_finish(standing_policy, robot):
 def test_a_crawl_is_refused(standing_policy, robot):
     with pytest.raises(InvalidValueError, match=r"lap\.top_speed"):
         run_lap(load_policy(standing_policy), robot, TrialRequest(top_speed=0.5))
+
+
+@pytest.mark.parametrize("outward", [-0.3, 0.0, 0.92])
+def test_every_point_of_the_drawn_lane_has_the_offset_that_it_is_drawn_for(outward):
+    track = Track()
+    offsets = [track.locate(x, y).offset for x, y in _oval(track, outward)]
+    assert np.allclose(offsets, -outward, atol=1e-9)

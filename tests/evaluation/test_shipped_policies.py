@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import load_policy, shipped_policies, shipped_policy
-from sprintlab.evaluation.trial import TrialRequest, run_course, run_trial
+from sprintlab.evaluation.trial import Course, TrialRequest, run_course, run_trial
 from sprintlab.plant import BaseState
 from sprintlab.robots import load_robot
 
@@ -25,7 +25,7 @@ def test_it_holds_the_speed_of_its_committed_race(name):
     assert trial.metrics.held_speed == pytest.approx(race["held_speed_m_s"], abs=0.3)
 
 
-class Stand:
+class Stand(Course):
     """Asks for rest for three seconds."""
 
     longest = 3.0

@@ -10,7 +10,7 @@ from sprintlab.api.tables import plain_table
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sprintlab.evaluation.clock_check import ClockCheck
+    from sprintlab.evaluation.clock import ClockCheck
 
 NOTE = (
     "Strides: medians over the trials that completed. Locked: a stride takes a whole number of policy steps, "

@@ -23,7 +23,7 @@ from sprintlab.core.arguments import checked
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sprintlab.evaluation.clock_check import ClockCheck
+    from sprintlab.evaluation.clock import ClockCheck
     from sprintlab.evaluation.results import EstimateBand, ProtocolResult, SpeedResult, TrialResult
 
 
@@ -147,7 +147,7 @@ def evaluate(
     """
     leave_to_the_parent()
     from sprintlab.core.files import atomic_write_json, check_writable_file
-    from sprintlab.evaluation.clock_check import check_clock
+    from sprintlab.evaluation.clock import check_clock
     from sprintlab.evaluation.protocol import battery_request, run_protocol
     from sprintlab.evaluation.trial import check_top_speed
 

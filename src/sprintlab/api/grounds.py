@@ -100,5 +100,7 @@ def ground(
     )
     path = policy_path(policy)
     with trial_pool(path, robot, workers) as pool:
-        found = compare_grounds(pool, settings, lambda kind, share: progress(f"on {kind} ground", share))
+        found = compare_grounds(
+            pool, settings, lambda kind, done, total: progress(f"on {kind} ground", done / total)
+        )
     return Grounds(policy=path.stem, found=found, notes=plant.remarks)

@@ -241,8 +241,9 @@ def command_line() -> str:
 
 def result_table(result: RaceResult) -> Table:
     """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.quantities import QUANTITIES, number
+    from sprintlab.evaluation.quantities import number
     from sprintlab.evaluation.report_text import sprint_text
+    from sprintlab.evaluation.results import QUANTITIES
 
     raw, paced = result.raw, result.self_paced
     title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"

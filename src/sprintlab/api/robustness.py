@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sprintlab.evaluation.pool import TrialPool
+    from sprintlab.evaluation.sweep import Run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -30,7 +31,7 @@ class Robustness(Drawn):
         distance: of a sprint [m].
         seed: of the first sprint.
         summary: the numbers, as ``sprintlab.evaluation.robustness.summarize`` gives them.
-        sprints: every sprint as plain values.
+        sprints: how every sprint ended.
         folder: where they lie, each in a file of its own.
     """
 
@@ -39,7 +40,7 @@ class Robustness(Drawn):
     distance: float
     seed: int
     summary: dict[str, Any]
-    sprints: list[dict[str, Any]]
+    sprints: list[Run]
     folder: Path
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,7 +78,7 @@ class Robustness(Drawn):
 
     def plot(self) -> Figure:
         """Held speeds, and what each cause costs."""
-        from sprintlab.evaluation.robustness.figure import robustness_figure
+        from sprintlab.evaluation.sweep_figures import robustness_figure
 
         title = f"{self.policy}, {self.distance:g} m at a command of {self.top_speed:g} m/s"
         return in_notebook(robustness_figure(self.summary, self.sprints, title))
@@ -122,11 +123,11 @@ def robustness(
     """
     leave_to_the_parent()
     from sprintlab.evaluation.robustness import StudySettings, run_study, summarize
-    from sprintlab.evaluation.robustness.study import check_folder, known_top_speed
+    from sprintlab.evaluation.sweep import stored_study
 
     path = policy_path(policy)
     place = Path("runs") / f"robustness-{path.stem}" if folder is None else Path(folder)
-    check_folder(place)
+    stored = stored_study(place)
     settings = StudySettings(  # refused before the search for a speed
         top_speed=top_speed or 1.0,
         trials=trials,
@@ -135,7 +136,7 @@ def robustness(
         seed=seed,
     )
     with trial_pool(path, robot, workers) as pool:
-        speed = top_speed or known_top_speed(place) or _search(pool, progress)
+        speed = top_speed or stored.get("top_speed") or _search(pool, progress)
         settings = replace(settings, top_speed=speed)
         sprints = run_study(
             pool,

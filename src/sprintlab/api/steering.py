@@ -52,7 +52,7 @@ class Turning(OfAPolicy, Drawn):
 
     def plot(self) -> Figure:
         """Commanded and achieved turns over speed and yaw rate."""
-        from sprintlab.evaluation.turning_figure import turning_figure
+        from sprintlab.evaluation.sweep_figures import turning_figure
 
         return in_notebook(turning_figure(self.found))
 
@@ -89,7 +89,7 @@ class Lap(OfAPolicy, Drawn):
 
     def plot(self) -> Figure:
         """The path that was run, on the lane."""
-        from sprintlab.evaluation.lap_figure import lap_figure
+        from sprintlab.evaluation.sweep_figures import lap_figure
 
         return in_notebook(lap_figure(self.found))
 
@@ -126,7 +126,7 @@ def turning(
     settings, path = TurningSettings(speeds=tuple(speeds), plant=plant), policy_path(policy)
     with trial_pool(path, robot, workers) as pool:
         found = turning_map(
-            pool, settings, lambda point, share: progress(f"turning at {point.command.speed:g} m/s", share)
+            pool, settings, lambda speed, done, total: progress(f"turning at {speed}", done / total)
         )
     return Turning(policy=path.stem, found=found, notes=plant.remarks)
 

@@ -1,58 +1,18 @@
-"""The clock of the policy: at its own rate, at another one, or unsteady."""
+"""The same trials with the policy's clock off its rate: does the speed live on the clock?"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sprintlab.control import POLICY_RATE_HZ
-from sprintlab.core.checks import check_range
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolicyClock:
-    """When the policy is asked for its next action.
-
-    The policy does not know: its filters and its history go on as if every period were 20 ms.
-
-    Attributes:
-        rate: mean rate [Hz].
-        jitter: half-width of the uniform draw of each period, as a share of the period, 0 to 0.5.
-
-    Raises:
-        InvalidValueError: a field is out of range.
-    """
-
-    rate: float = POLICY_RATE_HZ
-    jitter: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_range("clock.rate", self.rate, 10.0, 250.0, "Hz")
-        check_range("clock.jitter", self.jitter, 0.0, 0.5)
-
-    def __str__(self) -> str:
-        return f"{self.rate:g} Hz" + (f" ± {100 * self.jitter:g} % each period" if self.jitter else "")
-
-    def periods(self, motor_rate: float, seed: int) -> Iterator[int]:
-        """Motor steps from each action to the next, without end.
-
-        Ticks fall on motor steps; what is rounded away at one tick is made up for at the next.
-
-        Args:
-            motor_rate: rate of the motor loop [Hz].
-            seed: decides the jitter.
-        """
-        random = np.random.default_rng((seed, 2))
-        due, passed = 0.0, 0
-        while True:
-            due += motor_rate / self.rate * (1.0 + self.jitter * random.uniform(-1.0, 1.0))
-            steps = max(1, round(due) - passed)
-            passed += steps
-            yield steps
-
+from sprintlab.evaluation.audit import CLOCK_DISTANCE, clock_distance
+from sprintlab.evaluation.disturbances import PolicyClock
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.protocol import ProtocolSettings
+from sprintlab.evaluation.results import TrialResult
 
 CLOCKS = (
     PolicyClock(),
@@ -63,22 +23,111 @@ CLOCKS = (
 """The policy's own clock, a slower and a faster one, and an unsteady one."""
 
 
-def followed_share(clocks: Sequence[PolicyClock], stride_frequencies: Sequence[float]) -> float:
-    """How much of a change of the clock's rate the stride frequency follows.
+@dataclass(frozen=True, kw_only=True)
+class ClockTrials:
+    """The seeded trials of one v* with one clock.
 
-    1: a stride always takes the same number of policy steps; 0: it always takes the same time. The slope of
-    a straight line through the logarithms, over the clocks without jitter.
-
-    Returns:
-        ``nan`` with fewer than two rates at which there is a stride.
+    Attributes:
+        clock: of the policy.
+        trials: how many ran.
+        completed: how many did not fall and came to rest.
+        held_speed: mean over those [m/s]; this and the following are ``nan`` where there is none.
+        stride_frequency: median [Hz].
+        stride_steps: the same as policy steps a stride.
+        clock_distance: of the stride from a whole number of policy steps, median over the trials.
     """
-    points = [
-        (math.log(clock.rate), math.log(frequency))
-        for clock, frequency in zip(clocks, stride_frequencies, strict=True)
-        if clock.jitter == 0.0 and frequency > 0.0
-    ]
-    if len({rate for rate, _ in points}) < 2:
-        return math.nan
-    rates, frequencies = np.array(points).T
-    centred = rates - rates.mean()
-    return float(centred @ frequencies / (centred @ centred))
+
+    clock: PolicyClock
+    trials: int
+    completed: int
+    held_speed: float
+    stride_frequency: float
+    stride_steps: float
+    clock_distance: float
+
+    @property
+    def locked(self) -> bool:
+        """Whether a stride takes a whole number of policy steps, by the limit of the exploit audit."""
+        return self.clock_distance < CLOCK_DISTANCE
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockCheck:
+    """What other clocks make of one policy at the speed v* [m/s]; the policy's own clock comes first."""
+
+    top_speed: float
+    clocks: tuple[ClockTrials, ...]
+
+    @property
+    def followed(self) -> float:
+        """How much of a change of rate the stride frequency follows.
+
+        1: a stride always takes as many policy steps; 0: as much time. The slope of a straight line through
+        the logarithms, over the clocks without jitter; ``nan`` with fewer than two that have a stride.
+        """
+        steady = [item for item in self.clocks if item.clock.jitter == 0.0 and item.stride_frequency > 0.0]
+        if len({item.clock.rate for item in steady}) < 2:
+            return math.nan
+        rates, frequencies = np.log([(item.clock.rate, item.stride_frequency) for item in steady]).T
+        centred = rates - rates.mean()
+        return float(centred @ frequencies / (centred @ centred))
+
+    @property
+    def greatest_loss(self) -> float:
+        """Held speed lost with the worst other clock, as a share; ``nan`` where no trial completes there."""
+        own, *others = (item.held_speed for item in self.clocks)
+        return 1.0 - min(others) / own if all(map(math.isfinite, others)) else math.nan
+
+    @property
+    def cost(self) -> float:
+        """The same where every trial completes with every clock; else 1, all of it."""
+        safe = all(item.completed == item.trials for item in self.clocks)
+        return self.greatest_loss if safe and math.isfinite(self.greatest_loss) else 1.0
+
+
+def check_clock(
+    pool: TrialPool,
+    top_speed: float,
+    *,
+    settings: ProtocolSettings | None = None,
+    own: Sequence[TrialResult] | None = None,
+) -> ClockCheck:
+    """Run the protocol's seeded trials at v* (raw command) with each clock.
+
+    Args:
+        pool: policy, robot and processes.
+        top_speed: v* [m/s].
+        settings: seeds, number of trials, plant.
+        own: the trials with the policy's own clock, where they have run.
+
+    Raises:
+        SimulationError: as ``run_trial``.
+    """
+    requests = (settings or ProtocolSettings()).requests(top_speed, self_paced=False)
+    found = [] if own is None else [clock_trials(CLOCKS[0], own)]
+    for clock in CLOCKS[len(found) :]:
+        trials = pool.trials([replace(item, clock=clock, keep_trajectory=False) for item in requests])
+        found.append(clock_trials(clock, trials))
+    return ClockCheck(top_speed=top_speed, clocks=tuple(found))
+
+
+def clock_trials(clock: PolicyClock, trials: Sequence[TrialResult]) -> ClockTrials:
+    """Summarize trials that ran with one clock."""
+    done = [trial.metrics for trial in trials if trial.completed]
+    frequencies = _known(metrics.stride_frequency for metrics in done)
+    frequency = float(np.median(frequencies)) if frequencies else math.nan
+    distances = [clock_distance(value, clock.rate) for value in frequencies]
+    held = _known(metrics.held_speed for metrics in done)
+    return ClockTrials(
+        clock=clock,
+        trials=len(trials),
+        completed=len(done),
+        held_speed=float(np.mean(held)) if held else math.nan,
+        stride_frequency=frequency,
+        stride_steps=clock.rate / frequency if frequency else math.nan,
+        clock_distance=float(np.median(distances)) if distances else math.nan,
+    )
+
+
+def _known(values: Iterable[float]) -> list[float]:
+    return [value for value in values if math.isfinite(value)]

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
-
-import numpy as np
 
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.results import TrialResult
-from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.evaluation.sweep import Case, Progress, Run, held_speeds, mean, of_group, run_cases
 from sprintlab.plant import Ground, PlantOptions
 
 LARGEST_LOSS = 0.15
@@ -53,25 +49,20 @@ class GroundSettings:
         check_positive("ground.roughness", self.roughness, "m")
         Ground(slope=self.slope, roughness=self.roughness)
 
-    def grounds(self) -> dict[str, tuple[Ground, ...]]:
-        """The ground of every trial, by the name of the kind."""
-        kinds = {
-            "level": Ground(),
-            "uphill": Ground(slope=self.slope),
-            "downhill": Ground(slope=-self.slope),
-        }
-        even = {name: (ground,) * self.trials for name, ground in kinds.items()}
-        rough = tuple(Ground(roughness=self.roughness, seed=seed) for seed in range(self.trials))
-        return {**even, "rough": rough}
-
-    def requests(self) -> list[TrialRequest]:
-        """Every trial, in the order of ``grounds``; the same draws on each ground."""
+    def cases(self) -> list[Case]:
+        """Every trial, kind by kind, level ground first; the same draws on each."""
         protocol = ProtocolSettings(trials=self.trials, required=1, hold=self.hold, plant=self.plant)
-        drawn = protocol.requests(self.top_speed, self_paced=False)
+        drawn = list(enumerate(protocol.requests(self.top_speed, self_paced=False)))
+        kinds = {
+            "level": lambda seed: Ground(),
+            "uphill": lambda seed: Ground(slope=self.slope),
+            "downhill": lambda seed: Ground(slope=-self.slope),
+            "rough": lambda seed: Ground(roughness=self.roughness, seed=seed),
+        }
         return [
-            replace(request, plant=replace(self.plant, ground=ground), keep_trajectory=False)
-            for grounds in self.grounds().values()
-            for request, ground in zip(drawn, grounds, strict=True)
+            Case(group=kind, request=replace(request, plant=replace(self.plant, ground=make(seed))))
+            for kind, make in kinds.items()
+            for seed, request in drawn
         ]
 
 
@@ -99,12 +90,7 @@ class GroundTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundResult:
-    """All trials of one policy.
-
-    Attributes:
-        settings: what was run.
-        grounds: level ground first.
-    """
+    """All trials of one policy; level ground is the first of ``grounds``."""
 
     settings: GroundSettings
     grounds: tuple[GroundTrials, ...]
@@ -132,12 +118,11 @@ class GroundResult:
             }
             for found in self.grounds
         ]
-        settings = self.settings
         return json_ready(
             {
-                "top_speed_command_m_s": settings.top_speed,
-                "slope": settings.slope,
-                "roughness_m": settings.roughness,
+                "top_speed_command_m_s": self.settings.top_speed,
+                "slope": self.settings.slope,
+                "roughness_m": self.settings.roughness,
                 "largest_loss": LARGEST_LOSS,
                 "grounds": rows,
             }
@@ -145,40 +130,17 @@ class GroundResult:
 
 
 def compare_grounds(
-    pool: TrialPool,
-    settings: GroundSettings,
-    progress: Callable[[str, float], None] = lambda *_: None,
+    pool: TrialPool, settings: GroundSettings, progress: Progress = lambda *_: None
 ) -> GroundResult:
-    """Run every trial.
-
-    Args:
-        pool: policy, robot and processes.
-        settings: what is run.
-        progress: called after every trial with the kind of ground and the share done.
-
-    Raises:
-        SimulationError: as ``run_trial``.
-    """
-    requests, names = settings.requests(), tuple(settings.grounds())
-    speeds: dict[str, list[float]] = {name: [] for name in names}
-    falls: dict[str, list[str]] = {name: [] for name in names}
-    for index, result in enumerate(pool.stream(requests)):
-        name = names[index // settings.trials]
-        trial = result if isinstance(result, TrialResult) else result.trial
-        if trial.fall_reason:
-            falls[name].append(trial.fall_reason)
-        else:
-            speeds[name].append(trial.metrics.held_speed)
-        progress(name, (index + 1) / len(requests))
+    """Run every trial; errors as in ``run_cases``."""
+    cases = settings.cases()
+    runs = run_cases(pool, cases, progress)
+    names = dict.fromkeys(case.group for case in cases)
     return GroundResult(
-        settings=settings,
-        grounds=tuple(
-            GroundTrials(
-                name=name,
-                trials=settings.trials,
-                held_speed=float(np.mean(held)) if held else math.nan,
-                falls=tuple(falls[name]),
-            )
-            for name, held in speeds.items()
-        ),
+        settings=settings, grounds=tuple(_trials(name, of_group(runs, name)) for name in names)
     )
+
+
+def _trials(name: str, runs: list[Run]) -> GroundTrials:
+    falls = tuple(run.fall_reason for run in runs if not run.upright)
+    return GroundTrials(name=name, trials=len(runs), held_speed=mean(held_speeds(runs)), falls=falls)

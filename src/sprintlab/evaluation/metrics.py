@@ -55,6 +55,11 @@ def trial_metrics(
         fell: whether the robot fell at the end of the trajectory.
     """
     window = steady_window(trajectory, hold_interval)
+    duty = (
+        trajectory.foot_contact[window].mean(axis=0)
+        if window.any()
+        else np.full(len(robot.leg_names), math.nan)
+    )
     return TrialMetrics(
         held_speed=_mean(trajectory.velocity[window, 0]),
         hold_acceleration=hold_acceleration(trajectory, hold_interval),
@@ -72,7 +77,8 @@ def trial_metrics(
         smallest_leg_distance=float(trajectory.leg_distance.min()),
         slip_per_step=slip_per_step(trajectory),
         stride_frequency=stride_frequency(trajectory.joint_position[window], sample_time(trajectory)),
-        duty_factor=_duty_factor(trajectory, window),
+        duty_factor=tuple(duty.tolist()),
+        mean_duty=float(duty.mean()),
         load_share=_load_share(trajectory, window),
         feet=robot.leg_names,
         asked_speed=_asked_speed(trajectory, window),
@@ -348,14 +354,6 @@ def _full_joints(
     return tuple(sorted(found, key=lambda item: item[1]))
 
 
-def _duty_factor(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
-    """Share of time on the ground ``(4,)`` in the steady window; ``nan`` without one."""
-    contact = trajectory.foot_contact[window]
-    if len(contact) == 0:
-        return (math.nan,) * trajectory.foot_contact.shape[1]
-    return tuple(contact.mean(axis=0).tolist())
-
-
 def _load_share(trajectory: Trajectory, window: NDArray[np.bool_]) -> tuple[float, ...]:
     """Share of the ground's impulse that each foot takes in the steady window; ``nan`` where not measured."""
     count = trajectory.foot_contact.shape[1]
@@ -375,16 +373,14 @@ def _powers(
     trajectory: Trajectory, robot: RobotDescription, window: NDArray[np.bool_], mass: float
 ) -> dict[str, Any]:
     """Mean powers of all motors in the steady window, and the cost of transport that follows."""
-    names = ("mechanical_power", "positive_power", "copper_power", "electrical_power", "cost_of_transport")
     if not window.any():
-        return dict.fromkeys(names, math.nan)
+        return {}
     mechanical = joint_power(trajectory)[window]
     loss = copper_losses(trajectory, robot)[window]
     electrical = float(bus_power(trajectory, robot)[window].mean())
     forward = float(trajectory.velocity[window, 0].mean())
     return {
         "mechanical_power": float(mechanical.sum(axis=1).mean()),
-        "positive_power": float(np.maximum(mechanical, 0.0).sum(axis=1).mean()),
         "copper_power": float(loss.sum(axis=1).mean()),
         "electrical_power": electrical,
         "cost_of_transport": electrical / (mass * GRAVITY * forward) if forward > 0.1 else math.nan,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sprintlab.control import Policy
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials, with_clock_loss
-from sprintlab.evaluation.clock_check import check_clock
+from sprintlab.evaluation.clock import check_clock
 from sprintlab.evaluation.pool import TrialPool
 from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed, step_size_requests
 from sprintlab.evaluation.results import (

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from sprintlab.evaluation.audit import CLOCK_ITEM
-from sprintlab.evaluation.quantities import QUANTITIES, Quantity, number
+from sprintlab.evaluation.quantities import Quantity, number
 from sprintlab.evaluation.results import (
+    QUANTITIES,
     REST_SPEED,
     AuditItem,
     AuditReport,

@@ -7,7 +7,7 @@ order ``FL, FR, RL, RR`` x ``abad, hip, knee``, 4 feet in the order ``FL, FR, RL
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from itertools import takewhile
 from typing import Any
@@ -19,7 +19,7 @@ from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.core.json_values import json_ready
-from sprintlab.evaluation.quantities import quantity_numbers
+from sprintlab.evaluation.quantities import shown, shown_fields
 from sprintlab.plant import TrialSettings
 
 REST_SPEED = 0.3
@@ -31,80 +31,45 @@ STEADY_RISE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
-    """What one trial recorded, every array with the sample axis first.
+    """What one trial recorded, sample axis first; what was not measured is ``None``.
 
-    Attributes:
-        time: (T,) [s] since the start of the profile.
-        qpos: (T, nq) MuJoCo generalized positions: base position 3, quaternion 4 (w first), joints.
-        qvel: (T, nv) MuJoCo generalized velocities: base velocity in the world 3, angular velocity in
-            the body 3, joints.
-        profile_speed: (T,) [m/s] speed that the profile asks for, before self-pacing.
-        command: (T, 3) what the policy was given: forward, left [m/s], yaw rate [rad/s].
-        velocity: (T, 2) base velocity in the heading frame: forward, left [m/s].
-        height: (T,) height of the base above the ground [m].
-        angular_velocity: (T, 3) base, body frame: roll, pitch, yaw rate [rad/s].
-        tilt: (T,) angle between the trunk's vertical and the world's [rad].
-        heading: (T,) yaw angle, unwrapped [rad].
-        joint_position: (T, joints) [rad].
-        joint_velocity: (T, joints) joint side [rad/s]; times the gear ratio = motor speed.
-        joint_target: (T, joints) filtered joint targets of the PD loop [rad].
-        motor_torque: (T, joints) motor side, after the envelope's clip, before saturation [N m].
-        torque_lower: (T, joints) lower end of the envelope, motor side [N m].
-        torque_upper: (T, joints) upper end of the envelope, motor side [N m].
-        joint_torque: (T, joints) delivered to the joint [N m] (saturation, gear and efficiency in).
-        foot_contact: (T, legs) bool, the ground presses on the foot with more than 1 N.
-        foot_penetration: (T, legs) greatest deflection of the foot's pad since the last sample [m], >= 0.
-        foot_position: (T, legs, 3) centre of the foot sphere, world [m].
-        foot_slip_speed: (T, legs) at which the foot slides over the ground, mean since the last sample [m/s].
-        leg_distance: (T,) smallest surface distance between two legs [m]; negative: they overlap.
-        foot_force: (T, legs) normal force of the ground on each foot, mean since the last sample [N];
-            ``None``, as are the next five, where it was not measured.
-        foot_impact: (T, legs) greatest mean of that force over 5 ms that ended since the last sample [N].
-        joint_power: (T, joints) delivered to the joint, mean since the last sample [W].
-        copper_loss: (T, joints) heat in the windings, mean since the last sample [W].
-        bus_power: (T,) what all motors draw from the bus, mean since the last sample [W].
-        gear_torque: (T, joints) torque that the gear passes on to the joint, the motor's torque minus the
-            reflected rotor inertia times acceleration; of the means over one motor step since the last
-            sample, the one with the greatest magnitude [N m].
-        estimate: (T, 8) the policy's last estimate, as it used it: velocity in the body frame 3 [m/s], base
-            height 1 [m], probability of foot contact 4; ``None`` for a policy without an estimator.
-        bus_voltage: (T,) [V]; ``None`` without battery, heat and flux weakening.
-        winding_temperature: (T, joints) [degC]; ``None`` without heat.
-        i2t_level: (T, joints) where the drives' I²t stands, 1 at its limit [-]; ``None`` without one.
+    "Mean" and "greatest" are over the motor steps since the last sample.
     """
 
-    time: Array
-    qpos: Array
-    qvel: Array
-    profile_speed: Array
-    command: Array
-    velocity: Array
-    height: Array
-    angular_velocity: Array
-    tilt: Array
-    heading: Array
-    joint_position: Array
-    joint_velocity: Array
-    joint_target: Array
-    motor_torque: Array
-    torque_lower: Array
-    torque_upper: Array
-    joint_torque: Array
-    foot_contact: Array
-    foot_penetration: Array
-    foot_position: Array
-    foot_slip_speed: Array
-    leg_distance: Array
-    foot_force: Array | None = None
-    foot_impact: Array | None = None
-    joint_power: Array | None = None
-    copper_loss: Array | None = None
-    bus_power: Array | None = None
-    gear_torque: Array | None = None
-    estimate: Array | None = None
-    bus_voltage: Array | None = None
-    winding_temperature: Array | None = None
-    i2t_level: Array | None = None
+    time: Array  # (T,) [s] since the start of the profile
+    qpos: Array  # (T, nq) MuJoCo's: base position 3, quaternion 4 (w first), joints
+    qvel: Array  # (T, nv) MuJoCo's: base velocity in the world 3, angular velocity in the body 3, joints
+    profile_speed: Array  # (T,) [m/s] that the profile asks for, before self-pacing
+    command: Array  # (T, 3) what the policy was given: forward, left [m/s], yaw rate [rad/s]
+    velocity: Array  # (T, 2) base velocity in the heading frame: forward, left [m/s]
+    height: Array  # (T,) of the base above the ground [m]
+    angular_velocity: Array  # (T, 3) base, body frame: roll, pitch, yaw rate [rad/s]
+    tilt: Array  # (T,) angle between the trunk's vertical and the world's [rad]
+    heading: Array  # (T,) yaw angle, unwrapped [rad]
+    joint_position: Array  # (T, joints) [rad]
+    joint_velocity: Array  # (T, joints) joint side [rad/s]; times the gear ratio = motor speed
+    joint_target: Array  # (T, joints) filtered joint targets of the PD loop [rad]
+    motor_torque: Array  # (T, joints) motor side, after the envelope's clip, before saturation [N m]
+    torque_lower: Array  # (T, joints) lower end of the envelope, motor side [N m]
+    torque_upper: Array  # (T, joints) upper end of the envelope, motor side [N m]
+    joint_torque: Array  # (T, joints) delivered to the joint, saturation, gear and efficiency in [N m]
+    foot_contact: Array  # (T, legs) bool, the ground presses on the foot with more than 1 N
+    foot_penetration: Array  # (T, legs) greatest deflection of the foot's pad [m], >= 0
+    foot_position: Array  # (T, legs, 3) centre of the foot sphere, world [m]
+    foot_slip_speed: Array  # (T, legs) at which the foot slides over the ground, mean [m/s]
+    leg_distance: Array  # (T,) smallest surface distance between two legs [m]; negative: they overlap
+    foot_force: Array | None = None  # (T, legs) normal force of the ground, mean [N]
+    foot_impact: Array | None = None  # (T, legs) greatest mean of that force over 5 ms [N]
+    joint_power: Array | None = None  # (T, joints) delivered to the joint, mean [W]
+    copper_loss: Array | None = None  # (T, joints) heat in the windings, mean [W]
+    bus_power: Array | None = None  # (T,) what all motors draw from the bus, mean [W]
+    gear_torque: Array | None = None  # (T, joints) motor's torque minus rotor inertia times acceleration,
+    # the mean over one motor step of greatest magnitude [N m]
+    estimate: Array | None = None  # (T, 8) velocity in the body frame 3 [m/s], base height 1 [m],
+    # probability of foot contact 4; None for a policy without an estimator
+    bus_voltage: Array | None = None  # (T,) [V]; None without battery, heat and flux weakening
+    winding_temperature: Array | None = None  # (T, joints) [degC]; None without heat
+    i2t_level: Array | None = None  # (T, joints) 1 at its limit [-]; None without a limit by I²t
 
     def arrays(self) -> dict[str, Array]:
         """Every array that there is by its name, for ``numpy.savez_compressed``."""
@@ -154,96 +119,107 @@ class EstimateBand:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialMetrics:
-    """What one trajectory amounts to. ``nan`` stands for "not defined" (no stride, fell before the hold).
+    """What one trajectory amounts to; ``nan`` where a number is not defined, as after a fall.
 
-    Attributes:
-        held_speed: mean forward speed over the last 2 s of the hold [m/s].
-        hold_acceleration: mean speed of the hold's last second minus that of the second before [m/s^2].
-        peak_speed: highest mean forward speed over 0.5 s [m/s].
-        angular_cost: J, integral of pitch rate^2 + roll rate^2 over the profile [rad^2/s].
-        angular_cost_rate: J per second of the hold [rad^2/s^2].
-        over_speed_share: share of all joints' time beyond the motor's no-load speed.
-        lateral_deviation: largest distance from the line through the start along x [m].
-        envelope_share: (joints,) share of time, while commanded to move, that the torque sits on a limit.
-        mechanical_power: mean power delivered to the joints [W], signed. This and the following powers,
-            the gait and the cost of transport are means over the last 2 s of the hold.
-        positive_power: mean of the positive part, summed over joints [W].
-        copper_power: mean copper loss of all motors [W].
-        electrical_power: mean power drawn from the bus by all motors, shaft power + copper loss [W].
-        cost_of_transport: electrical_power / (mass g held_speed).
-        distance: forward way of the base [m].
-        stride_frequency: strides a second during the last 2 s of the hold [Hz].
-        duty_factor: (4,) share of time on the ground, same interval.
-        load_share: (4,) share of the ground's force that each foot bears, same interval.
-        feet: names of the legs.
-        asked_speed: what the profile asks for in that interval, where it is constant, else ``nan`` [m/s].
-        stance_time: median time from a touchdown to the next lift-off of that foot, same interval [s].
-        touchdowns_per_stride: touchdowns per stride and foot, every bounce counted, same interval.
-        foot_force: greatest force of the ground on one foot, mean over 5 ms [body weights, payload included].
-        gear_torque_ratio: (joints,) greatest torque through the gear, mean over 1 ms, over the joint's peak.
-        joint_speed_ratio: (joints,) highest motor speed over no-load speed.
-        pad_deflection: deepest that a foot's pad is pressed in: overlap of foot and ground [m].
-        smallest_leg_distance: between the surfaces of two legs [m]; negative: they overlap.
-        slip_per_step: mean way that a foot slides in one stance [m].
-        final_speed: highest horizontal speed in the last second [m/s]; of a fallen robot ``nan``.
-        lane_excursion: farthest that the outer edge of a foot comes from the line through the start along x
-            before the finish of a sprint [m].
-        line_winding_temperature: of the hottest winding at the finish of a sprint [degC]: as recorded, or
-            where heat is off what the recorded currents make of windings that start at 25 degC.
-        estimate: errors of the policy's estimate by speed; empty for a policy without an estimator.
-        lowest_bus_voltage: [V]; ``None``, as is the next, without battery, heat and flux weakening.
-        lowest_bus_time: when the bus was so low [s].
-        hottest_winding: [degC]; ``None`` without heat.
-        highest_i2t_level: of all joints [-]; ``None`` without a limit by I²t.
-        i2t_full: joints whose drive fell back to its continuous current, and when first [s].
+    Powers and gait are those of the last 2 s of the hold. Fields made with ``shown`` stand in tables and
+    JSON files, in this order.
     """
 
-    held_speed: float
-    hold_acceleration: float
-    peak_speed: float
-    angular_cost: float
-    lateral_deviation: float
-    envelope_share: tuple[float, ...]
-    mechanical_power: float
-    positive_power: float
-    copper_power: float
-    electrical_power: float
-    cost_of_transport: float
-    distance: float
-    stride_frequency: float
-    duty_factor: tuple[float, ...]
-    stance_time: float
-    touchdowns_per_stride: float
-    foot_force: float
-    gear_torque_ratio: tuple[float, ...]
-    joint_speed_ratio: tuple[float, ...]
-    pad_deflection: float
-    smallest_leg_distance: float
-    slip_per_step: float
-    final_speed: float
-    angular_cost_rate: float = math.nan
-    over_speed_share: float = math.nan
-    lane_excursion: float = math.nan
-    line_winding_temperature: float = math.nan
-    estimate: tuple[EstimateBand, ...] = ()
-    lowest_bus_voltage: float | None = None
-    lowest_bus_time: float | None = None
-    hottest_winding: float | None = None
-    highest_i2t_level: float | None = None
-    i2t_full: tuple[tuple[str, float], ...] = ()
-    load_share: tuple[float, ...] = ()
+    # fmt: off
+    held_speed: float = shown(
+        "held_speed_m_s", "held speed", 2, "m/s", "mean over the last 2 s of the hold, heading frame",
+        hint="last 2 s of the hold")
+    hold_acceleration: float = shown(
+        "hold_acceleration_m_s2", "held speed still rises by", 2, "m/s²",
+        "mean of the hold's last second minus the second before; steady up to 0.1", hint="end of the hold")
+    peak_speed: float = shown(
+        "peak_speed_m_s", "peak speed", 2, "m/s", "best mean over 0.5 s", hint="0.5 s mean")
+    angular_cost: float = shown(
+        "J_rad2_s", "J", 2, "rad²/s", "integral of roll rate² + pitch rate² over the profile",
+        hint="roll and pitch rates")
+    angular_cost_rate: float = shown(
+        "J_per_second_rad2_s2", "J per second", 2, "rad²/s²",
+        "mean of roll rate² + pitch rate² over the hold", hint="of the hold")
+    cost_of_transport: float = shown(
+        "cost_of_transport", "cost of transport", 2, "", "power from the bus / (mass g speed), same time")
+    electrical_power: float = shown(
+        "electrical_power_W", "power from the bus", 0, "W", "all motors, last 2 s of the hold")
+    mechanical_power: float = shown(
+        "mechanical_power_W", "mechanical power", 0, "W", "delivered to the joints, last 2 s of the hold")
+    copper_power: float = shown(
+        "copper_power_W", "copper loss", 0, "W", "heat in the windings, last 2 s of the hold")
+    stride_frequency: float = shown(
+        "stride_frequency_Hz", "stride frequency", 2, "Hz", "last 2 s of the hold")
+    stance_time: float = shown(
+        "stance_s", "stance", 3, "s",
+        "median from touchdown to lift-off, last 2 s of the hold", hint="median")
+    mean_duty: float = shown(
+        "duty", "duty factor", 3, "",
+        "share of the time on the ground, last 2 s of the hold", hint="mean foot")
+    lateral_deviation: float = shown(
+        "lateral_deviation_m", "sideways deviation", 2, "m", "largest distance from the straight line")
+    over_speed_share: float = shown(
+        "over_speed_share", "time beyond no-load speed", 4, "",
+        "share of all joints' time in which the drive can only brake", hint="all joints")
+    # fmt: on
+    distance: float = math.nan
+    """Forward way of the base [m]."""
+    envelope_share: tuple[float, ...] = ()
+    """Share of the time asked to move in which each joint's torque sits on a limit ``(joints,)``."""
     feet: tuple[str, ...] = ()
+    """Names of the legs."""
+    duty_factor: tuple[float, ...] = ()
+    """Share of time on the ground ``(legs,)``."""
+    load_share: tuple[float, ...] = ()
+    """Share of the ground's force that each foot bears ``(legs,)``."""
     asked_speed: float = math.nan
+    """What the profile asks for at the end of the hold, where that is constant [m/s]."""
+    touchdowns_per_stride: float = math.nan
+    """Touchdowns per stride and foot, every bounce counted."""
+    foot_force: float = math.nan
+    """Greatest force of the ground on one foot, mean over 5 ms [body weights, payload included]."""
+    gear_torque_ratio: tuple[float, ...] = ()
+    """Greatest torque through each gear, mean over 1 ms, over the joint's peak ``(joints,)``."""
+    joint_speed_ratio: tuple[float, ...] = ()
+    """Highest motor speed over no-load speed ``(joints,)``."""
+    pad_deflection: float = math.nan
+    """Deepest that a foot's pad is pressed in [m]."""
+    smallest_leg_distance: float = math.nan
+    """Between the surfaces of two legs [m]; negative: they overlap."""
+    slip_per_step: float = math.nan
+    """Mean way that a foot slides in one stance [m]."""
+    final_speed: float = math.nan
+    """Highest horizontal speed in the last second [m/s]; ``nan`` after a fall."""
+    lane_excursion: float = math.nan
+    """Farthest outer edge of a foot from the line through the start, up to the finish of a sprint [m]."""
+    line_winding_temperature: float = math.nan
+    """Hottest winding at the finish of a sprint [degC]; from 25 degC and the currents where heat is off."""
+    estimate: tuple[EstimateBand, ...] = ()
+    """Errors of the policy's estimate by speed; empty for a policy without an estimator."""
+    lowest_bus_voltage: float | None = None
+    """[V]; ``None``, as is its time, without battery, heat and flux weakening."""
+    lowest_bus_time: float | None = None
+    """When the bus was so low [s]."""
+    hottest_winding: float | None = None
+    """[degC]; ``None`` without heat."""
+    highest_i2t_level: float | None = None
+    """Of all joints [-]; ``None`` without a limit by I²t."""
+    i2t_full: tuple[tuple[str, float], ...] = ()
+    """Joints whose drive fell back to its continuous current, and when first [s]."""
 
     @property
     def command_share(self) -> float:
         """Held speed over the constant speed asked for; ``nan`` where none is."""
         return self.held_speed / self.asked_speed if self.asked_speed > 0.0 else math.nan
 
-    @property
-    def mean_duty(self) -> float:
-        """Duty factor, mean of the feet."""
-        return float(np.mean(self.duty_factor))
+
+QUANTITIES = shown_fields(TrialMetrics)
+"""What tables show of a trial, in their order."""
+
+
+def quantity_numbers(value_of: Callable[[str], Any]) -> dict[str, Any]:
+    """Every quantity under its JSON key; ``value_of`` gives the value of a field of ``TrialMetrics``."""
+    return {quantity.key: value_of(quantity.field) for quantity in QUANTITIES}
 
 
 @dataclass(frozen=True, kw_only=True)

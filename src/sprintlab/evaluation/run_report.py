@@ -21,10 +21,10 @@ from sprintlab.core.theme import LIGHT, Theme, legend_above, themed_figure
 from sprintlab.core.thinning import moving_average, thinned_curve
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
-from sprintlab.evaluation.quantities import QUANTITIES, number, quantity_numbers
+from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
-from sprintlab.evaluation.results import Trajectory, TrialResult
-from sprintlab.evaluation.trial import TrialRequest, run_course
+from sprintlab.evaluation.results import QUANTITIES, Trajectory, TrialResult, quantity_numbers
+from sprintlab.evaluation.trial import Course, TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
 
@@ -60,19 +60,13 @@ class TrackRun:
         return finish - command_start(self.command_time, self.command[:, 0])
 
 
-@dataclass(frozen=True, kw_only=True)
-class _LoggedCourse:
+class _LoggedCourse(Course):
     """Asks for the speeds that a log holds."""
 
-    time: FloatArray
-    forward: FloatArray
-
-    @property
-    def longest(self) -> float:
-        return float(self.time[-1]) + 0.02
+    def __init__(self, time: FloatArray, forward: FloatArray) -> None:
+        self.time, self.forward, self.longest = time, forward, float(time[-1]) + 0.02
 
     def speed(self, time: float, base: BaseState) -> float | None:
-        del base
         index = int(np.searchsorted(self.time, time + 1e-6, side="right")) - 1
         return float(self.forward[max(index, 0)]) if time < self.longest - 1e-9 else None
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.quantities import QUANTITIES, number
-from sprintlab.evaluation.results import EngineResult, RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.quantities import number
+from sprintlab.evaluation.results import QUANTITIES, EngineResult, RaceResult, SpeedResult, SprintResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import DRAKE_TIMESTEP, on_engine
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,16 +18,14 @@ from sprintlab.commands import (
 from sprintlab.control import Policy, PolicyRuntime
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
-from sprintlab.evaluation.audit import AuditThresholds, audit_trials
-from sprintlab.evaluation.clock import PolicyClock
-from sprintlab.evaluation.disturbances import Disturbances
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.disturbances import Disturbances, PolicyClock
 from sprintlab.evaluation.metrics import REST_WINDOW, trial_metrics
 from sprintlab.evaluation.recorder import Recorder
 from sprintlab.evaluation.results import (
     REST_SPEED,
     SprintResult,
     Trajectory,
-    TrialMetrics,
     TrialResult,
 )
 from sprintlab.plant import NOMINAL_TRIAL, BaseState, PlantOptions, TrialSettings, open_plant
@@ -100,79 +96,76 @@ class TrialRequest:
         return f"{pacing} trial at {self.top_speed:g} m/s with seed {self.settings.seed}"
 
 
-Steering = Callable[[BaseState, float], float]
-"""Yaw-rate command [rad/s] for the present state and the commanded speed [m/s]."""
+class Course:
+    """What asks for a speed and a yaw rate, and says when the run is over."""
 
-
-def keep_to_the_line(base: BaseState, speed: float) -> float:
-    """The heading loop of the protocol: straight on along x."""
-    return float(heading_command(base.heading, base.lateral_offset, speed))
-
-
-class Course(Protocol):
-    """What asks for a speed, and says when the run is over."""
-
-    @property
-    def longest(self) -> float:
-        """The run lasts no longer [s]."""
-        ...
+    longest: float
+    """The run lasts no longer [s]."""
 
     def speed(self, time: float, base: BaseState) -> float | None:
-        """Speed asked for [m/s]; ``None`` ends the run."""
-        ...
+        """Speed asked for [m/s]; ``None`` ends the run. Asked once in every policy step."""
+        raise NotImplementedError
+
+    def steer(self, base: BaseState, speed: float) -> float:
+        """Yaw-rate command at a commanded speed [rad/s]: straight on along x, the protocol's heading loop."""
+        return float(heading_command(base.heading, base.lateral_offset, speed))
 
 
-@dataclass
-class _ProfileCourse:
-    profile: SpeedProfile
+class ProfileCourse(Course):
+    """Asks for a profile to its end."""
 
-    @property
-    def longest(self) -> float:
-        return self.profile.duration
+    def __init__(self, profile: SpeedProfile) -> None:
+        self._profile, self.longest = profile, profile.duration
 
     def speed(self, time: float, base: BaseState) -> float | None:
-        return float(self.profile.command(time)) if time < self.longest - 1e-9 else None
+        """The profile's speed [m/s]."""
+        return float(self._profile.command(time)) if time < self.longest - 1e-9 else None
 
 
-@dataclass
-class SprintCourse:
+class SprintCourse(Course):
     """Rise and hold until the distance is run, then brake and stand.
 
-    Attributes:
+    Args:
         profile: of the command.
         distance: to run [m].
         rest: the command stays zero for so long; its last second tells a stop [s].
         slowest_share: who is slower than this share of the command is given up.
+
+    Attributes:
         finish_time: when the distance was run [s].
         stalled: whether the robot got nowhere.
     """
 
-    profile: SprintProfile
-    distance: float
-    _: KW_ONLY
-    rest: float = 2.0
-    slowest_share: float = SLOWEST_SHARE
-    finish_time: float | None = None
-    stalled: bool = field(default=False, init=False)
-    _mark: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # time [s] and way [m] of progress
+    def __init__(
+        self,
+        profile: SprintProfile,
+        distance: float,
+        *,
+        rest: float = 2.0,
+        slowest_share: float = SLOWEST_SHARE,
+    ) -> None:
+        self.profile, self.distance, self._rest, self._slowest = profile, distance, rest, slowest_share
+        self.finish_time: float | None = None
+        self.stalled = False
+        self._mark = (0.0, 0.0)  # time [s] and way [m] of progress
 
     @property
     def latest_finish(self) -> float:
         """Who has not run the distance by now has failed [s]."""
-        slowest = self.distance / (self.slowest_share * self.profile.top_speed)
+        slowest = self.distance / (self._slowest * self.profile.top_speed)
         return self.profile.stand + self.profile.top_speed / self.profile.acceleration + slowest
 
     @property
-    def longest(self) -> float:
+    def longest(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The run lasts no longer [s]."""
-        return self.profile.end_time(self.latest_finish) + self.rest
+        return self.profile.end_time(self.latest_finish) + self._rest
 
     def way(self, base: BaseState) -> float:
         """How much of the distance is run [m]; asked once in every policy step."""
         return base.distance
 
     def speed(self, time: float, base: BaseState) -> float | None:
-        """Commanded speed [m/s]; ``None`` at the end. Asked once in every policy step."""
+        """Commanded speed [m/s]; ``None`` at the end."""
         way, end = self.way(base), self.latest_finish
         self.stalled = self.stalled or self._stands(time, way)
         if self.stalled:
@@ -180,7 +173,7 @@ class SprintCourse:
         if self.finish_time is None and way >= self.distance:
             self.finish_time = time
         if self.finish_time is not None:
-            end = self.profile.end_time(self.finish_time) + self.rest
+            end = self.profile.end_time(self.finish_time) + self._rest
         return float(self.profile.command(time, self.finish_time)) if time < end - 1e-9 else None
 
     def _stands(self, time: float, way: float) -> bool:
@@ -200,22 +193,16 @@ def run_trial(policy: Policy, robot: RobotDescription, request: TrialRequest) ->
         ContractMismatchError: the policy was made for another robot.
     """
     profile = SpeedProfile(top_speed=request.top_speed, hold=request.hold)
-    run = _simulate(policy, robot, request, _ProfileCourse(profile))
+    run = _simulate(policy, robot, request, ProfileCourse(profile))
     return _trial_result(run, robot, request, profile.hold_interval)
 
 
-def run_course(
-    policy: Policy,
-    robot: RobotDescription,
-    request: TrialRequest,
-    course: Course,
-    steering: Steering = keep_to_the_line,
-) -> TrialResult:
+def run_course(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> TrialResult:
     """Run commands of one's own to their end or to a fall; errors as in ``run_trial``.
 
     The whole run counts as the hold.
     """
-    run = _simulate(policy, robot, request, course, steering)
+    run = _simulate(policy, robot, request, course)
     return _trial_result(run, robot, request, (0.0, float(run.trajectory.time[-1])))
 
 
@@ -244,22 +231,14 @@ class _Run:
     fall_time: float | None
 
 
-def _simulate(
-    policy: Policy,
-    robot: RobotDescription,
-    request: TrialRequest,
-    course: Course,
-    steering: Steering = keep_to_the_line,
-) -> _Run:
+def _simulate(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
     try:
-        return _drive(policy, robot, request, course, steering)
+        return _drive(policy, robot, request, course)
     except SimulationError as error:
         raise SimulationError(f"{request}: {error}") from error
 
 
-def _drive(
-    policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course, steering: Steering
-) -> _Run:
+def _drive(policy: Policy, robot: RobotDescription, request: TrialRequest, course: Course) -> _Run:
     plant = open_plant(robot, request.plant, request.settings)
     runtime = PolicyRuntime(policy, robot)
     runtime.reset()
@@ -276,7 +255,8 @@ def _drive(
         if asked is None:
             break
         recorder.profile_speed = asked
-        recorder.command = _command(asked, base, request.self_paced, steering)
+        speed = float(self_paced(asked, base.forward_speed)) if request.self_paced else asked
+        recorder.command = np.array([speed, 0.0, course.steer(base, speed)])
         targets = runtime.step(disturbances.measured(plant.measurement()), recorder.command)
         recorder.estimate = runtime.last_estimate
         period = next(periods)
@@ -288,20 +268,6 @@ def _drive(
         fall_reason=plant.fall_reason,
         fall_time=None if upright else plant.time,
     )
-
-
-def _command(asked: float, base: BaseState, paced: bool, steering: Steering) -> np.ndarray:
-    """Command ``(3,)``: forward speed, no sideways speed, yaw rate."""
-    speed = float(self_paced(asked, base.forward_speed)) if paced else asked
-    return np.array([speed, 0.0, steering(base, speed)])
-
-
-def _completed(run: _Run, metrics: TrialMetrics, hold_interval: tuple[float, float]) -> bool:
-    """No fall, and at rest at the end where the run was to go on after its hold."""
-    if run.fall_reason:
-        return False
-    end = float(run.trajectory.time[-1])
-    return end < hold_interval[1] + REST_WINDOW or metrics.final_speed < REST_SPEED
 
 
 def _trial_result(
@@ -320,16 +286,17 @@ def _trial_result(
         finish=finish,
         fell=bool(run.fall_reason),
     )
-    result = TrialResult(
+    end = float(run.trajectory.time[-1])
+    stopped = end < hold_interval[1] + REST_WINDOW or metrics.final_speed < REST_SPEED
+    return TrialResult(
         settings=request.settings,
         top_speed=request.top_speed,
         self_paced=request.self_paced,
-        completed=_completed(run, metrics, hold_interval),
+        completed=stopped and not run.fall_reason,
         fall_time=run.fall_time,
         fall_reason=run.fall_reason,
         hold_interval=hold_interval,
         metrics=metrics,
-        audit=audit_trials([metrics], AuditThresholds(policy_rate=request.clock.rate)),
-        trajectory=run.trajectory,
+        audit=audit_trials([metrics], request.clock.rate),
+        trajectory=run.trajectory if request.keep_trajectory else None,
     )
-    return result if request.keep_trajectory else replace(result, trajectory=None)
