@@ -9,6 +9,7 @@ import pytest
 import sprintlab as sl
 from sprintlab.api.motors import chosen_motor
 from sprintlab.cli.main import main
+from sprintlab.core.errors import SprintlabError
 from sprintlab.motors import load_motor
 from sprintlab.workbench.datasheet import convert_datasheet, save_converted_motor
 from sprintlab.workbench.datasheet_file import load_datasheet
@@ -100,9 +101,15 @@ def test_a_data_sheet_stands_for_its_motor(tmp_path):
     sheet = load_datasheet(BENCHES / "maxon-ec-45-flat-70w.toml")
     save_converted_motor(convert_datasheet(sheet), sheet, tmp_path / "motor.toml")
     of_sheet, of_motor = (
-        chosen_motor(str(path)) for path in (BENCHES / "maxon-ec-45-flat-70w.toml", tmp_path / "motor.toml")
+        chosen_motor(str(path), bus_voltage=24.0)
+        for path in (BENCHES / "maxon-ec-45-flat-70w.toml", tmp_path / "motor.toml")
     )
     for name in ("stator_resistance", "q_axis_inductance", "flux_linkage", "peak_torque"):
         assert getattr(of_sheet.drive.motor, name) == pytest.approx(
             getattr(of_motor.drive.motor, name), rel=1e-4
         )
+
+
+def test_a_file_names_no_bus_so_its_voltage_is_asked_for():
+    with pytest.raises(SprintlabError, match="bus_voltage is not given"):
+        chosen_motor(str(BENCHES / "maxon-ec-45-flat-70w.toml"))

@@ -57,7 +57,7 @@ def test_envelope_is_on_the_joint_side_and_ends_at_the_no_load_speed(call):
 
 
 def test_every_model_has_its_columns_and_power(call, motor_file):
-    found = envelope(call, motor_file, "--points", 2)
+    found = envelope(call, motor_file, "--bus-voltage", 60, "--points", 2)
     names = {*MOTOR_MODELS, "refined + saturation"}
     assert set(found["rows"][0]) == {
         "speed",
@@ -71,8 +71,10 @@ def test_every_model_has_its_columns_and_power(call, motor_file):
 
 
 def test_the_gear_moves_torque_and_speed(call, motor_file):
-    alone = envelope(call, motor_file, "--points", 2)
-    geared = envelope(call, motor_file, "--points", 2, "--gear-ratio", 6, "--gear-efficiency", 0.9)
+    alone = envelope(call, motor_file, "--bus-voltage", 60, "--points", 2)
+    geared = envelope(
+        call, motor_file, "--bus-voltage", 60, "--points", 2, "--gear-ratio", 6, "--gear-efficiency", 0.9
+    )
     assert geared["no_load_speed"] == pytest.approx(alone["no_load_speed"] / 6)
     resting, driving = (row["square upper"] for row in geared["rows"])
     peak = alone["rows"][0]["square upper"]
@@ -135,7 +137,7 @@ def test_trajectories_that_are_none(call, tmp_path, motor_file):
 
 
 def test_show_is_on_the_motor_side(call, motor_file):
-    shown = json.loads(call("motor", "show", motor_file, "--json").out)
+    shown = json.loads(call("motor", "show", motor_file, "--bus-voltage", 60, "--json").out)
     assert shown["motor"]["peak_torque"] == 15.0 and shown["bus_voltage"] == 60.0
     robot = json.loads(call("motor", "show", "bp2", "hip", "--json").out)
     assert robot["no_load_speed"] == pytest.approx(8.25 * envelope(call, "bp2", "hip")["no_load_speed"])

@@ -181,9 +181,9 @@ def identify_motor(
 
 
 def _base_motor(source: str) -> PmsmParameters:
-    from sprintlab.api.motors import chosen_motor
+    from sprintlab.api.motors import chosen_motor, file_motor
 
-    return chosen_motor(source, "").drive.motor
+    return file_motor(source)[0] if source.endswith(".toml") else chosen_motor(source, "").drive.motor
 
 
 def _estimate_table(title: str, numbers: dict[str, Any]) -> Any:

@@ -13,12 +13,11 @@ from rich.table import Table
 
 from sprintlab.api.tables import Printed, plain_table
 from sprintlab.core.arguments import checked
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 
 if TYPE_CHECKING:
+    from sprintlab.motors import Gear, PmsmParameters
     from sprintlab.motors.chart import JointDrive
-
-DEFAULT_BUS_VOLTAGE = 60.0
 
 
 def motor_table(title: str, heading: str, motor: Mapping[str, float], speeds: Mapping[str, float]) -> Table:
@@ -89,7 +88,7 @@ def chosen_motor(
     Args:
         source: a motor file or a data sheet (TOML), the name of a robot, or an actuator of the library.
         joint: which motor of the robot: abad, hip, knee, or a full name such as RL_hip.
-        bus_voltage: [V]; 60 for a motor file when left out.
+        bus_voltage: [V]; the robot's or the library's when left out, needed for a file, which has none.
         gear_ratio: motor speed over joint speed; 1 for a motor file when left out.
         gear_efficiency: likewise.
 
@@ -103,7 +102,10 @@ def chosen_motor(
     if bus_voltage is not None:
         check_bus_voltage(bus_voltage)
     if source.endswith(".toml"):
-        motor, gear, voltage, name, joints = _from_file(source)
+        motor, gear, name, joints = *file_motor(source), Path(source).stem, ()
+        if bus_voltage is None:
+            raise SprintlabError(f"bus_voltage is not given: {source} describes a motor without its bus")
+        voltage = bus_voltage
     elif source in library_motors():
         motor, gear, voltage, name, joints = _from_library(source)
     else:
@@ -119,26 +121,24 @@ def chosen_motor(
     )
 
 
-def _from_file(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
+def file_motor(source: str) -> tuple[PmsmParameters, Gear]:
+    """The motor of a motor file or a data sheet, with the gear that the sheet names (1 where it names none).
+
+    Raises:
+        SprintlabError: the file cannot be read or is neither; ``InvalidValueError``: it holds several motors.
+    """
     from sprintlab.core.reading import read_toml
     from sprintlab.motors import Gear, load_motor, single
-
-    if "datasheet" in read_toml(source, what="motor file"):
-        return _from_datasheet(source)
-    motor = load_motor(source)
-    if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
-        raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
-    return single(motor), Gear(ratio=1.0, efficiency=1.0), DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
-
-
-def _from_datasheet(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:
-    from sprintlab.motors import Gear
     from sprintlab.workbench.datasheet import convert_datasheet
     from sprintlab.workbench.datasheet_file import load_datasheet
 
-    sheet = load_datasheet(source)
-    gear = Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)
-    return convert_datasheet(sheet).motor, gear, DEFAULT_BUS_VOLTAGE, Path(source).stem, ()
+    if "datasheet" in read_toml(source, what="motor file"):
+        sheet = load_datasheet(source)
+        return convert_datasheet(sheet).motor, Gear(ratio=sheet.gear_ratio or 1.0, efficiency=1.0)
+    motor = load_motor(source)
+    if any(getattr(getattr(motor, item.name), "size", 1) > 1 for item in fields(motor)):
+        raise InvalidValueError(source, "several motors", "must hold one motor, one number a field")
+    return single(motor), Gear(ratio=1.0, efficiency=1.0)
 
 
 def _from_library(source: str) -> tuple[Any, Any, float, str, tuple[int, ...]]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -57,7 +58,9 @@ class AuditedRollout(Drawn):
             "power",
             "heat",
         )
-        table = plain_table(f"{verdict.duration:.1f} s against the motor", "joint", *columns, numbers=columns)
+        gears = " and ".join(f"{ratio:g}" for ratio in np.unique(self.motors.gear.ratio))
+        title = f"{verdict.duration:.1f} s against motors at {self.motors.bus_voltage:g} V, gear {gears}"
+        table = plain_table(title, "joint", *columns, numbers=columns)
         for joint in verdict.joints:
             table.add_row(
                 joint.name,
@@ -122,8 +125,8 @@ def audit_rollout(
         motor: a motor file or a data sheet (.toml), an actuator of `sprintlab motor library`, or a robot of
             the package with each joint its own motor.
         joint: of a robot: give all joints this one's motor (abad, hip or knee).
-        bus_voltage: [V]; the robot's or actuator's when left out.
-        gear_ratio: the robot's or actuator's when left out; 1 for a motor file.
+        bus_voltage: [V]; the robot's or actuator's when left out, needed for a file.
+        gear_ratio: the robot's, actuator's or data sheet's when left out; 1 for a motor file.
         gear_efficiency: likewise.
         policy_rate: decisions of the policy per second, for the stances [Hz].
 
