@@ -12,7 +12,7 @@ pytest.importorskip("torch")
 
 import torch
 
-from sprintlab.evaluation.audit import TOLERANCE, AuditThresholds
+from sprintlab.evaluation.audit import CHECKS, TOLERANCE
 from sprintlab.evaluation.results import REST_SPEED
 from sprintlab.training import exam as exam_module
 from sprintlab.training.exam import GROUPS, LIMITS, Exam, GroupResult
@@ -49,13 +49,13 @@ def group(**values: object) -> GroupResult:
 
 
 def test_the_limits_are_those_of_the_audit() -> None:
-    audit = AuditThresholds()
+    limits = {check.name: check.limit for check in CHECKS}
     named = {
-        "foot_force": audit.foot_force,
-        "pad_deflection": audit.pad_deflection,
-        "gear_torque": audit.gear_torque_ratio,
-        "joint_speed": audit.joint_speed_ratio,
-        "leg_distance": audit.leg_distance,
+        "foot_force": limits["foot force"],
+        "pad_deflection": limits["pad deflection"],
+        "gear_torque": limits["gear torque"],
+        "joint_speed": limits["joint speed"],
+        "leg_distance": limits["smallest leg distance"],
     }
     assert named == LIMITS and exam_module.TOLERANCE == TOLERANCE
     assert exam_module.REST_SPEED == REST_SPEED
