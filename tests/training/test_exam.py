@@ -60,7 +60,8 @@ def test_the_limits_are_those_of_the_audit() -> None:
     assert named == LIMITS and exam_module.TOLERANCE == TOLERANCE
     assert exam_module.REST_SPEED == REST_SPEED
     others = exam_module.LOAD_SHARE, exam_module.DUTY_FACTOR, exam_module.COMMAND_SHARE
-    assert others == (audit.load_share, audit.duty_factor, audit.command_share)
+    names = "least load on a foot", "least duty factor of a foot", "held share of the command"
+    assert others == tuple(limits[name] for name in names)
 
 
 @pytest.mark.parametrize(
