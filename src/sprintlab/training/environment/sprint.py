@@ -1,7 +1,7 @@
 """The training environment: thousands of robots, nothing in a step that waits for the device.
 
-A step is one graph launch on CUDA: the engine's kernel, which is the whole physics of a policy step, and
-everything after it (rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
+A step is two launches on CUDA: the engine's kernel, which is the whole physics of a policy step, and a graph
+of all that follows (rewards, ends, resets, commands, observations), whose kernels ``torch.compile`` fuses.
 All state lives in fixed buffers, and resets are masks. With ``fused=False``, and on the CPU, the same code
 runs plainly, without graphs and compilation: the reference.
 """
@@ -150,10 +150,10 @@ class SprintEnvironment:
         self._allocate_state()
         self.set_curriculum(1.0, -1.0, 0.0, settings.stages.is_steady(0))
         self._start_all()
-        self._step: Callable[[], None] = self._whole_step
+        self.after_physics: Callable[[], None] = self._after_physics
         if fused and str(device).startswith("cuda"):
             self._transition = compiled(self._transition, fused)
-            self._step = captured(self._whole_step, device)
+            self.after_physics = captured(self._after_physics, device)
             self._start_all()
 
     # --- memory ------------------------------------------------------------------------------------------
@@ -229,6 +229,7 @@ class SprintEnvironment:
         self.actor_observation, self.critic_observation = (
             zeros(n, size) for size in (layout.input_size, layout.frame_size + ESTIMATE_SIZE)
         )
+        self._ended_episodes = zeros(2)  # how many, and their policy steps together
         self._log_sums = zeros(len(_LOGGED) + len(self.weights))
         self._logged_steps = 0
 
@@ -298,13 +299,18 @@ class SprintEnvironment:
         self.engine.previous_target.copy_(self.engine.target)
         self.engine.target.copy_(target)
 
-    def advance(self) -> None:
-        """Physics, then rewards, ends, resets, commands and observations."""
-        self._step()
+    def advance(self, between: Callable[[], None] = lambda: None) -> None:
+        """Physics, then rewards, ends, resets, commands and observations.
+
+        Args:
+            between: called after physics, for example to note the time.
+        """
+        self.engine.step()
+        between()
+        self.after_physics()
         self._logged_steps += 1
 
-    def _whole_step(self) -> None:
-        self.engine.step()
+    def _after_physics(self) -> None:
         self.draws.refill()
         self._transition()
 
@@ -325,6 +331,7 @@ class SprintEnvironment:
             self.episode_limit,
             self.settings.episodes,
         )
+        self._count_episodes(ends)
         self._reward(body, ends)
         self.time_out.copy_(ends.timed_out)
         self.done.copy_(ends.any)
@@ -479,6 +486,7 @@ class SprintEnvironment:
         self._advance_commands(reset_mask)
         self._observe(reset_mask)
         self._log_sums.zero_()
+        self._ended_episodes.zero_()
         if self.grid is not None:
             self.grid_weights.copy_(self.grid.initial_weights(self.grid_weights))
 
@@ -649,6 +657,18 @@ class SprintEnvironment:
         return frame.clamp(-_LARGEST_OBSERVATION, _LARGEST_OBSERVATION)
 
     # --- statistics --------------------------------------------------------------------------------------
+
+    def _count_episodes(self, ends: Ends) -> None:
+        """Add the episodes that end to those that have ended since the log was taken."""
+        length = torch.where(ends.any, self.episode_length_buf, 0)
+        self._ended_episodes.add_(torch.stack((ends.any.sum(), length.sum())))
+
+    def take_episode_length(self) -> MetricBuffer:
+        """Mean length [s] of the episodes that have ended since the last call; 0 where none has."""
+        ended, steps = self._ended_episodes.unbind()
+        values = (POLICY_STEP * steps / ended.clamp(min=1.0))[None]
+        self._ended_episodes.zero_()
+        return MetricBuffer(("episode_length",), values)
 
     def take_log(self) -> MetricBuffer:
         """Means since the last call, speed percentiles and the weighted penalties."""

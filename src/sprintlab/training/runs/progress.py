@@ -1,4 +1,4 @@
-"""What a training shows while it runs: a progress line, warnings, and curves for TensorBoard."""
+"""What a training shows while it runs: its table or a line every ten seconds, and curves for TensorBoard."""
 
 from __future__ import annotations
 
@@ -11,32 +11,18 @@ from typing import Any
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
-from torch.utils.tensorboard import SummaryWriter
 
 from sprintlab.core.errors import SprintlabError
+from sprintlab.training.runs.screen import clock, plain_exam, plain_line, screen
 
 PRINT_SECONDS = 10.0
 LIVE_SECONDS = 0.25
 """Least time between two looks of the progress on a terminal; drawing it takes a millisecond or two."""
 BOARD_SECONDS = 1.0
 """Least time between two points in TensorBoard: the log has every iteration, and curves need no more."""
+EXAM = "exam/held"
+"""A number that only rows of iterations with an exam have."""
 _CONTEXT = ("iteration", "seconds", "environment_steps")
-
-
-def progress_line(row: dict[str, float]) -> str:
-    """One iteration in one line."""
-    return (
-        f"it {row['iteration']:.0f}  {row['seconds']:.0f} s  {row['steps_per_second'] / 1e3:.3g}k/s  "
-        f"range {row['range_upper']:.1f}  stage {row['stage']:.2f}  v {row['speed']:.2f}  "
-        f"p95 {row['speed_p95']:.2f} p99.9 {row['speed_p999']:.2f}  "
-        f"grid {100 * row['grid_open']:.0f} %  error {row['command_error']:.2f}  "
-        f"reward {row['reward']:.3f}  falls/1k {1e3 * row['falls']:.2f}  contact {row['contact']:.2f}  "
-        f"limit {row['on_limit']:.2f}  power {row['power']:.0f}  std {row['action_std']:.2f}  "
-        f"lr {row['learning_rate']:.0e}"
-    )
 
 
 def time_to_go(iteration: int, iterations: float, started_at: int, elapsed: float, allowed: float) -> float:
@@ -54,13 +40,6 @@ def time_to_go(iteration: int, iterations: float, started_at: int, elapsed: floa
     return min(left, (iterations - iteration) * elapsed / done)
 
 
-def clock(seconds: float) -> str:
-    """``1:02:03`` or ``2:03``."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
 class Board:
     """Curves for TensorBoard in a folder; at most one point a second.
 
@@ -70,17 +49,19 @@ class Board:
     """
 
     def __init__(self, folder: Path, iteration: int) -> None:
+        from torch.utils.tensorboard import SummaryWriter  # takes a second
+
         self._writer = SummaryWriter(str(folder), purge_step=iteration + 1 if iteration else None)
         self._last = float("-inf")
 
     def add(self, row: dict[str, float]) -> None:
-        """A point on every curve, unless the last is less than a second old.
+        """A point on every curve, unless the last is less than a second old and there was no exam.
 
         Raises:
             SprintlabError: the disk refuses.
         """
         now = time.monotonic()
-        if now - self._last < BOARD_SECONDS:
+        if now - self._last < BOARD_SECONDS and EXAM not in row:
             return
         self._last = now
         try:
@@ -143,9 +124,10 @@ def working(text: str) -> Generator[None]:
 
 
 class Reporter:
-    """Progress on stderr: a bar on a terminal, else a line every ten seconds.
+    """Progress on stderr: a table on a terminal, else a line every ten seconds.
 
     Args:
+        title: what is trained, and where.
         iterations: at which the run ends.
         seconds: of this session.
         started_at: iteration at which it begins.
@@ -157,6 +139,7 @@ class Reporter:
     def __init__(
         self,
         *,
+        title: str,
         iterations: float,
         seconds: float,
         started_at: int,
@@ -164,11 +147,12 @@ class Reporter:
         rolled_back: float = 0.0,
         quiet: bool = False,
     ) -> None:
+        self._title, self._exam = title, dict[str, float]()
         self._iterations, self._seconds, self._first = iterations, seconds, started_at
         self._board, self._rolled_back, self._broken = board, rolled_back, 0
         self._console = Console(stderr=True, highlight=False, quiet=quiet)
         self._live = self._console.is_terminal and not quiet
-        self._display = Live(console=self._console, transient=True, auto_refresh=False)
+        self._display = Live(console=self._console, auto_refresh=False)
         self._began = time.monotonic()
         self._printed = float("-inf")
 
@@ -191,23 +175,24 @@ class Reporter:
         if self._board is not None:
             self._board.add(row)
         self._warn(row)
+        if EXAM in row:
+            self._exam = {name: row[name] for name in row if name.startswith("exam/")}
+            self._exam["iteration"] = row["iteration"]
+            if not self._live:
+                self.say(plain_exam(row))
         now = time.monotonic()
         pause = LIVE_SECONDS if self._live else PRINT_SECONDS
-        if now - self._printed > pause or row["iteration"] <= 2:
+        if now - self._printed > pause or row["iteration"] <= 1 or EXAM in row:
             self._printed = now
             self._print(row, now - self._began)
 
     def _print(self, row: dict[str, float], elapsed: float) -> None:
-        to_go = time_to_go(int(row["iteration"]), self._iterations, self._first, elapsed, self._seconds)
-        broken = f"  broken {self._broken}" if self._broken else ""
-        line = f"{progress_line(row)}{broken}  to go {clock(to_go)}"
-        if not self._live:
-            self.say(line)
-            return
-        lines = Table.grid()
-        lines.add_row(ProgressBar(total=1.0, completed=elapsed / max(elapsed + to_go, 1e-9), width=60))
-        lines.add_row(Text(line))
-        self._display.update(lines, refresh=True)
+        left = time_to_go(int(row["iteration"]), self._iterations, self._first, elapsed, self._seconds)
+        if self._live:
+            shown = screen(self._title, row, self._exam, elapsed, left, self._console.height)
+            self._display.update(shown, refresh=True)
+        else:
+            self.say(f"{plain_line(row)}, {clock(left)} left")
 
     def _warn(self, row: dict[str, float]) -> None:
         if row["rolled_back"] > self._rolled_back:

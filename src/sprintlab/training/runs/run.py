@@ -26,7 +26,7 @@ from sprintlab.training.runs.guard import StopRequest, exclusive
 from sprintlab.training.runs.options import TrainOptions, check_places
 from sprintlab.training.runs.progress import Board, Reporter, follow_on_wandb, preparing, working
 from sprintlab.training.runs.run_file import RUN_FILE, resumed_text, run_text
-from sprintlab.training.runs.runner import RunLength, Runner, command_line
+from sprintlab.training.runs.runner import RunLength, Runner, command_line, device_description
 
 POLICY_NAME = "policy.onnx"
 
@@ -147,6 +147,7 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         follow_on_wandb(options.wandb, options.output, runner.settings.as_dict())
     board = Board(options.output / "tensorboard", progress.iteration) if wanted else None
     reporter = Reporter(
+        title=_title(runner),
         iterations=math.inf if options.iterations is None else options.iterations,
         seconds=seconds,
         started_at=progress.iteration,
@@ -168,6 +169,13 @@ def _sit(options: TrainOptions, runner: Runner, seconds: float) -> None:
         from sprintlab.training.runs.figures import learning_figures
 
         learning_figures(options.output / "checkpoint.pt", options.output)
+
+
+def _title(runner: Runner) -> str:
+    """What is trained, and where."""
+    settings, robots = runner.settings, runner.environment.num_envs * runner.workers.count
+    device = device_description(runner.device)
+    return f"{settings.robot}, method {settings.method}, {robots} robots, {device}"
 
 
 def _loop(

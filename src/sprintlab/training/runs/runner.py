@@ -28,6 +28,7 @@ from sprintlab.training.learner.algorithm import EstimatorPpo
 from sprintlab.training.learner.distributed import Workers
 from sprintlab.training.learner.metric_buffer import joined
 from sprintlab.training.runs.checkpoint import Progress, write_checkpoint
+from sprintlab.training.runs.stopwatch import Stopwatch
 from sprintlab.training.settings import TrainingSettings
 
 _PACKAGES = ("torch", "mujoco", "numpy")
@@ -138,6 +139,7 @@ class Runner:
         self.chances = None if settings.constraints is None else Chances(settings.constraints)
         self.progress = Progress()
         self.mean = {name: value.clone() for name, value in self.learner.actor.state_dict().items()}
+        self._stopwatch = Stopwatch(device)
         self.best: BestExam | None = None
         self.last_exam: ExamResult | None = None
         self._fused, self._exam = fused, None
@@ -151,13 +153,17 @@ class Runner:
     def iterate(self) -> dict[str, float]:
         """One rollout and one update; returns the statistics of the iteration."""
         started = time.perf_counter()
-        for _ in range(self.settings.ppo.steps):
-            self.learner.act()
-            self.environment.advance()
-            self.learner.record()
+        for step in range(self.settings.ppo.steps):
+            self._policy_step(timed=step == self.settings.ppo.steps - 1)
         self.learner.update()
+        self._stopwatch.mark("update")
         self.workers.average(self.environment.grid_weights)
-        statistics = joined((self.environment.take_log(), self.learner.take_log()), self.workers).read()
+        taken = (
+            self.environment.take_log(),
+            self.environment.take_episode_length(),
+            self.learner.take_log(),
+        )
+        statistics = joined(taken, self.workers).read()
         if self.chances is not None:
             self.chances.update(statistics, moving=self.blend.weight >= 1.0)
         if self._may_open():
@@ -169,6 +175,17 @@ class Runner:
             row |= self.examine()
         self._set_curriculum()
         return row
+
+    def _policy_step(self, timed: bool) -> None:
+        """One step of all robots; the last of a rollout is timed part by part."""
+        mark = self._stopwatch.mark if timed else lambda name: None
+        mark("start")
+        self.learner.act()
+        mark("acting")
+        self.environment.advance(between=lambda: mark("physics"))
+        mark("environment")
+        self.learner.record()
+        mark("recorded")
 
     # --- exams -------------------------------------------------------------------------------------------
 
@@ -261,6 +278,10 @@ class Runner:
             "seconds": round(self.progress.seconds, 3),
             "environment_steps": self.progress.environment_steps,
             "steps_per_second": round(steps / seconds),
+            **{
+                f"steps_per_second/{part}": round(steps / max(spent, 1e-9))
+                for part, spent in self._stopwatch.seconds(self.settings.ppo.steps).items()
+            },
             "range_upper": self.growth.upper,
             "stage": self.blend.weight,
             **statistics,
