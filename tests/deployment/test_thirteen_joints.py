@@ -1,70 +1,22 @@
-"""Messages, safety and poses of a robot with an active waist."""
+"""Safety and poses of a robot with an active waist."""
 
-import msgspec
+import mujoco
 import numpy as np
 import pytest
 
-from sprintlab.deployment.bus import open_bus, open_endpoint
 from sprintlab.deployment.controller.legs import Legs, folded_pose, tucked_pose
-from sprintlab.deployment.interface import JointCommand, JointMode, MessageError, RobotState, check_command
-from sprintlab.deployment.safety import Fault, SafetySettings
-from sprintlab.deployment.safety.states import StateMonitor
-from sprintlab.robots import load_robot
+from sprintlab.deployment.interface import RobotState
+from sprintlab.deployment.safety import Fault, SafetySettings, StateMonitor
+from sprintlab.robots import build_model, load_robot
 
 WAIST, BP2 = load_robot("bp2-waist"), load_robot("bp2")
 
 
-def command(joints: int) -> JointCommand:
-    angles = np.arange(float(joints))
-    return JointCommand(
-        sequence=1,
-        timestamp=2,
-        mode=JointMode.SERVO,
-        target_position=angles,
-        stiffness=angles,
-        damping=angles,
-        feedforward_torque=-angles,
-    )
-
-
-def state(joints: int) -> RobotState:
-    return RobotState(
-        sequence=1,
-        timestamp=2,
-        joint_position=np.zeros(joints),
-        joint_velocity=np.zeros(joints),
-        joint_torque=np.zeros(joints),
-        quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        angular_velocity=np.zeros(3),
-        bus_voltage=60.0,
-    )
-
-
-def test_shared_memory_carries_thirteen_joints_and_twelve(tmp_path) -> None:
-    address = f"shm://thirteen-{tmp_path.name}"
-    endpoint, session = open_endpoint(address), 7
-    bus = open_bus(address, session=session)
-    for joints in (13, 12):
-        bus.send(msgspec.structs.replace(command(joints), session=session))
-        received = endpoint.receive_command()
-        assert received is not None
-        np.testing.assert_array_equal(received.feedforward_torque, -np.arange(float(joints)))
-        endpoint.publish(state(joints))
-        answer = bus.receive()
-        assert answer is not None and answer.joint_position.shape == (joints,)
-    bus.close()
-    endpoint.close()
-
-
-def test_a_command_for_another_robot_is_refused() -> None:
-    check_command(command(13), len(WAIST.joint_names))
-    with pytest.raises(MessageError, match="13 numbers"):
-        check_command(command(12), len(WAIST.joint_names))
-
-
-def test_a_state_of_another_robot_is_implausible() -> None:
+def test_a_state_of_another_robot_is_implausible(make_state) -> None:
     monitor = StateMonitor(WAIST, SafetySettings())
-    assert monitor.accept(state(12), 0.0) == [Fault.STATE_IMPLAUSIBLE]
+    state: RobotState = make_state(1)
+    assert len(state.joint_position) == 12
+    assert monitor.accept(state, 0.0) == [Fault.STATE_IMPLAUSIBLE]
     assert monitor.last is None
 
 
@@ -79,10 +31,6 @@ def test_the_legs_of_a_straight_waist_are_those_of_bp2() -> None:
 
 def test_feet_and_the_waists_torque_are_those_of_the_model() -> None:
     """Against MuJoCo: where the feet of a bent waist are, and what carries the robot on four feet."""
-    import mujoco
-
-    from sprintlab.robots import build_model
-
     model = build_model(WAIST)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -1,8 +1,7 @@
 """What a controller and a robot say to each other: message types and their bytes.
 
-Every message has one fixed little-endian layout: a header (magic ``SPRT``, format version, kind, sequence,
-timestamp), whole numbers, doubles, and the CRC-32 of all before it. Joints are in policy order, SI units;
-the length of a message tells how many a robot has.
+A message's bytes are its fields as MessagePack, arrays as doubles, and the CRC-32 of all before it. Joints
+are in policy order, SI units.
 
 Clocks: a ``timestamp`` is nanoseconds of the *sender's* monotonic clock. It orders messages of one sender
 and is never compared with the receiver's clock; age is counted by the receiver from arrival. (On one machine
@@ -29,7 +28,6 @@ from __future__ import annotations
 import enum
 import math
 import secrets
-import struct
 import zlib
 from typing import Any, Protocol, TypeVar
 
@@ -41,16 +39,12 @@ from sprintlab.core.errors import SprintlabError
 
 FloatArray = npt.NDArray[np.float64]
 
-FORMAT_VERSION = 4
-MAGIC = b"SPRT"
-MOST_JOINTS = 32
-"""Joints that a message has room for."""
 WATCHDOG_TIMEOUT = 0.05
 """Seconds without an accepted command after which the robot damps its joints by itself."""
 
 
 class MessageError(SprintlabError):
-    """A message that is damaged, of another kind or version, or holds values that no robot may act on."""
+    """A message that is damaged, of another kind, or holds values that no robot may act on."""
 
 
 class JointMode(enum.IntEnum):
@@ -181,118 +175,35 @@ COMMAND_BOUNDS: dict[str, tuple[float, float]] = {
 """Least and greatest value of each field of a command [rad, N m/rad, N m s/rad, N m]: far beyond every robot,
 and so small that no sum of their products overflows."""
 
-_HEADER = "<4sHHQQ"
-_HEADER_FIELDS = 5
-_SCALAR, _PER_JOINT = 0, -1  # sizes of fields that are no arrays, or arrays with a number per joint
-
-
-class _Layout:
-    """The bytes of one kind of message: header, whole numbers, doubles, checksum."""
-
-    def __init__(self, kind: int, type_: type, whole: dict[str, type], doubles: dict[str, int]) -> None:
-        self.kind, self.type, self.whole, self.doubles = kind, type_, whole, doubles
-        self.head = struct.Struct(_HEADER + "Q" * len(whole))
-        sizes = list(doubles.values())
-        fixed = sum(max(size, 1) for size in sizes if size != _PER_JOINT)
-        self.fixed_size = self.head.size + 8 * fixed + 4
-        self.joint_size = 8 * sizes.count(_PER_JOINT)
-
-    def size(self, joints: int) -> int:
-        """Bytes of a message of a robot with so many joints."""
-        return self.fixed_size + joints * self.joint_size
-
-    def joints(self, size: int) -> int | None:
-        """Joints of the robot whose messages have ``size`` bytes; None where no message has."""
-        if not self.joint_size:
-            return 0 if size == self.fixed_size else None
-        joints, rest = divmod(size - self.fixed_size, self.joint_size)
-        return joints if rest == 0 and 1 <= joints <= MOST_JOINTS else None
-
-    def pack(self, message: Any) -> bytes:
-        numbers: list[float] = []
-        for field, size in self.doubles.items():
-            value = getattr(message, field)
-            if size == _SCALAR:
-                numbers.append(value)
-            else:
-                numbers.extend(value.tolist())
-        whole = [int(getattr(message, field)) for field in self.whole]
-        head = self.head.pack(MAGIC, FORMAT_VERSION, self.kind, message.sequence, message.timestamp, *whole)
-        body = head + struct.pack(f"<{len(numbers)}d", *numbers)
-        return body + zlib.crc32(body).to_bytes(4, "little")
-
-    def unpack(self, data: bytes, joints: int) -> Any:
-        head = self.head.unpack_from(data)
-        fields: dict[str, Any] = {"sequence": head[3], "timestamp": head[4]}
-        for (field, type_), value in zip(self.whole.items(), head[_HEADER_FIELDS:], strict=True):
-            fields[field] = type_(value)
-        numbers = np.frombuffer(data[:-4], "<f8", offset=self.head.size).astype(np.float64)
-        start = 0
-        for field, size in self.doubles.items():
-            length = joints if size == _PER_JOINT else size
-            fields[field] = float(numbers[start]) if size == _SCALAR else numbers[start : start + length]
-            start += max(length, 1)
-        return self.type(**fields)
-
-
-_LAYOUTS = (
-    _Layout(
-        1,
-        RobotState,
-        {"command_sequence": int, "status": int, "session": int},
-        {
-            "joint_position": _PER_JOINT,
-            "joint_velocity": _PER_JOINT,
-            "joint_torque": _PER_JOINT,
-            "quaternion": 4,
-            "angular_velocity": 3,
-            "bus_voltage": _SCALAR,
-        },
-    ),
-    _Layout(
-        2,
-        JointCommand,
-        {"mode": JointMode, "state_sequence": int, "session": int},
-        dict.fromkeys(COMMAND_BOUNDS, _PER_JOINT),
-    ),
-    _Layout(3, PositionFix, {}, {"position": 3, "velocity": 3}),
-)
-_BY_TYPE = {layout.type: layout for layout in _LAYOUTS}
-
-
-def message_size(kind: type[Message], joints: int = MOST_JOINTS) -> int:
-    """Bytes of a message of this type, of a robot with so many joints."""
-    return _BY_TYPE[kind].size(joints)
+_encoder = msgspec.msgpack.Encoder(enc_hook=lambda array: array.tobytes())
+_decoders: dict[type, msgspec.msgpack.Decoder[Any]] = {
+    kind: msgspec.msgpack.Decoder(kind, dec_hook=lambda _, content: np.frombuffer(content))
+    for kind in (RobotState, JointCommand, PositionFix)
+}
+_CHECKSUM_SIZE = 4
 
 
 def encode(message: Message) -> bytes:
-    """The message's bytes, as many as ``message_size`` says. NaN passes unchanged."""
-    return _BY_TYPE[type(message)].pack(message)
+    """The message's bytes. NaN passes unchanged."""
+    body = _encoder.encode(message)
+    return body + zlib.crc32(body).to_bytes(_CHECKSUM_SIZE, "little")
 
 
-def decode(kind: type[MessageType], data: bytes | bytearray | memoryview) -> MessageType:
+def decode(kind: type[MessageType], data: bytes) -> MessageType:
     """A message of type ``kind`` from its bytes.
 
     Values are not judged here: a state with NaN decodes, so that the safety layer sees and counts it.
 
     Raises:
-        MessageError: wrong length, magic, version or kind, a checksum that does not fit, an unknown mode.
+        MessageError: a checksum that does not fit, another kind of message, an unknown mode.
     """
-    layout, content = _BY_TYPE[kind], bytes(data)
-    joints = layout.joints(len(content))
-    if joints is None:
-        raise MessageError(f"a {kind.__name__} cannot have {len(content)} bytes")
-    magic, version, number = struct.unpack_from("<4sHH", content)
-    if (magic, version, number) != (MAGIC, FORMAT_VERSION, layout.kind):
-        raise MessageError(
-            f"not a {kind.__name__} of version {FORMAT_VERSION}: {magic!r}, {version}, {number}"
-        )
-    if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+    body = data[:-_CHECKSUM_SIZE]
+    if zlib.crc32(body) != int.from_bytes(data[-_CHECKSUM_SIZE:], "little"):
         raise MessageError(f"a {kind.__name__} came damaged: its checksum does not fit")
     try:
-        return layout.unpack(content, joints)
-    except ValueError as error:
-        raise MessageError(f"a {kind.__name__} holds a value that is not defined: {error}") from error
+        return _decoders[kind].decode(body)
+    except (msgspec.DecodeError, ValueError) as error:
+        raise MessageError(f"not a {kind.__name__}: {error}") from error
 
 
 def new_session() -> int:

@@ -5,13 +5,12 @@ import os
 import time
 
 import msgspec
-import numpy as np
 import pytest
 
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
 from sprintlab.deployment.bus.unitree_ends import RESPONSE_TIME, TickNumbers
 from sprintlab.deployment.bus.unitree_messages import encode_command
-from sprintlab.deployment.interface import JointCommand, JointMode, RobotStatus
+from sprintlab.deployment.interface import JointMode, RobotStatus
 
 MILLISECOND = 1_000_000
 SESSION = 77
@@ -122,12 +121,6 @@ def test_the_robot_numbers_commands_and_answers_with_its_newest_state(ends, stat
     assert {command.state_sequence for command in got} == {41}
 
 
-def test_positions_are_not_sent(ends, make_fix):
-    interface, endpoint = ends
-    endpoint.publish_fix(make_fix(1))
-    assert interface.receive_fix() is None and interface.receive() is None
-
-
 def another_sends(interface, content):
     interface._put("others' command", content)
 
@@ -161,20 +154,6 @@ def test_a_state_that_is_not_judged_does_not_hide_another_controller(ends, state
         endpoint.publish(state_at(moment))
         state = interface.receive()
     assert state.session == SESSION
-
-
-def test_another_controller_is_still_told_of_after_30_ms_without_a_new_state(ends, state_at, command_at):
-    """Longer ends the run by itself (``state-stale``)."""
-    interface, endpoint = ends
-    interface.send(command_at(1, 100))
-    another_sends(interface, encode_command(command_at(1, 1)))
-    for moment in range(102, 132, 2):
-        endpoint._last = None
-        endpoint.publish(state_at(100))  # the same once more: it is dropped
-        interface.receive()
-        interface.send(command_at(moment, moment))
-    endpoint.publish(state_at(132))
-    assert interface.receive().session not in (0, SESSION)
 
 
 def test_another_controller_stops_a_run(running, unitree_loopback, continue_on_unitree):
@@ -280,34 +259,8 @@ def test_a_controller_without_a_robot_is_told_so(address, monkeypatch):
         open_bus(address)
 
 
-def test_its_own_commands_are_not_overheard(address, state_at, command_at):
-    endpoint, interface = open_endpoint(address), open_bus(address, session=SESSION)
-    heard = 0
-    try:
-        for number in range(1, 100):
-            interface.send(command_at(number, 2 * number))
-            endpoint.publish(state_at(2 * number))
-            until(lambda: interface.receive() is not None or interface.read_by_robot is False)
-            heard += endpoint.receive_command() is not None
-        assert heard > 50 and interface.overheard == 0
-    finally:
-        interface.close()
-        endpoint.close()
-
-
-PLACES = ["lo:x", "lo:231", "no-such-interface:230", 'lo"><x>']
-
-
-@pytest.mark.parametrize("place", PLACES, ids=lambda place: place[:10])
-def test_a_place_that_is_none_is_refused(place):
+@pytest.mark.parametrize("place", ["lo:x", "lo:231", "no-such-interface:230"])
+def test_an_unknown_interface_or_domain_is_refused(place):
     pytest.importorskip("cyclonedds")
-    with pytest.raises(BusError, match=r"DDS domain|network interface") as refusal:
+    with pytest.raises(BusError, match=r"DDS domain"):
         open_endpoint(f"unitree://go2@{place}")
-    assert len(str(refusal.value)) < 200
-
-
-def test_a_command_of_another_sender_is_a_joint_command(ends, command_at):
-    interface, endpoint = ends
-    interface.send(command_at(3, 2))
-    command = endpoint.receive_command()
-    assert isinstance(command, JointCommand) and np.isfinite(command.target_position).all()

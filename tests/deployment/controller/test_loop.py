@@ -17,18 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.deployment.bus.ends import FIX, ControllerEnd
 from sprintlab.deployment.controller import LoopOptions, realtime, run_loop
 from sprintlab.deployment.controller.realtime import isolated_cores, lacking, real_time
 from sprintlab.deployment.controller.statistics import LatencyHistogram
 from sprintlab.deployment.interface import (
     JointMode,
     OperatorCommand,
-    PositionFix,
     Request,
-    RobotState,
-    encode,
-    message_size,
 )
 
 MILLISECOND = 1_000_000
@@ -235,62 +230,6 @@ def test_the_clock_paces_the_loop_and_misses_are_counted(start, monkeypatch):
     data = report.to_dict()
     assert data["microseconds"]["compute"]["count"] == report.steps
     assert data["microseconds"]["policy_step"]["max"] is None
-
-
-MANY = 100_000
-
-
-class Flood(DirectBus):
-    """A bus on which messages do not end before the loop has sent something."""
-
-    taken = 0
-
-    def receive(self):
-        self.taken += 1
-        assert self.taken < MANY, "the loop does nothing but take messages"
-        return self._measure()
-
-    def send(self, command):
-        self.taken = 0
-        super().send(command)
-
-
-class DamagedFlood(ControllerEnd):
-    """A bus on which damaged bytes do not end before the loop has sent something."""
-
-    peer_left = False
-    taken = 0
-
-    def close(self):
-        pass
-
-    def _take(self, channel):
-        self.taken += 1
-        assert self.taken < MANY, "the loop does nothing but take messages"
-        return bytes(message_size(RobotState))
-
-    def _put(self, channel, content):
-        self.taken = 0
-
-
-class FloodOfFixes(DamagedFlood):
-    """A bus on which position fixes do not end before the loop has sent something."""
-
-    content = encode(PositionFix(sequence=1, timestamp=1, position=np.zeros(3), velocity=np.zeros(3)))
-
-    def _take(self, channel):
-        return super()._take(channel) and (self.content if channel == FIX else None)
-
-
-@pytest.mark.parametrize("kind", ["sound", "damaged", "fixes"])
-def test_a_flood_of_messages_does_not_hold_the_loop(start, kind):
-    controller, bus = start(Sleeper())
-    floods = {"damaged": DamagedFlood, "fixes": FloodOfFixes}
-    flood = Flood(bus.simulated, controller.session) if kind == "sound" else floods[kind](controller.session)
-    flood.session = controller.session
-    report = run_loop(controller, flood, LoopOptions(priority=None, duration=0.2))
-    assert report.steps > 1 and report.end in ("passive", "no robot answers")
-    assert kind != "damaged" or sum(report.refused.values()) >= report.steps
 
 
 def test_a_bus_of_another_session_is_refused(start):

@@ -7,23 +7,17 @@ over DDS. Everybody in a DDS network can drive a robot in it.
 from __future__ import annotations
 
 import re
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from sprintlab.core.checks import check_choice
 from sprintlab.core.errors import InvalidValueError, SprintlabError
+from sprintlab.core.extras import require_package
 from sprintlab.deployment.interface import new_session
 
 if TYPE_CHECKING:
     from sprintlab.deployment.bus.ends import ControllerEnd, RobotEnd
 
-_CARRIERS = {
-    "shm": ("shared_memory", "SharedMemoryInterface", "SharedMemoryEndpoint"),
-    "unitree": ("unitree_bus", "UnitreeInterface", "UnitreeEndpoint"),
-}
-"""Module, controller's end and robot's end."""
 _ADDRESS = re.compile(r"(?P<carrier>[a-z]+)://(?P<name>[A-Za-z0-9_-]{1,64})(@(?P<place>[^\s@/]+))?")
-_FORM = "an address like shm://bp2 or unitree://go2@enp2s0"
 
 
 class BusError(SprintlabError):
@@ -52,8 +46,8 @@ def parse_address(address: str) -> BusAddress:
     """
     match = _ADDRESS.fullmatch(address)
     if match is None:
-        raise InvalidValueError("bus", address, _FORM)
-    check_choice("bus carrier", match["carrier"], tuple(_CARRIERS))
+        raise InvalidValueError("bus", address, "an address like shm://bp2 or unitree://go2@enp2s0")
+    check_choice("bus carrier", match["carrier"], ("shm", "unitree"))
     return BusAddress(match["carrier"], match["name"], match["place"] or "")
 
 
@@ -76,10 +70,18 @@ def open_bus(address: str, *, session: int | None = None) -> ControllerEnd:
 
     Raises:
         InvalidValueError: the address makes no sense.
-        BusError: no robot is there, another controller drives it, or a package is missing.
+        BusError: no robot is there, or another controller drives it.
+        SprintlabError: a package is missing.
     """
-    parsed = parse_address(address)
-    return _end(parsed, 1)(parsed, new_session() if session is None else session)
+    parsed, session = parse_address(address), session or new_session()
+    if parsed.carrier == "shm":
+        from sprintlab.deployment.bus.shared_memory import SharedMemoryInterface
+
+        return SharedMemoryInterface(parsed, session)
+    require_package("cyclonedds", extra="unitree", use="unitree://")
+    from sprintlab.deployment.bus.unitree_bus import UnitreeInterface
+
+    return UnitreeInterface(parsed, session)
 
 
 def open_endpoint(address: str) -> RobotEnd:
@@ -87,18 +89,15 @@ def open_endpoint(address: str) -> RobotEnd:
 
     Raises:
         InvalidValueError: the address makes no sense.
-        BusError: another robot of this name runs, or a package is missing.
+        BusError: another robot of this name runs.
+        SprintlabError: a package is missing.
     """
     parsed = parse_address(address)
-    return _end(parsed, 2)(parsed)
+    if parsed.carrier == "shm":
+        from sprintlab.deployment.bus.shared_memory import SharedMemoryEndpoint
 
+        return SharedMemoryEndpoint(parsed)
+    require_package("cyclonedds", extra="unitree", use="unitree://")
+    from sprintlab.deployment.bus.unitree_bus import UnitreeEndpoint
 
-def _end(address: BusAddress, which: int) -> Any:
-    """The class of one end; the carrier's package is imported only now."""
-    names = _CARRIERS[address.carrier]
-    try:
-        return getattr(import_module(f"sprintlab.deployment.bus.{names[0]}"), names[which])
-    except ModuleNotFoundError as error:
-        raise BusError(
-            f"{address.carrier}:// needs the package {error.name}: pip install 'sprintlab[{address.carrier}]'"
-        ) from error
+    return UnitreeEndpoint(parsed)

@@ -19,11 +19,6 @@ from sprintlab.deployment.interface import (
 STATE, COMMAND, FIX = "state", "command", "fix"
 """The channels of a robot: its controller writes ``COMMAND``, the robot the others."""
 
-MOST_DAMAGED = 16
-"""Damaged messages that one look at a bus passes over: a flood of them must not hold a loop."""
-
-_MOST_FIXES = 4  # that one look takes: ten come per second
-
 
 class BusEnd(ABC):
     """One end of a bus. Sending and receiving take no longer than a few microseconds.
@@ -53,10 +48,7 @@ class BusEnd(ABC):
         """Let go of the bus; a second call does nothing."""
 
     def _next(self, channel: str, kind: type[MessageType]) -> MessageType | None:
-        for _ in range(MOST_DAMAGED):
-            content = self._take(channel)
-            if content is None:
-                return None
+        while (content := self._take(channel)) is not None:
             try:
                 return self._decode(kind, content)
             except MessageError as error:
@@ -90,10 +82,7 @@ class ControllerEnd(BusEnd):
     def receive_fix(self) -> PositionFix | None:
         """The newest position fix not yet read, if any."""
         newest = None
-        for _ in range(_MOST_FIXES):
-            fix = self._next(FIX, PositionFix)
-            if fix is None:
-                break
+        while (fix := self._next(FIX, PositionFix)) is not None:
             newest = fix
         return newest
 
@@ -105,10 +94,8 @@ class ControllerEnd(BusEnd):
 class RobotEnd(BusEnd):
     """The robot's end of a bus."""
 
-    @property
-    def ready(self) -> bool:
-        """Whether a state that is published now reaches a controller, or waits for one."""
-        return True
+    ready: bool = True
+    """Whether a state that is published now reaches a controller, or waits for one."""
 
     def receive_command(self) -> JointCommand | None:
         """The next command in order of arrival; None until another arrives."""

@@ -2,11 +2,11 @@
 
 Each slot has a stamp beside its bytes, which the writer makes odd before and even after it touches the
 slot (a sequence lock); the reader copies the bytes and believes them only if the stamp was the expected one
-before and after. A reader that is too slow loses the oldest messages, and counts them. What a processor with
-weaker memory ordering than x86 might still let through, the checksum inside each message catches.
+before and after. A reader that is too slow loses the oldest messages. What a processor with weaker memory
+ordering than x86 might still let through, the checksum inside each message catches.
 
 Layout, in 8-byte words of the machine's own byte order: messages written so far, then for each slot its
-stamp, the message's length in bytes, and room for the longest message, in whole words.
+stamp, the message's length in bytes, and room for the longest message.
 """
 
 from __future__ import annotations
@@ -23,19 +23,12 @@ class _Ring:
     """The layout, as reader and writer share it."""
 
     def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
-        self._memory = memory[: ring_size(slots, message_size)]
-        self._words = self._memory.cast("Q")
+        self._memory, self._words = memory, memory.cast("Q")
         self._slots, self._size = slots, message_size
-        self._words_per_slot = 2 + -(-message_size // _WORD)
 
     def _slot(self, index: int) -> int:
         """Word at which the slot of message ``index`` starts."""
-        return 1 + (index % self._slots) * self._words_per_slot
-
-    def release(self) -> None:
-        """Let go of the memory, so that it can be unmapped."""
-        self._words.release()
-        self._memory.release()
+        return 1 + (index % self._slots) * (2 + -(-self._size // _WORD))
 
 
 class RingWriter(_Ring):
@@ -60,42 +53,26 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """The end that reads, from the oldest message that is still there when it comes.
+    """The end that reads, from the oldest message that is still there when it comes."""
 
-    Attributes:
-        lost: messages that were overwritten before, or changed while, they were read.
-    """
-
-    def __init__(self, memory: memoryview, slots: int, message_size: int) -> None:
-        super().__init__(memory, slots, message_size)
-        self.lost = 0
-        self._next = self._oldest(self._words[0])
-
-    def _oldest(self, written: int) -> int:
-        """The oldest message that may be read: the slot that the writer takes next is left alone."""
-        return max(written - self._slots + 1, 0)
+    _next = 0
 
     def read(self) -> bytes | None:
         """The next message, or None if all have been read."""
-        for _ in range(self._slots):
-            written = self._words[0]
-            oldest = self._oldest(written)
-            if self._next < oldest:
-                self.lost += oldest - self._next
-                self._next = oldest
-            if self._next >= written:
-                return None
-            message = self._copy(self._next)
-            self._next += 1
+        while self._next < (written := self._words[0]):
+            # The slot that the writer takes next is left alone.
+            index = max(self._next, written - self._slots + 1)
+            self._next = index + 1
+            message = self._copy(index)
             if message is not None:
                 return message
-            self.lost += 1
         return None
 
     def _copy(self, index: int) -> bytes | None:
+        """A message; None if the writer has changed it meanwhile."""
         word, stamp = self._slot(index), 2 * index + 2
-        start, length = _WORD * (word + 2), self._words[word + 1]
-        if self._words[word] != stamp or length > self._size:
+        if self._words[word] != stamp:
             return None
+        start, length = _WORD * (word + 2), self._words[word + 1]
         message = bytes(self._memory[start : start + length])
         return message if self._words[word] == stamp else None

@@ -1,107 +1,99 @@
 """Robot and controller on one machine: three rings in one memory-mapped file.
 
-The file lies in ``/dev/shm`` where there is one. Its owner, the robot, holds a lock on it which the system
-takes away when the process ends, however it ends: a file without a lock is left of a crash, and the next
-robot of that name replaces it. A controller holds the lock on a second file, so that there is one at most.
+The file lies in ``/dev/shm`` where there is one. The robot holds a lock on it, which the system takes away
+when the process ends, however it ends; a controller holds the lock on a second file: there is one at most.
 """
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import mmap
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, FIX, STATE, BusEnd, ControllerEnd, RobotEnd
 from sprintlab.deployment.bus.ring import RingReader, RingWriter, ring_size
-from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState, message_size
 
-PREFIX = "sprintlab-"
-"""How the names of the files begin."""
-
-_MAGIC = 0x53505254_00000004  # "SPRT", version of this file's layout
-_HEADER_WORDS = 8
-_MAGIC_WORD, _ROBOT_LEFT, _CONTROLLER_LEFT = range(3)
-
-
-class _Channel(NamedTuple):
-    """One ring of the file."""
-
-    kind: type[RobotState] | type[JointCommand] | type[PositionFix]
-    slots: int
-
-    @property
-    def size(self) -> int:
-        return ring_size(self.slots, message_size(self.kind))
+_HEADER = 64  # bytes
+_LAYOUT, _ROBOT_LEFT, _CONTROLLER_LEFT = range(3)
+"""Words of the header: version of the layout, and whether an end has been closed."""
+_VERSION = 5
+_SLOTS = {STATE: 256, COMMAND: 256, FIX: 16}  # a quarter of a second at 1 kHz
+_LONGEST = 1536  # bytes of a message
+_SIZE = _HEADER + sum(ring_size(slots, _LONGEST) for slots in _SLOTS.values())
 
 
-# A quarter of a second at 1 kHz: more than any watchdog allows.
-_CHANNELS = {
-    STATE: _Channel(RobotState, 256),
-    COMMAND: _Channel(JointCommand, 256),
-    FIX: _Channel(PositionFix, 16),
-}
-_SIZE = 8 * _HEADER_WORDS + sum(channel.size for channel in _CHANNELS.values())
-
-
-def shared_folder() -> Path:
-    """Where the files are: memory if the system has such a folder, else the temporary folder."""
+def memory_path(name: str) -> Path:
+    """The file of a robot: in memory if the system has such a folder, else in the temporary folder."""
     memory = Path("/dev/shm")
-    return memory if memory.is_dir() else Path(tempfile.gettempdir())
+    return (memory if memory.is_dir() else Path(tempfile.gettempdir())) / f"sprintlab-{name}"
 
 
-class ControllerLock:
-    """Held by the one controller of a robot on this machine; it ends with the process that holds it.
+class LockedFile:
+    """A file that belongs to one process at a time; made if it does not exist, removed when released.
 
     Args:
-        place: the robot's place, part of a file's name.
-        robot: the robot's name, for the sentence.
+        path: where.
+        taken: what to say where another process has it.
 
     Raises:
-        BusError: another controller holds it, or its file cannot be made.
+        BusError: another process has it, or it cannot be made.
     """
 
-    def __init__(self, place: str, robot: str) -> None:
-        self._path = _path(f"{place}.controller")
-        file = _open_locked(self._path)
-        if file is None:
-            raise BusError(f"another controller drives the robot {robot!r} on this machine")
-        self._file = file
+    def __init__(self, path: Path, taken: str) -> None:
+        self._path = path
+        try:
+            self.file = self._open()
+            while not self._has_its_name():  # its last owner removed it meanwhile
+                self.file.close()
+                self.file = self._open()
+        except BlockingIOError:
+            raise BusError(taken) from None
+        except OSError as error:
+            raise BusError(f"cannot make {path}: {error.strerror or error}") from error
+
+    def _open(self) -> IO[bytes]:
+        file = os.fdopen(os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600), "rb+")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            raise
+        return file
+
+    def _has_its_name(self) -> bool:
+        return self._path.exists() and os.path.samestat(self._path.stat(), os.fstat(self.file.fileno()))
 
     def release(self) -> None:
-        """Let the next controller in."""
-        _remove(self._path, self._file)
-        self._file.close()
+        """Let the next process have it; a second call does nothing."""
+        if not self.file.closed:
+            self._path.unlink(missing_ok=True)
+            fcntl.flock(self.file, fcntl.LOCK_UN)  # whatever else is still open of it
+            self.file.close()
 
 
 class _Mapped(BusEnd):
-    """One end: the file in memory, a ring for each kind of message."""
+    """One end: the file in memory, a ring for each channel."""
 
-    _reads: str  # the ring of which ``lost`` tells
     _peer_word: int  # of the header: whether the other end has left
 
-    def _map(self, file: IO[bytes]) -> None:
-        self._file = file
-        self._mapping = mmap.mmap(file.fileno(), _SIZE)
-        self._memory = memoryview(self._mapping)
-        self._words = self._memory[: 8 * _HEADER_WORDS].cast("Q")
-        self._closed = False
-
-    def _open_rings(self, *, writes: Sequence[str], reads: Sequence[str]) -> None:
-        self._writers = {channel: RingWriter(*self._ring(channel)) for channel in writes}
-        self._readers = {channel: RingReader(*self._ring(channel)) for channel in reads}
-
-    def _ring(self, name: str) -> tuple[memoryview, int, int]:
-        names = list(_CHANNELS)
-        start = 8 * _HEADER_WORDS + sum(_CHANNELS[other].size for other in names[: names.index(name)])
-        channel = _CHANNELS[name]
-        return self._memory[start : start + channel.size], channel.slots, message_size(channel.kind)
+    def _map(self, file: IO[bytes], writes: tuple[str, ...]) -> None:
+        memory = memoryview(mmap.mmap(file.fileno(), _SIZE))
+        self._words, self._closed = memory[:_HEADER].cast("Q"), False
+        self._writers: dict[str, RingWriter] = {}
+        self._readers: dict[str, RingReader] = {}
+        start = _HEADER
+        for channel, slots in _SLOTS.items():
+            part = memory[start : start + ring_size(slots, _LONGEST)]
+            start += len(part)
+            if channel in writes:
+                self._writers[channel] = RingWriter(part, slots, _LONGEST)
+            else:
+                self._readers[channel] = RingReader(part, slots, _LONGEST)
 
     def _take(self, channel: str) -> bytes | None:
         return self._readers[channel].read()
@@ -110,24 +102,9 @@ class _Mapped(BusEnd):
         self._writers[channel].write(content)
 
     @property
-    def lost(self) -> int:
-        """Messages that were overwritten before they were read: states, or commands."""
-        return self._readers[self._reads].lost
-
-    @property
     def peer_left(self) -> bool:
         """Whether the other end has been closed in good order."""
         return self._closed or bool(self._words[self._peer_word])
-
-    def _release(self) -> None:
-        self._closed = True
-        for ring in (*self._writers.values(), *self._readers.values()):
-            ring.release()
-        self._words.release()
-        self._memory.release()
-        with contextlib.suppress(BufferError):
-            self._mapping.close()
-        self._file.close()
 
 
 class SharedMemoryInterface(_Mapped, ControllerEnd):
@@ -137,26 +114,24 @@ class SharedMemoryInterface(_Mapped, ControllerEnd):
         BusError: no robot of this name runs on this machine, or another controller drives it.
     """
 
-    _reads, _peer_word = STATE, _ROBOT_LEFT
+    _peer_word = _ROBOT_LEFT
 
     def __init__(self, address: BusAddress, session: int) -> None:
         super().__init__(session)
-        name = _local_name(address)
-        self._lock = ControllerLock(name, name)
+        self._lock = controller_lock(_local_name(address), address.name)
         try:
-            self._map(_open_running(_path(name), name))
+            with _running(address.name) as file:
+                self._map(file, writes=(COMMAND,))
         except BaseException:
             self._lock.release()
             raise
-        self._open_rings(writes=(COMMAND,), reads=(STATE, FIX))
         self._words[_CONTROLLER_LEFT] = 0
 
     def close(self) -> None:
         """Let go of the bus; a second call does nothing."""
         if not self._closed:
-            self._words[_CONTROLLER_LEFT] = 1
-            self._release()
-            self._lock.release()
+            self._words[_CONTROLLER_LEFT], self._closed = 1, True
+        self._lock.release()
 
 
 class SharedMemoryEndpoint(_Mapped, RobotEnd):
@@ -166,22 +141,41 @@ class SharedMemoryEndpoint(_Mapped, RobotEnd):
         BusError: a robot of this name runs already, or the memory cannot be had.
     """
 
-    _reads, _peer_word = COMMAND, _CONTROLLER_LEFT
+    _peer_word = _CONTROLLER_LEFT
 
     def __init__(self, address: BusAddress) -> None:
         super().__init__()
         name = _local_name(address)
-        self._path = _path(name)
-        self._map(_create(self._path, name))
-        self._open_rings(writes=(STATE, FIX), reads=(COMMAND,))
-        self._words[_MAGIC_WORD] = _MAGIC
+        self._owned = LockedFile(memory_path(name), f"a robot named {name!r} runs already on this machine")
+        try:
+            # All of the memory is taken now: without room, a write to a mapped file would end the process.
+            self._owned.file.write(bytes(_SIZE))
+            self._owned.file.flush()
+        except OSError as error:
+            self._owned.release()
+            raise BusError(f"no memory for the robot {name!r}: {error.strerror or error}") from error
+        self._map(self._owned.file, writes=(STATE, FIX))
+        self._words[_LAYOUT] = _VERSION
 
     def close(self) -> None:
         """Let go of the bus and remove the file; a second call does nothing."""
         if not self._closed:
-            self._words[_ROBOT_LEFT] = 1
-            _remove(self._path, self._file)
-            self._release()
+            self._words[_ROBOT_LEFT], self._closed = 1, True
+        self._owned.release()
+
+
+def controller_lock(place: str, robot: str) -> LockedFile:
+    """Held by the one controller of a robot on this machine.
+
+    Args:
+        place: the robot's place, part of a file's name.
+        robot: the robot's name, for the sentence.
+
+    Raises:
+        BusError: another controller holds it.
+    """
+    taken = f"another controller drives the robot {robot!r} on this machine"
+    return LockedFile(memory_path(f"{place}.controller"), taken)
 
 
 def _local_name(address: BusAddress) -> str:
@@ -190,97 +184,24 @@ def _local_name(address: BusAddress) -> str:
     return address.name
 
 
-def _path(name: str) -> Path:
-    return shared_folder() / f"{PREFIX}{name}"
-
-
-def _create(path: Path, name: str) -> IO[bytes]:
-    """The robot's file under its lock, new and as large as it will be.
-
-    All of the memory is taken now: without room, a write to a mapped file would end the process.
-    """
-    with contextlib.suppress(OSError), path.open("rb+") as left:
-        if _lock(left):  # by a robot that crashed; whoever still has it mapped keeps it
-            _remove(path, left)
-    file = _open_locked(path)
-    if file is None:
-        raise BusError(f"a robot named {name!r} runs already on this machine")
-    try:
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(file.fileno(), 0, _SIZE)
-        else:
-            file.write(bytes(_SIZE))
-            file.flush()
-    except OSError as error:
-        _remove(path, file)
-        file.close()
-        raise BusError(f"cannot make {path}: {error.strerror or error}") from error
-    return file
-
-
-def _open_running(path: Path, name: str) -> IO[bytes]:
+def _running(name: str) -> IO[bytes]:
     """The file of a robot that runs.
 
     Raises:
         BusError: no robot of this name runs, or the robot behind the file has crashed.
     """
     try:
-        file = path.open("rb+")
+        file = memory_path(name).open("rb+")
     except OSError as error:
         raise BusError(f"no robot named {name!r} runs on this machine; start it first") from error
     problem = ""
-    if _lock(file):
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         problem = f"the robot {name!r} has crashed and left its memory behind; start it again"
-    elif os.fstat(file.fileno()).st_size != _SIZE or file.read(8) != _MAGIC.to_bytes(8, sys.byteorder):
-        problem = f"{path} was made by another version of sprintlab"
+    except BlockingIOError:
+        if int.from_bytes(file.read(8), sys.byteorder) != _VERSION:
+            problem = f"the robot {name!r} speaks another version of sprintlab's messages"
     if problem:
         file.close()
         raise BusError(problem)
     return file
-
-
-def _open_locked(path: Path) -> IO[bytes] | None:
-    """A file under an exclusive lock, made if it does not exist; None while another process has the lock.
-
-    Raises:
-        BusError: it cannot be made or opened.
-    """
-    while True:
-        try:
-            file = open(path, "rb+", opener=_private)  # noqa: SIM115
-        except OSError as error:
-            raise BusError(f"cannot open {path}: {error.strerror or error}") from error
-        if not _lock(file):
-            file.close()
-            return None
-        if _is_still(path, file):
-            return file
-        file.close()  # removed between opening and locking: try again
-
-
-def _private(path: str, flags: int) -> int:
-    """Open or make a file that other accounts can not open."""
-    return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-
-
-def _lock(file: IO[bytes]) -> bool:
-    """Take the lock on an open file; False while another process has it."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
-def _is_still(path: Path, file: IO[bytes]) -> bool:
-    """Whether an open file still bears its name."""
-    with contextlib.suppress(FileNotFoundError):
-        return os.path.samestat(path.lstat(), os.fstat(file.fileno()))
-    return False
-
-
-def _remove(path: Path, file: IO[bytes]) -> None:
-    """Take the name from an open file, unless another file has that name by now."""
-    with contextlib.suppress(OSError):
-        if _is_still(path, file):
-            path.unlink()

@@ -20,10 +20,9 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from sprintlab.core.errors import printable
 from sprintlab.deployment.bus.address import BusAddress, BusError
 from sprintlab.deployment.bus.ends import COMMAND, STATE, BusEnd
-from sprintlab.deployment.bus.shared_memory import ControllerLock
+from sprintlab.deployment.bus.shared_memory import LockedFile, controller_lock
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd, UnitreeRobotEnd
 from sprintlab.deployment.bus.unitree_messages import STRUCTURES
 
@@ -31,7 +30,6 @@ _TOPICS = {COMMAND: "rt/lowcmd", STATE: "rt/lowstate"}
 _PATIENCE = 3.0  # [s] to find a robot
 _SETTLING = 0.5  # [s] to hear of others
 _LOOK = 0.01  # [s] between two looks at who reads the commands
-_MOST_PUBLISHERS = 1000  # of a domain that are looked at
 _WAITING = 64  # messages that wait to be read; the oldest make room
 _READING = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(_WAITING))
 _OTHERS = Qos(
@@ -91,13 +89,12 @@ class _DdsEnd(BusEnd):
         self._readers: dict[str, Any] = {}
         self._writers: dict[str, Any] = {}
         self._participant = _participant(address)
-        self._waiting: dict[str, list[Any]] = {COMMAND: [], STATE: []}
         self._looked, self._peers = 0.0, 0
 
     def _writer(self, channel: str) -> Any:
         return DataWriter(self._participant, self._topic(channel), qos=_WRITING)
 
-    def _reader(self, channel: str, qos: Any) -> Any:
+    def _reader(self, channel: str, qos: Any = _READING) -> Any:
         return DataReader(self._participant, self._topic(channel), qos=qos)
 
     def _topic(self, channel: str) -> Any:
@@ -105,7 +102,7 @@ class _DdsEnd(BusEnd):
 
     def _published(self, channel: str) -> bool:
         """Whether anybody publishes a channel in this domain."""
-        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=_MOST_PUBLISHERS)
+        found = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication).take(N=1000)
         return any(getattr(sample, "topic_name", "") == _TOPICS[channel] for sample in found)
 
     def _read_by_others(self) -> bool:
@@ -132,16 +129,10 @@ class _DdsEnd(BusEnd):
             del self._participant
 
     def _take(self, channel: str) -> bytes | None:
-        if self._closed or channel not in self._readers:
-            return None
-        waiting = self._waiting[channel]
-        if not waiting:
-            waiting += self._readers[channel].take(N=_WAITING)
-        while waiting:
-            packet = waiting.pop(0)
-            if isinstance(packet, IdlStruct):
-                self._note_author(packet.sample_info.publication_handle)
-                return packet.content
+        while channel in self._readers and (packets := self._readers[channel].take(N=1)):
+            if isinstance(packets[0], IdlStruct):  # else a note that a writer has left
+                self._note_author(packets[0].sample_info.publication_handle)
+                return packets[0].content
         return None
 
     def _note_author(self, author: int) -> None:
@@ -164,12 +155,12 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
 
     def __init__(self, address: BusAddress, session: int) -> None:
         super().__init__(session)
-        self._lock: ControllerLock | None = None
+        self._lock: LockedFile | None = None
         self._join(address)
         try:
-            self._lock = ControllerLock("unitree.{}.{}".format(*_place(address)), address.name)
+            self._lock = controller_lock("unitree.{}.{}".format(*_place(address)), address.name)
             self._find_robot(address)
-            self._readers = {STATE: self._reader(STATE, _READING), COMMAND: self._reader(COMMAND, _OTHERS)}
+            self._readers = {STATE: self._reader(STATE), COMMAND: self._reader(COMMAND, _OTHERS)}
             self._wait_for(self._readers[STATE].get_matched_publications)
             self._writers = {COMMAND: self._writer(COMMAND)}
             self._wait_for(self._writers[COMMAND].get_matched_subscriptions)
@@ -182,7 +173,6 @@ class UnitreeInterface(_DdsEnd, UnitreeControllerEnd):
         super().close()
         if self._lock is not None:
             self._lock.release()
-            self._lock = None
 
     @property
     def read_by_robot(self) -> bool:
@@ -221,7 +211,7 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
         if self._published(STATE):
             self.close()
             raise BusError("a robot is there already: a program publishes rt/lowstate")
-        self._readers = {COMMAND: self._reader(COMMAND, _READING)}
+        self._readers = {COMMAND: self._reader(COMMAND)}
         self._writers = {STATE: self._writer(STATE)}
 
     @property
@@ -235,14 +225,10 @@ class UnitreeEndpoint(_DdsEnd, UnitreeRobotEnd):
 
 def _place(address: BusAddress) -> tuple[str, int]:
     """Interface and domain of ``INTERFACE``, ``INTERFACE:DOMAIN`` or ``:DOMAIN``; else loopback and 0."""
-    interface, _, number = address.place.partition(":")
-    number = number or "0"
-    if not re.fullmatch("[0-9]{1,3}", number) or int(number) > 230:
-        raise BusError(f"a DDS domain is a number from 0 to 230, not {printable(number, 20)}")
-    interface = interface or "lo"
-    if not re.fullmatch("[A-Za-z0-9_.-]{1,64}", interface):
-        raise BusError(f"no network interface has the name {printable(interface, 80)}")
-    return interface, int(number)
+    found = re.fullmatch("(?P<interface>[A-Za-z0-9_.-]*):?(?P<domain>[0-9]{0,3})", address.place)
+    if found is None or int(found["domain"] or 0) > 230:
+        raise BusError(f"{address.place} is not a network interface with a DDS domain from 0 to 230")
+    return found["interface"] or "lo", int(found["domain"] or 0)
 
 
 def _participant(address: BusAddress) -> Any:

@@ -19,7 +19,7 @@ from typing import Any, cast
 
 import msgspec
 
-from sprintlab.deployment.bus.ends import COMMAND, MOST_DAMAGED, ControllerEnd, RobotEnd
+from sprintlab.deployment.bus.ends import COMMAND, ControllerEnd, RobotEnd
 from sprintlab.deployment.bus.unitree_messages import (
     decode_command,
     decode_state,
@@ -151,9 +151,7 @@ class UnitreeControllerEnd(ControllerEnd):
 
     def _overhear(self) -> None:
         """Count the commands of others since the last look, whole or not."""
-        for _ in range(MOST_DAMAGED):
-            if self._take(COMMAND) is None:
-                return
+        while self._take(COMMAND) is not None:
             self.overheard += 1
             self._overheard_at = self._now
 

@@ -164,8 +164,6 @@ def _idle_command() -> bytes:
 
 
 _IDLE = _idle_command()
-_any_numbers = np.errstate(all="ignore")
-"""For numbers that are not checked yet: what they become is, and a warning could end the process."""
 
 
 def _check_joints(count: int) -> None:
@@ -189,7 +187,6 @@ def encode_command(command: JointCommand) -> bytes:
     return to_wire("LowCmd_", record)
 
 
-@_any_numbers
 def decode_command(data: bytes, *, sequence: int, session: int, state_sequence: int) -> JointCommand:
     """What a ``LowCmd_`` asks of the joints; what it cannot say the receiver adds.
 
@@ -228,7 +225,6 @@ def decode_command(data: bytes, *, sequence: int, session: int, state_sequence: 
     )
 
 
-@_any_numbers
 def encode_state(state: RobotState) -> bytes:
     """A state as ``LowState_``, as a robot sends it.
 
@@ -251,7 +247,6 @@ def encode_state(state: RobotState) -> bytes:
     return to_wire("LowState_", record)
 
 
-@_any_numbers
 def decode_state(data: bytes) -> tuple[int, RobotState]:
     """The robot's clock [ms, 32 bits] and its state, still without sequence, time, and whom it obeys.
 

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import struct
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import msgspec
 
 from sprintlab.core.errors import SprintlabError
-from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
+from sprintlab.deployment.interface import FloatArray, JointCommand, PositionFix, RobotState
 
 CONTRACT_NAME = "contract.json"
 FACTS_NAME, END_NAME = "sprintlab", "sprintlab_end"
 """Metadata: the facts of the run, and the number of ticks that were dropped."""
-
-_HEAD = struct.Struct("<IBQQ")
+_LENGTH = struct.Struct("<I")
 
 
 class LogError(SprintlabError):
     """A log cannot be written or read."""
+
+
+class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What a log says of its run.
+
+    Attributes:
+        robot: name of the robot.
+        contract: the policy's contract, JSON.
+        facts: anything else worth keeping: command line, date, policy file, bus.
+    """
+
+    robot: str
+    contract: str
+    facts: dict[str, str] = {}
 
 
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -26,59 +39,32 @@ class TickRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     time: float
     mode: str
-    velocity: tuple[float, ...]
-    targets: tuple[float, ...]
+    velocity: FloatArray
+    targets: FloatArray
     policy_step: bool
     faults: tuple[str, ...]
     compute_time: float
 
 
-STATE, COMMAND, FIX, TICK = "/robot/state", "/robot/command", "/robot/fix", "/controller/tick"
-TOPICS: dict[str, Any] = {STATE: RobotState, COMMAND: JointCommand, FIX: PositionFix, TICK: TickRecord}
+TOPICS: dict[str, Any] = {
+    "/robot/state": RobotState,
+    "/robot/command": JointCommand,
+    "/robot/fix": PositionFix,
+    "/controller/tick": TickRecord,
+}
 """Topics of a log and the types of their messages, which the file holds as JSON."""
-START, END = len(TOPICS), len(TOPICS) + 1
-"""Frames that are no messages: facts of the run, JSON; number of ticks that were dropped, in words."""
 
 
-def schema(topic: str) -> bytes:
-    """JSON schema of a topic's messages: every property an array, or a plain type."""
-    kind = TOPICS[topic]
-    _, parts = msgspec.json.schema_components(
-        [kind], schema_hook=lambda _: {"type": "array", "items": {"type": "number"}}
-    )
-    properties = parts[kind.__name__]["properties"]
-    for name, value in properties.items():
-        if "$ref" in value:
-            properties[name] = {"type": "integer", **parts[value["$ref"].rpartition("/")[2]]}
-    return msgspec.json.encode(parts[kind.__name__])
+def pack(content: bytes) -> bytes:
+    """A frame on its way to the file: its length, then its content."""
+    return _LENGTH.pack(len(content)) + content
 
 
-class Frame(NamedTuple):
-    """One message on its way to the file.
-
-    Attributes:
-        topic: index into ``TOPICS``, or ``START`` or ``END``.
-        time: controller's clock [ns].
-        sequence: the message's number.
-        content: its bytes.
-    """
-
-    topic: int
-    time: int
-    sequence: int
-    content: bytes
-
-
-def pack(frame: Frame) -> bytes:
-    """The frame's bytes. A pipe takes fewer than 4096 bytes that are written at once whole, or not at all."""
-    return _HEAD.pack(len(frame.content), frame.topic, frame.time, frame.sequence) + frame.content
-
-
-def read_frame(stream: IO[bytes]) -> Frame | None:
-    """The next frame; None at the end, or where the sender was cut off."""
-    head = stream.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+def read_frame(stream: IO[bytes]) -> bytes | None:
+    """Content of the next frame; None at the end, or where the sender was cut off."""
+    head = stream.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
         return None
-    length, topic, time, sequence = _HEAD.unpack(head)
+    (length,) = _LENGTH.unpack(head)
     content = stream.read(length)
-    return Frame(topic, time, sequence, content) if len(content) == length else None
+    return content if len(content) == length else None

@@ -8,20 +8,19 @@ from pathlib import Path
 from typing import IO, Any
 
 import msgspec
+import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from sprintlab.core.signals import terminations
-from sprintlab.deployment.interface import decode
-from sprintlab.deployment.log.run_log import LogFacts
+from sprintlab.deployment.interface import ControlTick
 from sprintlab.deployment.log.topics import (
     CONTRACT_NAME,
-    END,
     END_NAME,
     FACTS_NAME,
-    TICK,
     TOPICS,
+    LogFacts,
+    TickRecord,
     read_frame,
-    schema,
 )
 
 _CHUNK = 1 << 20  # bytes that are compressed together, a third of a second: so much a cut-off log may lose
@@ -29,44 +28,60 @@ _SEQUENCES = 1 << 32  # that MCAP tells apart; the message itself holds the whol
 
 
 def write_log(stream: IO[bytes], file: IO[bytes]) -> bool:
-    """Write every frame of ``stream``; whether any came.
+    """Write every frame of ``stream``: the facts, ticks, number of ticks dropped; whether any tick came.
 
     Raises:
         OSError: the disk is full; the file can be read up to there.
     """
     writer = Writer(file, _CHUNK, CompressionType.ZSTD, enable_data_crcs=True)
     writer.start(profile="", library="sprintlab")
-    _write_facts(writer, stream)
-    channels = [
-        writer.register_channel(
-            topic, "json", writer.register_schema(kind.__name__, "jsonschema", schema(topic))
-        )
-        for topic, kind in TOPICS.items()
-    ]
-    topics, kinds = list(TOPICS), list(TOPICS.values())
-    encoder = msgspec.json.Encoder(enc_hook=lambda array: array.tolist())
-    begun = False
-    while (frame := read_frame(stream)) is not None:
-        begun = True
-        if frame.topic == END:
-            writer.add_metadata(END_NAME, {"ticks dropped": frame.content.decode()})
-            continue
-        content = frame.content
-        if topics[frame.topic] != TICK:
-            content = encoder.encode(decode(kinds[frame.topic], content))
-        short = frame.sequence % _SEQUENCES
-        writer.add_message(channels[frame.topic], frame.time, content, frame.time, short)
-    writer.finish()
-    return begun
-
-
-def _write_facts(writer: Any, stream: IO[bytes]) -> None:
-    frame = read_frame(stream)
-    if frame is None:
-        return
-    facts = msgspec.json.decode(frame.content, type=LogFacts)
+    facts = msgspec.msgpack.decode(read_frame(stream) or b"", type=LogFacts)
     writer.add_metadata(FACTS_NAME, {"robot": facts.robot, **facts.facts})
     writer.add_attachment(0, 0, CONTRACT_NAME, "application/json", facts.contract.encode())
+    channels = {topic: _channel(writer, topic, kind) for topic, kind in TOPICS.items()}
+    decode = msgspec.msgpack.Decoder(ControlTick | int, dec_hook=lambda _, raw: np.frombuffer(raw)).decode
+    encode = msgspec.json.Encoder(enc_hook=lambda array: array.tolist()).encode
+    last: ControlTick | None = None
+    while (frame := read_frame(stream)) is not None:
+        tick = decode(frame)
+        if isinstance(tick, int):
+            writer.add_metadata(END_NAME, {"ticks dropped": str(tick)})
+            break
+        time = round(1e9 * tick.time)
+        for topic, sequence, message in _messages(tick, last):
+            writer.add_message(channels[topic], time, encode(message), time, sequence % _SEQUENCES)
+        last = tick
+    writer.finish()
+    return last is not None
+
+
+def _messages(tick: ControlTick, last: ControlTick | None) -> list[tuple[str, int, Any]]:
+    """Topic, number and message of what is new in a tick; a fix only with finite numbers, as JSON has."""
+    state, command, fix = tick.state, tick.command, tick.fix
+    rest = TickRecord(**{name: getattr(tick, name) for name in TickRecord.__struct_fields__})
+    found: list[tuple[str, int, Any]] = [
+        ("/robot/command", command.sequence, command),
+        ("/controller/tick", command.sequence, rest),
+    ]
+    before = last.state.sequence if last is not None and last.state is not None else None
+    if state is not None and state.sequence != before:
+        found.append(("/robot/state", state.sequence, state))
+    if fix is not None and np.isfinite((fix.position, fix.velocity)).all():
+        found.append(("/robot/fix", fix.sequence, fix))
+    return found
+
+
+def _channel(writer: Writer, topic: str, kind: Any) -> int:
+    """Register a topic with the JSON schema of its messages: every property an array, or a plain type."""
+    _, parts = msgspec.json.schema_components(
+        [kind], schema_hook=lambda _: {"type": "array", "items": {"type": "number"}}
+    )
+    properties = parts[kind.__name__]["properties"]
+    for name, value in properties.items():
+        if "$ref" in value:
+            properties[name] = {"type": "integer", **parts[value["$ref"].rpartition("/")[2]]}
+    schema = msgspec.json.encode(parts[kind.__name__])
+    return writer.register_channel(topic, "json", writer.register_schema(kind.__name__, "jsonschema", schema))
 
 
 def main(path: Path) -> None:
