@@ -5,7 +5,6 @@ import os
 import shlex
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -116,43 +115,12 @@ def test_loss_and_jitter_are_ridden_out(bus):
     assert 2.0 < simulated["greatest_distance"] < 15.0
 
 
-def test_over_a_link_that_loses_nearly_everything_the_robot_stays_down(bus):
-    robot = start_robot(bus, "--lock-step", "--end-with-controller", "--loss", "95")
-    _, run, _, simulated = drive(bus, robot, "--lock-step", "--no-log", "--duration", "1")
-    assert simulated["fall_reason"] == ""
-    assert simulated["greatest_distance"] < 0.1
-    assert run["policy_steps"] == 0
-
-
 def test_a_robot_that_dies_ends_the_run_in_order(bus):
     robot = start_robot(bus, "--lock-step", "--duration", "0.3")
     status, run, robot_status, simulated = drive(bus, robot, "--lock-step", "--no-log")
     assert (status, robot_status) == (1, 0)
     assert run["end"] == "the robot is gone"
     assert simulated["simulated_time"] == pytest.approx(0.3, abs=0.01)
-
-
-def test_a_full_disk_keeps_the_run_its_summary_and_what_of_the_log_fitted(bus, tmp_path):
-    resource = pytest.importorskip("resource")
-    pytest.importorskip("mcap")
-    little_space = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (600_000, 600_000))
-
-    robot = start_robot(bus, "--lock-step", "--end-with-controller")
-    log = tmp_path / "run.mcap"
-    status, run, _, simulated = drive(
-        bus, robot, "--lock-step", "--duration", "1", "--log", str(log), prepare=little_space
-    )
-    assert status == 0 and run["end"] == "passive" and run["faults"] == {}
-    assert run["duration"] > 1.0 and simulated["fall_reason"] == ""
-    assert "ends before the run does" in run["log_problem"]
-    assert 100 < len(read_log(log).ticks) < run["steps"]
-
-
-def test_a_controller_without_a_robot_is_told_so(bus):
-    controller = hurried("run", "sprint", bus)
-    _, err = controller.communicate(timeout=600)
-    assert controller.returncode == 2
-    assert "no robot named" in err and "Traceback" not in err
 
 
 def test_a_real_time_run_of_a_few_seconds(bus):
@@ -171,22 +139,17 @@ def test_a_real_time_run_of_a_few_seconds(bus):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "words"),
     [
-        ["robot-sim", "bp2"],
-        ["robot-sim", "--loss", "120"],
-        ["robot-sim", "--speed-factor", "0"],
-        ["robot-sim", "--truth", "a.npz"],
-        ["robot-sim", "--start", "flying"],
-        ["robot-sim", "--robot", "spot"],
-        ["robot-sim", "--distance", "-1"],
-        ["robot-sim", "--priority", "100"],
-        ["report", "missing.mcap"],
-        ["report", "pyproject.toml"],
+        (["robot-sim", "bp2"], "an address like shm://bp2"),
+        (["robot-sim", "--loss", "120"], "link.loss"),
+        (["robot-sim", "--speed-factor", "0"], "speed_factor"),
+        (["robot-sim", "--truth", "a.npz"], "give --duration too"),
+        (["robot-sim", "--robot", "spot"], "spot"),
+        (["report", "missing.mcap"], "cannot read"),
     ],
 )
-def test_bad_input_is_refused_in_one_sentence(arguments, capsys):
+def test_bad_input_is_refused_in_one_sentence(arguments, words, capsys):
     assert main(arguments) == 2
     error = capsys.readouterr().err.splitlines()
-    assert error[-1].startswith("sprintlab: ")
-    assert len([line for line in error if not line.startswith("the robot is on")]) == 1
+    assert len(error) == 1 and error[0].startswith("sprintlab: ") and words in error[0]

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.deployment.messages import make_command, make_fix, make_state
 
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.deployment.bus import (
@@ -37,21 +38,21 @@ def ends(address):
         yield interface, endpoint
 
 
-def test_states_commands_and_the_newest_fix_arrive(ends, make_state, make_joint_command, make_fix):
+def test_states_commands_and_the_newest_fix_arrive(ends):
     interface, endpoint = ends
     for sequence in range(1, 51):
         assert endpoint.publish(make_state(sequence))
-        interface.send(make_joint_command(sequence))
+        interface.send(make_command(sequence))
         endpoint.publish_fix(make_fix(sequence))
     states, commands = list(iter(interface.receive, None)), list(iter(endpoint.receive_command, None))
     numbers = list(range(1, 51))
     assert [state.sequence for state in states] == [command.sequence for command in commands] == numbers
-    assert states[6].joint_position.tolist() == [7.0] * 12 and commands[6].stiffness.tolist() == [100.0] * 12
+    assert states[6].joint_position.tolist() == [7e-3] * 12 and commands[6].stiffness.tolist() == [100.0] * 12
     assert interface.receive_fix().sequence == 50 and interface.receive_fix() is None
     assert not interface.refused
 
 
-def test_a_damaged_message_is_dropped_and_its_reason_counted(ends, make_state):
+def test_a_damaged_message_is_dropped_and_its_reason_counted(ends):
     interface, endpoint = ends
     endpoint.publish(make_state(1))
     interface._readers["state"]._memory[100] ^= 1
@@ -173,7 +174,7 @@ def test_a_robot_of_another_version_is_refused(address, monkeypatch):
             open_bus(address)
 
 
-def test_a_new_robot_takes_the_place_of_one_that_crashed(address, path, make_state):
+def test_a_new_robot_takes_the_place_of_one_that_crashed(address, path):
     code = f"""
 import sys
 from sprintlab.deployment.bus import open_endpoint

@@ -4,8 +4,8 @@ import contextlib
 import os
 import time
 
-import msgspec
 import pytest
+from tests.deployment.messages import make_command, make_state
 
 from sprintlab.deployment.bus import BusError, open_bus, open_endpoint
 from sprintlab.deployment.bus.unitree_ends import RESPONSE_TIME, TickNumbers
@@ -21,27 +21,14 @@ def ends(unitree_loopback):
     return unitree_loopback(SESSION)
 
 
-@pytest.fixture
-def state_at(make_state):
+def state_at(milliseconds, **changes):
     """A state at a time of the robot's clock [ms]."""
-
-    def build(milliseconds, **changes):
-        return msgspec.structs.replace(
-            make_state(milliseconds), timestamp=milliseconds * MILLISECOND, **changes
-        )
-
-    return build
+    return make_state(milliseconds, timestamp=milliseconds * MILLISECOND, **changes)
 
 
-@pytest.fixture
-def command_at(make_joint_command):
+def command_at(sequence, milliseconds, mode=JointMode.SERVO):
     """A command at a time of the controller's clock [ms]."""
-
-    def build(sequence, milliseconds, mode=JointMode.SERVO):
-        whole = make_joint_command(sequence)
-        return msgspec.structs.replace(whole, timestamp=milliseconds * MILLISECOND, mode=mode)
-
-    return build
+    return make_command(sequence, timestamp=milliseconds * MILLISECOND, mode=mode, session=SESSION)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +56,7 @@ def test_a_reboot_shows_as_old_states_until_the_robot_is_forgotten():
     assert after == sorted(after)
 
 
-def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends, state_at, command_at):
+def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends):
     interface, endpoint = ends
     states = commands = 0
     for moment in range(1, 101):
@@ -80,7 +67,7 @@ def test_500_messages_a_second_go_each_way_from_loops_of_1000(ends, state_at, co
     assert states == commands == 50
 
 
-def test_a_change_of_mode_or_status_goes_at_once(ends, state_at, command_at):
+def test_a_change_of_mode_or_status_goes_at_once(ends):
     interface, endpoint = ends
     interface.send(command_at(1, 1))
     interface.send(command_at(2, 2, JointMode.DAMPING))
@@ -91,7 +78,7 @@ def test_a_change_of_mode_or_status_goes_at_once(ends, state_at, command_at):
     assert endpoint.publish(state_at(1, status=int(RobotStatus.WATCHDOG_EXPIRED)))  # its clock began anew
 
 
-def test_every_state_is_answered(ends, state_at, command_at):
+def test_every_state_is_answered(ends):
     """A state comes early when the robot's status changes, and a robot in lock-step waits for its answer."""
     interface, endpoint = ends
     for moment, status in ((1, RobotStatus.WATCHDOG_EXPIRED), (2, RobotStatus.READY)):
@@ -101,7 +88,7 @@ def test_every_state_is_answered(ends, state_at, command_at):
         assert endpoint.receive_command().state_sequence == moment
 
 
-def test_a_command_counts_as_obeyed_after_the_response_time(ends, state_at, command_at):
+def test_a_command_counts_as_obeyed_after_the_response_time(ends):
     interface, endpoint = ends
     for number in range(1, 11):
         interface.send(command_at(number, 2 * number))
@@ -111,7 +98,7 @@ def test_a_command_counts_as_obeyed_after_the_response_time(ends, state_at, comm
         assert state.session == (SESSION if state.command_sequence else 0)
 
 
-def test_the_robot_numbers_commands_and_answers_with_its_newest_state(ends, state_at, command_at):
+def test_the_robot_numbers_commands_and_answers_with_its_newest_state(ends):
     interface, endpoint = ends
     endpoint.publish(state_at(41))
     interface.send(command_at(900, 2))
@@ -125,7 +112,7 @@ def another_sends(interface, content):
     interface._put("others' command", content)
 
 
-def test_anothers_command_makes_the_next_state_one_of_another_session(ends, state_at, command_at):
+def test_anothers_command_makes_the_next_state_one_of_another_session(ends):
     interface, endpoint = ends
     for content in (encode_command(command_at(1, 1)), b"not even a command"):
         another_sends(interface, content)
@@ -135,7 +122,7 @@ def test_anothers_command_makes_the_next_state_one_of_another_session(ends, stat
     assert interface.overheard == 2
 
 
-def test_a_state_that_is_not_judged_does_not_hide_another_controller(ends, state_at, command_at):
+def test_a_state_that_is_not_judged_does_not_hide_another_controller(ends):
     """The first state after his command may come twice, or be old: it is dropped, and the next must tell."""
     interface, endpoint = ends
     endpoint.publish(state_at(100))
@@ -213,7 +200,7 @@ def another_writer(address):
     return DataWriter(participant, Topic(participant, "rt/lowcmd", unitree_bus._PACKETS["command"]))
 
 
-def test_another_controller_on_the_network_is_overheard(address, state_at, command_at):
+def test_another_controller_on_the_network_is_overheard(address):
     from sprintlab.deployment.bus import unitree_bus
 
     endpoint, interface = open_endpoint(address), open_bus(address, session=SESSION)

@@ -1,36 +1,28 @@
 """Position fixes: which are kept, and for how long they are used."""
 
-import msgspec
 import numpy as np
+from tests.deployment.messages import make_fix
 
 from sprintlab.deployment.controller.course import LastFix
-from sprintlab.deployment.interface import PositionFix
-
-
-def fix(sequence, **changes):
-    there = PositionFix(
-        sequence=sequence, timestamp=0, position=np.full(3, float(sequence)), velocity=np.ones(3)
-    )
-    return msgspec.structs.replace(there, **changes)
 
 
 def test_a_fix_that_is_old_or_comes_twice_is_not_taken():
     last = LastFix(0.5)
-    assert last.take(fix(5), 1.0)
-    assert not last.take(fix(5), 1.1) and not last.take(fix(4), 1.1)
+    assert last.take(make_fix(5), 1.0)
+    assert not last.take(make_fix(5), 1.1) and not last.take(make_fix(4), 1.1)
     assert last.fresh(1.1).sequence == 5
     last.forget()
-    assert last.take(fix(1), 1.2)  # of a robot that was restarted
+    assert last.take(make_fix(1), 1.2)  # of a robot that was restarted
 
 
 def test_an_absurd_fix_is_not_taken_even_as_the_first_one():
     last = LastFix(0.5)
     for number in (np.nan, np.inf, 1.1e8):
-        assert not last.take(fix(1, position=np.array([0.0, number, 0.0])), 1.0)
-    assert not last.take(fix(1, velocity=np.array([0.0, 0.0, -101.0])), 1.0)
+        assert not last.take(make_fix(1, position=np.array([0.0, number, 0.0])), 1.0)
+    assert not last.take(make_fix(1, velocity=np.array([0.0, 0.0, -101.0])), 1.0)
 
 
 def test_a_fix_that_no_other_follows_is_used_for_half_a_second():
     last = LastFix(0.5)
-    last.take(fix(1), 1.0)
+    last.take(make_fix(1), 1.0)
     assert last.fresh(1.5) is not None and last.fresh(1.501) is None

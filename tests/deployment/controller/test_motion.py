@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.deployment.messages import make_state
 
 from sprintlab.deployment.controller.legs import GRAVITY, Legs, folded_pose, level_feet, tucked_pose
 from sprintlab.deployment.controller.motion import (
-    JointMotion,
-    SinkMotion,
-    Waypoint,
     feet_apart,
     gather_motion,
     rise_motion,
+    settle_motion,
+    sink_motion,
 )
-from sprintlab.deployment.interface import RobotState
 from sprintlab.robots import ModelOptions, build_model, load_robot
 
 BP2 = load_robot("bp2")
@@ -40,22 +39,20 @@ def test_the_folded_pose_has_its_feet_below_the_hips_and_room_at_the_stops():
     assert (pose > lower + BP2.soft_stop.zone).all() and (pose < upper - BP2.soft_stop.zone).all()
 
 
-def test_a_motion_passes_its_waypoints_without_a_jump():
-    start, first, second = np.zeros(12), np.full(12, 0.5), np.full(12, -0.2)
-    motion = JointMotion(start, 2.0, Waypoint(first, 1.0), Waypoint(second, 0.5))
-    assert motion.end_time == 3.5
-    for time, pose in ((0.0, start), (2.0, start), (3.0, first), (3.5, second), (9.0, second)):
-        np.testing.assert_allclose(motion.target(time), pose, atol=1e-12)
-    path = np.array([motion.target(time) for time in np.arange(2.0, 3.6, 0.001)])
-    assert np.abs(np.diff(path, axis=0)).max() < 0.003
-    assert np.abs(np.diff(path, n=2, axis=0)).max() < 2e-5
+def test_a_motion_from_pose_to_pose_has_no_jump():
+    start, pose = np.zeros(12), np.full(12, 0.5)
+    motion = settle_motion(start, pose, 2.0, 1.0)
+    path = np.array([motion.target(time) for time in np.arange(2.0, 3.1, 0.001)])
+    np.testing.assert_allclose(path[[0, -1]], [start, pose], atol=1e-12)
+    assert np.abs(np.diff(path, axis=0)).max() < 0.001
+    assert np.abs(np.diff(path, n=2, axis=0)).max() < 1e-5
 
 
 @given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(0.35, 1.0)), min_size=4, max_size=4))
 def test_sinking_keeps_every_foot_where_it_stands(angles):
     legs = [(abad, hip, -1.2 - 0.5 * (hip - 0.7)) for abad, hip in angles]
     start = np.array(legs).reshape(-1)
-    motion = SinkMotion(BP2, start, 1.0, 1.5, 1.0)
+    motion = sink_motion(BP2, start, 1.0, 1.5, 1.0)
     np.testing.assert_allclose(motion.target(1.0), start, atol=1e-9)
     for time in np.linspace(1.0, 2.5, 7):
         np.testing.assert_allclose(feet(motion.target(time))[:, 0], feet(start)[:, 0], atol=1e-9)
@@ -65,7 +62,7 @@ def test_sinking_keeps_every_foot_where_it_stands(angles):
 
 
 def test_sinking_never_lifts_a_robot_that_is_already_down():
-    motion = SinkMotion(BP2, tucked_pose(BP2), 0.0, 1.5, 1.0)
+    motion = sink_motion(BP2, tucked_pose(BP2), 0.0, 1.5, 1.0)
     for time in np.linspace(0.0, 2.5, 11):
         np.testing.assert_allclose(motion.target(time), tucked_pose(BP2), atol=1e-9)
 
@@ -75,17 +72,8 @@ def turned(axis, angle):
     return np.array([np.cos(0.5 * angle), *(np.sin(0.5 * angle) * np.asarray(axis))])
 
 
-def state_of(pose, quaternion=(1.0, 0.0, 0.0, 0.0)):
-    return RobotState(
-        sequence=1,
-        timestamp=0,
-        joint_position=np.asarray(pose),
-        joint_velocity=np.zeros(12),
-        joint_torque=np.zeros(12),
-        quaternion=np.asarray(quaternion),
-        angular_velocity=np.zeros(3),
-        bus_voltage=60.0,
-    )
+def state_of(pose):
+    return make_state(joint_position=np.asarray(pose))
 
 
 ROBOTS = [load_robot("bp2"), load_robot("go1")]

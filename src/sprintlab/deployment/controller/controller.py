@@ -27,7 +27,6 @@ from sprintlab.deployment.controller.modes import (
     Behaviour,
     LieDown,
     Mode,
-    Passive,
     Run,
     Stand,
     StandUp,
@@ -49,7 +48,6 @@ from sprintlab.deployment.interface import (
     new_session,
 )
 from sprintlab.deployment.safety import (
-    RESPONSES,
     BodyMonitor,
     Fault,
     Reaction,
@@ -122,7 +120,7 @@ class Controller:
         self._faults: list[Fault] = []
         self._run_started = 0.0
         self._override: Request | None = None
-        self._behaviour: Behaviour = Passive()
+        self._behaviour: Behaviour = Behaviour()
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
         self.policy_time = 0.0
@@ -211,8 +209,8 @@ class Controller:
         for _ in range(_WARM_UP_STEPS):
             self._runtime.step(_measurement(still), self._velocity)
             for age in (0.0, 1e-3):
-                guard.servo(self._targets, self._robot.stiffness, self._robot.damping, still, age)
-            guard.damping(self._robot.damping, still)
+                guard.servo(self._targets, still, age)
+            guard.damping(still)
             self._body.check(still, 0.0, carried=True)
             self._states.accept(still, 0.0)
             self._limiter.advance(self._velocity, 0.0)
@@ -281,10 +279,11 @@ class Controller:
 
     def _react(self, time: float) -> None:
         """Follow the gravest reaction to the faults of this step."""
-        reactions = {RESPONSES[fault].reaction for fault in self._faults}
+        if not self._faults:
+            return
+        reactions = {fault.response.reaction: fault for fault in reversed(self._faults)}
         if Reaction.STOP in reactions and self.mode in ACTIVE_MODES:
-            gravest = (f for f in self._faults if RESPONSES[f].reaction is Reaction.STOP)
-            self._enter_stop(next(gravest).value)
+            self._enter_stop(reactions[Reaction.STOP].value)
         elif Reaction.BRAKE in reactions and isinstance(self._behaviour, Run):
             self._behaviour.held = True
             self._behaviour.brake(time)
@@ -299,24 +298,20 @@ class Controller:
     # ---- 50 Hz ---------------------------------------------------------------------------------------
 
     def _policy_period(self, now: int, time: float) -> None:
-        late = (now - self._next_policy) * 1e-9 > self._safety.late_step
-        in_time = now - self._next_policy < POLICY_PERIOD_NS
-        self._next_policy = (self._next_policy if in_time else now) + POLICY_PERIOD_NS
+        behind = now - self._next_policy
+        self._next_policy = (self._next_policy if behind < POLICY_PERIOD_NS else now) + POLICY_PERIOD_NS
         state = self._states.last
         if state is None:
             return
-        self._watch_lateness(late)
+        self._late.append(behind * 1e-9 > self._safety.late_step)
+        if self.mode is Mode.RUN and sum(self._late) >= self._safety.late_steps and not self.braking:
+            self._note(Fault.POLICY_LATE)
         request, faults = self._operator.accept(self._read_source(state, time), time)
         self._note(*faults)
         wanted = request if request == Request.STOP else self._override or request
         self._obey(wanted, state, time)
         if self._behaviour.policy_drives:
             self._run_policy(state, time)
-
-    def _watch_lateness(self, late: bool) -> None:
-        self._late.append(late)
-        if self.mode is Mode.RUN and sum(self._late) >= self._safety.late_steps and not self.braking:
-            self._note(Fault.POLICY_LATE)
 
     def _read_source(self, state: RobotState, time: float) -> OperatorCommand | None:
         try:
@@ -401,8 +396,7 @@ class Controller:
         if mode is Mode.STAND_UP:
             self._behaviour = StandUp(robot, here(state), time)
         elif mode is Mode.STAND:
-            after_run = before.mode is Mode.RUN
-            self._behaviour = Stand(robot, here(state), time, after_run=after_run, held=before.held)
+            self._behaviour = Stand(robot, here(state), time, before)
         elif mode is Mode.LIE_DOWN:
             self._velocity = np.zeros(3)
             self._behaviour = LieDown(robot, here, state, time, after_run=before.policy_drives)
@@ -411,7 +405,7 @@ class Controller:
             self._behaviour = Run(limits.forward / limits.braking, self._estimated_speed)
             self._start_run(state, time)
         else:
-            self._behaviour = Passive()
+            self._behaviour = Behaviour()
             if before.mode is Mode.STOP:
                 self._forget_robot()
 

@@ -28,7 +28,6 @@ PERIOD_NS = 1_000_000
 _STOP_DWELL = 2.0  # s in stop before an unattended run ends
 _STATUS_PERIOD = 0.1  # s
 _POLL = 2e-5  # s between two looks at the bus in lock-step
-_MOST_STATES = 8  # that one step takes: a flood of them must not hold the loop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,9 +169,8 @@ class _Loop:
         self.report = LoopReport()
         self._controller, self._bus, self._options = controller, bus, options
         self._log, self._interrupted, self._status = log, interrupted, status
-        self._next_status = 0.0
+        self._next_status = self._free_at = 0.0
         self._was_active = False
-        self._free_at = 0.0
         self._stopped_at: float | None = None
         self._answer_sent: JointCommand | None = None
         self._answered = 0  # sequence of the state
@@ -187,7 +185,8 @@ class _Loop:
     def run_real_time(self) -> None:
         due = time.monotonic_ns()
         while not self.report.end:
-            now = self._wait(due)
+            time.sleep(max(due - time.monotonic_ns(), 0) * 1e-9)
+            now = time.monotonic_ns()
             self.report.wake_up.add((now - due) * 1e-9)
             self._step(now, self._drain(), self._bus.receive_fix())
             due += PERIOD_NS
@@ -205,7 +204,7 @@ class _Loop:
             if states:
                 heard = time.monotonic()
                 self._answer(states)
-            elif time.monotonic() - heard > self._options.patience or self._robot_left():
+            elif time.monotonic() - heard > self._options.patience or self._bus.peer_left:
                 self.report.end = "the robot is gone"
             else:
                 time.sleep(_POLL)
@@ -221,41 +220,24 @@ class _Loop:
         self._answer_sent = self._step(newest.timestamp, list(asked.values()), self._bus.receive_fix())
         self._answered = newest.sequence
 
-    def _wait(self, due: int) -> int:
-        left = due - time.monotonic_ns()
-        if left > 0:
-            time.sleep(left * 1e-9)
-        return time.monotonic_ns()
-
     def _drain(self) -> list[RobotState]:
-        states: list[RobotState] = []
-        while len(states) < _MOST_STATES and (state := self._bus.receive()) is not None:
-            states.append(state)
-        return states
-
-    def _robot_left(self) -> bool:
-        return self._bus.peer_left
+        return list(iter(self._bus.receive, None))
 
     def _step(self, now: int, states: list[RobotState], fix: PositionFix | None) -> JointCommand:
-        tick = self._controller.step(now, states, fix)
+        tick, report = self._controller.step(now, states, fix), self.report
         self._bus.send(tick.command)
-        self._count(tick)
+        report.steps, report.duration = report.steps + 1, tick.time
+        report.compute.add(tick.compute_time)
+        if tick.policy_step:
+            report.policy_steps += 1
+            report.policy.add(self._controller.policy_time)
         if self._log is not None:
             self._log.write(tick)
         self._watch_end(tick)
         if tick.time >= self._next_status:
             self._next_status = tick.time + _STATUS_PERIOD
-            self._status(self._controller, self.report)
+            self._status(self._controller, report)
         return tick.command
-
-    def _count(self, tick: ControlTick) -> None:
-        report = self.report
-        report.steps += 1
-        report.duration = tick.time
-        report.compute.add(tick.compute_time)
-        if tick.policy_step:
-            report.policy_steps += 1
-            report.policy.add(self._controller.policy_time)
 
     def _watch_end(self, tick: ControlTick) -> None:
         """Ask the controller to come down when the time is over, and end once it is down."""
@@ -269,7 +251,7 @@ class _Loop:
         stopped = mode is Mode.STOP
         self._stopped_at = (self._stopped_at or tick.time) if stopped else None
         unattended = not options.attended or interruptions > 0 or over
-        if self._robot_left():
+        if self._bus.peer_left:
             self.report.end = "the robot is gone"
         elif tick.state is None and tick.time > options.patience:
             self.report.end = "no robot answers"

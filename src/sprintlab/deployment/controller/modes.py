@@ -9,17 +9,16 @@ from typing import ClassVar
 import numpy as np
 
 from sprintlab.deployment.controller.motion import (
-    JointMotion,
+    FootMotion,
     Motion,
-    SinkMotion,
-    Waypoint,
     feet_apart,
     gather_motion,
     rise_motion,
+    settle_motion,
+    sink_motion,
 )
 from sprintlab.deployment.interface import FloatArray, Request, RobotState
-from sprintlab.deployment.safety import Fault, SafetySettings
-from sprintlab.deployment.safety.timer import Persistence
+from sprintlab.deployment.safety import Fault, Persistence, SafetySettings
 from sprintlab.robots import RobotDescription
 
 _TUCK_TIME = 1.0  # s
@@ -56,7 +55,7 @@ ACTIVE_MODES = frozenset({Mode.STAND_UP, Mode.STAND, Mode.RUN, Mode.LIE_DOWN})
 
 
 class Behaviour:
-    """What the controller does in one mode, from entering it to leaving it.
+    """What the controller does in one mode, from entering it to leaving it; this one: drives off.
 
     Attributes:
         mode: which one.
@@ -69,17 +68,16 @@ class Behaviour:
         motion: the targets where the policy does not drive; None where nothing is driven.
     """
 
-    mode: ClassVar[Mode]
-    ways: ClassVar[Mapping[Request, Mode]] = {}
+    mode: ClassVar[Mode] = Mode.PASSIVE
+    ways: ClassVar[Mapping[Request, Mode]] = {Request.STAND: Mode.STAND_UP}
     carried: ClassVar[bool] = False
     policy_drives: bool = False
     brakes: bool = False
     held: bool = False
-    motion: Motion | None = None
+    motion: Motion | FootMotion | None = None
 
     def may_leave(self, goal: Mode, time: float) -> bool:
         """Whether the mode has come so far that ``goal`` may follow at ``time`` [s]."""
-        del goal, time
         return True
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
@@ -90,20 +88,11 @@ class Behaviour:
             time: controller's clock [s].
             velocity: commanded: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``.
         """
-        del state, time, velocity
         return None
 
     def damps(self, time: float) -> bool:
         """Whether joints are damped instead of driven."""
-        del time
         return False
-
-
-class Passive(Behaviour):
-    """Drives off."""
-
-    mode = Mode.PASSIVE
-    ways: ClassVar = {Request.STAND: Mode.STAND_UP}
 
 
 class StandUp(Behaviour):
@@ -114,11 +103,10 @@ class StandUp(Behaviour):
 
     def __init__(self, robot: RobotDescription, here: FloatArray, time: float) -> None:
         self._pose = robot.default_pose
-        self.motion: Motion = rise_motion(robot, here, time, _TUCK_TIME, _RISE_TIME)
+        self.motion: FootMotion = rise_motion(robot, here, time, _TUCK_TIME, _RISE_TIME)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Stand, once risen; a fault where the robot is not in its standing pose then."""
-        del velocity
         if time < self.motion.end_time:
             return None
         error = float(np.abs(state.joint_position - self._pose).max())
@@ -133,11 +121,9 @@ class Stand(Behaviour):
     carried = True
     brakes = True
 
-    def __init__(
-        self, robot: RobotDescription, here: FloatArray, time: float, *, after_run: bool, held: bool
-    ) -> None:
-        self.policy_drives, self.held = after_run, held
-        self.motion: Motion = JointMotion(here, time, Waypoint(np.array(robot.default_pose), _SETTLE_TIME))
+    def __init__(self, robot: RobotDescription, here: FloatArray, time: float, before: Behaviour) -> None:
+        self.policy_drives, self.held = before.mode is Mode.RUN, before.held
+        self.motion: Motion = settle_motion(here, np.array(robot.default_pose), time, _SETTLE_TIME)
         self._calm, self._calmed = Persistence(_CALM_TIME), False
 
     def may_leave(self, goal: Mode, time: float) -> bool:
@@ -150,7 +136,6 @@ class Stand(Behaviour):
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Watch the robot come to rest."""
-        del velocity
         self._calmed = self._calm.update(fastest_joint(state) < _CALM_SPEED, time)
         return None
 
@@ -170,7 +155,7 @@ class Run(Behaviour):
 
     def __init__(self, command_time: float, planar_speed: Callable[[], float | None]) -> None:
         self._command_time, self._planar_speed = command_time, planar_speed
-        self._brake_started: float | None = None
+        self._brake_started = 0.0
         self._slow = Persistence(_BRAKED_TIME)
 
     def brake(self, time: float) -> None:
@@ -180,7 +165,7 @@ class Run(Behaviour):
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Stand once the command is zero and the robot at rest, though it may trot on the spot."""
-        if self._brake_started is None:
+        if not self.brakes:
             return None
         speed = self._planar_speed()
         at_rest = fastest_joint(state) < _BRAKED_SPEED or (speed is not None and speed < _STANDING_SPEED)
@@ -216,20 +201,19 @@ class LieDown(Behaviour):
     ) -> None:
         self._robot, self._here = robot, here
         self._gathers_left = _GATHERS if after_run else 0
-        self.motion: Motion = self._next_motion(state, time)
+        self.motion: Motion | FootMotion = self._next_motion(state, time)
 
-    def _next_motion(self, state: RobotState, time: float) -> Motion:
+    def _next_motion(self, state: RobotState, time: float) -> Motion | FootMotion:
         """Gather the feet as long as they stand apart, then sink over them."""
         apart = feet_apart(self._robot, state) > _GATHERED * self._robot.standing_height
         self._gathering = apart and self._gathers_left > 0
         if self._gathering:
             self._gathers_left -= 1
             return gather_motion(self._robot, state, self._here(state), time)
-        return SinkMotion(self._robot, self._here(state), time, _SINK_TIME, _TUCK_TIME)
+        return sink_motion(self._robot, self._here(state), time, _SINK_TIME, _TUCK_TIME)
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """From motion to motion; passive after the last one and the damping."""
-        del velocity
         if self._gathering and time >= self.motion.end_time:
             self.motion = self._next_motion(state, time)
         elif not self._gathering and time >= self.motion.end_time + _DAMP_TIME:
@@ -253,18 +237,15 @@ class Stop(Behaviour):
 
     def may_leave(self, goal: Mode, time: float) -> bool:
         """Once the joints have been at rest for a while: in a gallop all may be slow for a moment."""
-        del goal, time
         return self._rested
 
     def advance(self, state: RobotState, time: float, velocity: FloatArray) -> Mode | Fault | None:
         """Watch the joints come to rest."""
-        del velocity
         self._rested = self._rest.update(fastest_joint(state) < self._rest_speed, time)
         return None
 
     def damps(self, time: float) -> bool:
         """Always."""
-        del time
         return True
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,54 +31,39 @@ _DIAGONALS = ((0, 3), (1, 2))
 _EVERYONE = (0, 1, 2, 3)
 
 
-class Waypoint(NamedTuple):
-    """A pose [rad] ``(joints,)`` and the time to get there from the one before [s]."""
+class Motion:
+    """Joint targets over time: phases, one after the other.
 
-    pose: FloatArray
-    duration: float
+    Args:
+        start_time: [s].
+        phases: duration [s], and targets [rad] ``(joints,)`` by the share of the phase that has passed.
 
+    Attributes:
+        end_time: from when on the targets rest [s].
+    """
 
-class Motion(Protocol):
-    """Joint targets over time, with an end."""
-
-    @property
-    def end_time(self) -> float:
-        """From when on the targets rest [s]."""
-        ...
+    def __init__(self, start_time: float, *phases: tuple[float, Callable[[float], FloatArray]]) -> None:
+        self._start_time, self._phases = start_time, phases
+        self.end_time = start_time + sum(duration for duration, _ in phases)
 
     def target(self, time: float) -> FloatArray:
         """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
-        ...
+        begin = self._start_time
+        for duration, path in self._phases:
+            if time < begin + duration:
+                return path((time - begin) / duration)
+            begin += duration
+        return self._phases[-1][1](1.0)
 
 
-class JointMotion:
-    """Smooth joint targets through waypoints, at rest at each of them.
-
-    Args:
-        start: pose at ``start_time`` [rad] ``(joints,)``.
-        start_time: [s].
-        waypoints: poses to go through.
-    """
-
-    def __init__(self, start: FloatArray, start_time: float, *waypoints: Waypoint) -> None:
-        self._start, self._start_time, self._waypoints = start, start_time, waypoints
-
-    @property
-    def end_time(self) -> float:
-        """When the last waypoint is reached [s]."""
-        return self._start_time + sum(waypoint.duration for waypoint in self._waypoints)
-
-    def target(self, time: float) -> FloatArray:
-        """Joint targets at ``time`` [s]; the last waypoint from the end on."""
-        begin, pose = self._start_time, self._start
-        for waypoint in self._waypoints:
-            if time < begin + waypoint.duration:
-                return pose + (waypoint.pose - pose) * _smooth((time - begin) / waypoint.duration)
-            begin, pose = begin + waypoint.duration, waypoint.pose
-        return pose
+def settle_motion(start: FloatArray, pose: FloatArray, start_time: float, duration: float) -> Motion:
+    """From one pose to another [rad] ``(joints,)`` in ``duration`` [s], at rest at both ends."""
+    return Motion(start_time, (duration, lambda share: start + (pose - start) * _smooth(share)))
 
 
-class SinkMotion:
+def sink_motion(
+    robot: RobotDescription, start: FloatArray, start_time: float, duration: float, tuck_time: float
+) -> Motion:
     """Straight down over the feet, wherever they stand, then down on the belly: no leg works against another.
 
     In the plane of each leg the foot keeps its place along the trunk, and rises to the height of the folded
@@ -91,32 +76,16 @@ class SinkMotion:
         duration: time of sinking over the feet [s].
         tuck_time: from there to the belly [s].
     """
-
-    def __init__(
-        self,
-        robot: RobotDescription,
-        start: FloatArray,
-        start_time: float,
-        duration: float,
-        tuck_time: float,
-    ) -> None:
-        self._legs, self._tucked = Legs(robot), tucked_pose(robot)
-        self._start_time, self._duration, self._tuck_time = start_time, duration, tuck_time
-        self._abad = start[robot.leg_joints[:, 0]]
-        self._x, self._z = self._legs.in_plane(start)
-        self._highest = np.maximum(self._z, -self._legs.shortest)
-
-    @property
-    def end_time(self) -> float:
-        """When the robot lies [s]."""
-        return self._start_time + self._duration + self._tuck_time
-
-    def target(self, time: float) -> FloatArray:
-        """Joint targets [rad] ``(joints,)`` at ``time`` [s]."""
-        passed = time - self._start_time
-        z = self._z + (self._highest - self._z) * _smooth(passed / self._duration)
-        pose = self._legs.bent(self._abad, self._x, z)
-        return pose + (self._tucked - pose) * _smooth((passed - self._duration) / self._tuck_time)
+    legs, tucked = Legs(robot), tucked_pose(robot)
+    abad = start[robot.leg_joints[:, 0]]
+    x, z = legs.in_plane(start)
+    highest = np.maximum(z, -legs.shortest)
+    folded = legs.bent(abad, x, highest)
+    return Motion(
+        start_time,
+        (duration, lambda share: legs.bent(abad, x, z + (highest - z) * _smooth(share))),
+        (tuck_time, lambda share: folded + (tucked - folded) * _smooth(share)),
+    )
 
 
 class FootKey(NamedTuple):
@@ -146,6 +115,9 @@ class FootMotion:
         keys: the first one is where the feet are at the start; its duration counts for nothing.
         start: targets at ``start_time`` [rad] ``(joints,)``.
         start_time: [s].
+
+    Attributes:
+        end_time: when the last key is reached [s].
     """
 
     def __init__(
@@ -153,12 +125,8 @@ class FootMotion:
     ) -> None:
         self._robot, self._legs = robot, Legs(robot)
         self._start_time, self._keys = start_time, keys
+        self.end_time = start_time + sum(key.duration for key in keys[1:])
         self._jump = start - self._plan(start_time)
-
-    @property
-    def end_time(self) -> float:
-        """When the last key is reached [s]."""
-        return self._start_time + sum(key.duration for key in self._keys[1:])
 
     def target(self, time: float) -> FloatArray:
         """Joint targets [rad] ``(joints,)`` at ``time`` [s]; the first phase fades out the first jump."""

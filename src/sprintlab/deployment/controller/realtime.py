@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 _STATUS = Path("/proc/self/status")
@@ -29,13 +28,11 @@ class RealTimeGrant:
         memory_locked: no page of the process can be swapped out.
         priority: priority under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for.
         remarks: missing privileges in words: refused, or not set up on this machine.
-        cores: the loop runs on one of these.
     """
 
     memory_locked: bool
     priority: int | None
     remarks: tuple[str, ...]
-    cores: tuple[int, ...] = ()
 
 
 @contextmanager
@@ -48,11 +45,12 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
         priority: priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
         core: to stay on; None for any.
     """
+    if not sys.platform.startswith("linux"):
+        yield RealTimeGrant(memory_locked=False, priority=None, remarks=("real time needs Linux",))
+        return
     remarks: list[str] = []
-    before, scheduler = _cores(), _scheduler()
-    cores = _pin(core, remarks)
-    if not set(cores) <= set(isolated_cores()):
-        remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
+    cores, scheduler = os.sched_getaffinity(0), (os.sched_getscheduler(0), os.sched_getparam(0))
+    _pin(core, remarks)
     gc.collect()
     gc.freeze()
     collected = gc.isenabled()
@@ -61,12 +59,9 @@ def real_time(priority: int | None, core: int | None = None) -> Iterator[RealTim
     granted = _raise_priority(priority, remarks)
     _set_timer_slack(1)
     try:
-        yield RealTimeGrant(
-            memory_locked=locked, priority=granted, remarks=tuple(remarks), cores=tuple(sorted(cores))
-        )
+        yield RealTimeGrant(memory_locked=locked, priority=granted, remarks=tuple(remarks))
     finally:
-        if core is not None and before:
-            os.sched_setaffinity(0, before)
+        os.sched_setaffinity(0, cores)
         if granted is not None:
             with suppress(OSError):  # a lower priority may be taken without permission, not given back
                 os.sched_setscheduler(0, *scheduler)
@@ -86,10 +81,7 @@ def lacking(priority: int | None, core: int | None = None) -> tuple[str, ...]:
 
 def isolated_cores() -> tuple[int, ...]:
     """Cores on which the kernel puts nothing by itself (``isolcpus``)."""
-    try:
-        text = _ISOLATED.read_text(encoding="ascii").strip()
-    except OSError:
-        return ()
+    text = _ISOLATED.read_text(encoding="ascii").strip() if _ISOLATED.is_file() else ""
     cores: list[int] = []
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")
@@ -97,26 +89,18 @@ def isolated_cores() -> tuple[int, ...]:
     return tuple(cores)
 
 
-def _cores() -> set[int]:
-    return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()
-
-
-def _pin(core: int | None, remarks: list[str]) -> set[int]:
-    """Stay on one core; returns those on which this thread may run."""
+def _pin(core: int | None, remarks: list[str]) -> None:
+    """Stay on one core, one that is kept free of other work."""
     if core is not None:
         try:
             os.sched_setaffinity(0, {core})
-        except (OSError, ValueError, AttributeError) as error:
-            remarks.append(
-                f"the loop cannot stay on core {core}: {getattr(error, 'strerror', None) or error}"
-            )
-    return _cores()
+        except OSError as error:
+            remarks.append(f"the loop cannot stay on core {core}: {error.strerror}")
+    if not os.sched_getaffinity(0) <= set(isolated_cores()):
+        remarks.append("no core is kept free for the loop: isolcpus=N for the kernel, then --core N")
 
 
 def _lock_memory(remarks: list[str]) -> bool:
-    if not sys.platform.startswith("linux"):
-        remarks.append("memory is locked on Linux only")
-        return False
     library = ctypes.CDLL(None, use_errno=True)
     unlimited = _unlimited_locks()
     if library.mlockall(_LOCK_CURRENT | _LOCK_FUTURE if unlimited else _LOCK_CURRENT) == 0:
@@ -133,24 +117,13 @@ def _unlimited_locks() -> bool:
 
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
-    try:
-        found = re.search(r"^CapEff:\s*([0-9a-f]+)", _STATUS.read_text(encoding="ascii"), re.MULTILINE)
-    except (OSError, ValueError):
-        return False
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)", _STATUS.read_text(encoding="ascii"), re.MULTILINE)
     return found is not None and bool(int(found[1], 16) >> _MAY_LOCK & 1)
-
-
-def _scheduler() -> tuple[Any, ...]:
-    """Scheduler and priority of this thread; ``chrt`` and systemd give more than one may ask for."""
-    return (os.sched_getscheduler(0), os.sched_getparam(0)) if hasattr(os, "sched_getscheduler") else ()
 
 
 def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
     if priority is None:
         remarks.append("no real-time priority was asked for: every busy process delays the loop")
-        return None
-    if not hasattr(os, "sched_setscheduler"):
-        remarks.append("real-time priority is available on Linux only")
         return None
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -162,5 +135,4 @@ def _raise_priority(priority: int | None, remarks: list[str]) -> int | None:
 
 def _set_timer_slack(nanoseconds: int) -> None:
     """How late the kernel may wake a sleeping thread of the normal scheduler to save energy."""
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)
+    ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +48,7 @@ class CommandGuard:
     def __init__(self, robot: RobotDescription) -> None:
         self._limits = prepared_torque_limits(robot.motors)
         self._ratio = np.asarray(robot.gear.ratio)
+        self._stiffness, self._damping = np.array(robot.stiffness), np.array(robot.damping)
         self._lower, self._upper = np.ascontiguousarray(robot.position_limits.T)
         self._zone = robot.soft_stop.zone
         self._highest_voltage = 1.25 * robot.bus_voltage
@@ -80,76 +80,45 @@ class CommandGuard:
             lower, upper = lower.min(axis=0), upper.max(axis=0)
         return lower * self._ratio, upper * self._ratio
 
-    def servo(
-        self,
-        target: FloatArray,
-        stiffness: FloatArray,
-        damping: FloatArray,
-        state: RobotState,
-        age: float = 0.0,
-    ) -> GuardedServo | None:
-        """The nearest command to a wanted one that keeps every limit at ``state``; all ``(joints,)``.
+    def servo(self, target: FloatArray, state: RobotState, age: float = 0.0) -> GuardedServo | None:
+        """The nearest command to the robot's gains about ``target`` that keeps every limit at ``state``.
+
+        Args:
+            target: wanted joint positions [rad] ``(joints,)``.
+            state: the last one.
+            age: age of the state when the command acts [s].
 
         Returns:
-            None where no such command is within ``COMMAND_BOUNDS``: for targets that are not finite, or
-            absurd. What is returned is finite, whatever was given.
+            None where no such command is within ``COMMAND_BOUNDS``: for absurd targets.
         """
-        if not (_finite(state) and within_bounds("target_position", target)):
-            return None
+        stiffness, damping = self._stiffness, self._damping
         with np.errstate(all="ignore"):
-            servo = self._nearest(target, stiffness, damping, state, age)
-        return servo if _sound(servo) else None
-
-    def _nearest(
-        self,
-        target: FloatArray,
-        stiffness: FloatArray,
-        damping: FloatArray,
-        state: RobotState,
-        age: float,
-    ) -> GuardedServo:
-        lower, upper = self.torque_interval(state, age)
-        wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
-        allowed = np.minimum(np.maximum(wanted, lower), upper)
-        same_sign = wanted * allowed > 0.0
-        scale = np.where(same_sign, np.minimum(allowed / np.where(same_sign, wanted, 1.0), 1.0), 0.0)
-        scale = np.where(allowed == wanted, 1.0, scale)
-        reachable = np.minimum(np.maximum(target, self._lower), self._upper)
-        scaled = stiffness * scale
-        carried = scaled * (target - reachable) + (allowed - scale * wanted)
+            least, greatest = self.torque_interval(state, age)
+            wanted = pd_torque(stiffness, damping, target, state.joint_position, state.joint_velocity)
+            allowed = np.minimum(np.maximum(wanted, least), greatest)
+            same_sign = wanted * allowed > 0.0
+            scale = np.where(same_sign, np.minimum(allowed / np.where(same_sign, wanted, 1.0), 1.0), 0.0)
+            scale = np.where(allowed == wanted, 1.0, scale)
+            reachable = np.minimum(np.maximum(target, self._lower), self._upper)
+            scaled = stiffness * scale
+            carried = scaled * (target - reachable) + (allowed - scale * wanted)
+        if not within_bounds("feedforward_torque", carried):
+            return None
         return GuardedServo(reachable, scaled, damping * scale, carried)
 
-    def damping(self, damping: FloatArray, state: RobotState) -> GuardedServo:
-        """As ``servo`` for a command that only damps: no target, no stiffness, no feedforward.
-
-        At a state whose speeds say nothing (not finite) it damps with the gains as they are.
-        """
-        zeros = np.zeros_like(damping)
-        if not _finite(state):
-            return GuardedServo(zeros, zeros, damping, zeros)
-        with np.errstate(all="ignore"):
-            lower, upper = self.torque_interval(state)
-            wanted = -damping * state.joint_velocity
-            allowed = np.minimum(np.maximum(wanted, np.minimum(lower, 0.0)), np.maximum(upper, 0.0))
-            moving = wanted != 0.0
-            scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
-            servo = GuardedServo(zeros, zeros, damping * scale, zeros)
-        return servo if _sound(servo) else GuardedServo(zeros, zeros, damping, zeros)
+    def damping(self, state: RobotState) -> GuardedServo:
+        """A command that only damps, as hard as the motors allow: no target, stiffness or feedforward."""
+        lower, upper = self.torque_interval(state)
+        wanted = -self._damping * state.joint_velocity
+        allowed = np.minimum(np.maximum(wanted, np.minimum(lower, 0.0)), np.maximum(upper, 0.0))
+        moving = wanted != 0.0
+        scale = np.where(moving, allowed / np.where(moving, wanted, 1.0), 1.0)
+        zeros = np.zeros_like(wanted)
+        return GuardedServo(zeros, zeros, self._damping * scale, zeros)
 
 
 def _share(value: FloatArray) -> FloatArray:
     return np.minimum(np.maximum(value, 0.0), 1.0)  # np.clip takes five times as long
-
-
-def _finite(state: RobotState) -> bool:
-    with np.errstate(all="ignore"):
-        total = float(np.add.reduce(state.joint_position)) + float(np.add.reduce(state.joint_velocity))
-        total += state.bus_voltage
-    return math.isfinite(total)
-
-
-def _sound(servo: GuardedServo) -> bool:
-    return all(within_bounds(field, part) for field, part in zip(servo._fields, servo, strict=True))
 
 
 def implied_torque(command: JointCommand, state: RobotState) -> FloatArray:

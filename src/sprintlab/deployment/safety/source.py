@@ -23,14 +23,10 @@ class SourceMonitor:
         self._timeout = timeout
         self.velocity: FloatArray = np.zeros(3)
         self._sequence: int | None = None
-        self._heard_at: float | None = None
+        self._heard_at = -np.inf
 
     def accept(self, command: OperatorCommand | None, time: float) -> tuple[Request, list[Fault]]:
-        """Take one reading of the source.
-
-        Returns:
-            What the operator asks for, and faults.
-        """
+        """Take one reading of the source: what the operator asks for, and faults."""
         if command is None or command.sequence == self._sequence:
             return Request.NONE, []
         old = self._sequence is not None and command.sequence < self._sequence
@@ -41,35 +37,25 @@ class SourceMonitor:
 
     def lost(self, time: float) -> bool:
         """Whether the source has been silent for too long; also when it has never spoken."""
-        return self._heard_at is None or time - self._heard_at >= self._timeout - 1e-9
+        return time - self._heard_at >= self._timeout - 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityLimits:
     """Bounds of the commanded velocity and of its change, whatever the source says.
 
-    Attributes:
-        forward: highest forward speed [m/s].
-        backward: highest backward speed [m/s].
-        sideways: highest sideways speed [m/s].
-        yaw_rate: highest yaw rate [rad/s]; also ``|v w| <= mu g`` with ``friction``.
-        acceleration: highest rate of change of the speeds [m/s^2].
-        yaw_acceleration: highest rate of change of the yaw rate [rad/s^2].
-        braking: rate at which a brake brings the speeds to zero [m/s^2].
-        friction: coefficient between feet and ground, at its lowest.
-
     Raises:
         InvalidValueError: a field is not finite, negative, or a rate is zero.
     """
 
-    forward: float = 12.0
-    backward: float = 2.0
-    sideways: float = 0.0
-    yaw_rate: float = 1.0
-    acceleration: float = 6.0
-    yaw_acceleration: float = 20.0
-    braking: float = 4.0
-    friction: float = 0.7
+    forward: float = 12.0  # [m/s]
+    backward: float = 2.0  # [m/s]
+    sideways: float = 0.0  # [m/s]
+    yaw_rate: float = 1.0  # [rad/s]; also ``|v w| <= mu g`` with ``friction``
+    acceleration: float = 6.0  # [m/s^2] rate of change of the speeds
+    yaw_acceleration: float = 20.0  # [rad/s^2] rate of change of the yaw rate
+    braking: float = 4.0  # [m/s^2] rate at which a brake brings the speeds to zero
+    friction: float = 0.7  # coefficient between feet and ground, at its lowest
 
     def __post_init__(self) -> None:
         for field in ("forward", "backward", "sideways", "yaw_rate"):
@@ -99,15 +85,15 @@ class VelocityLimiter:
 
     def advance(self, wish: FloatArray, dt: float) -> FloatArray:
         """One step of ``dt`` [s] towards ``wish`` ``(3,)``; returns the new command."""
-        return self._step(np.clip(wish, self._lower, self._upper), self._rates * dt)
+        return self._step(wish, self._rates * dt)
 
     def brake(self, dt: float, yaw_rate: float = 0.0) -> FloatArray:
         """One step of ``dt`` [s] towards standstill, keeping the course with ``yaw_rate`` [rad/s]."""
-        wish = np.clip(np.array([0.0, 0.0, yaw_rate]), self._lower, self._upper)
-        return self._step(wish, self._braking * dt)
+        return self._step(np.array([0.0, 0.0, yaw_rate]), self._braking * dt)
 
     def _step(self, wish: FloatArray, most: FloatArray) -> FloatArray:
-        velocity = self.velocity + np.clip(wish - self.velocity, -most, most)
+        change = np.clip(wish, self._lower, self._upper) - self.velocity
+        velocity = self.velocity + np.clip(change, -most, most)
         velocity[2] = float(limit_yaw_rate(velocity[2:3], velocity[:1], self.limits.friction)[0])
         self.velocity = velocity
         return velocity.copy()

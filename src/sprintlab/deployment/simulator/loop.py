@@ -3,53 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
 from sprintlab.deployment.bus.ends import RobotEnd
 from sprintlab.deployment.interface import RobotState
+from sprintlab.deployment.simulator.options import PaceOptions
 from sprintlab.deployment.simulator.world import STANDSTILL, SimulatedWorld
 from sprintlab.plant import MotionRecorder
 
 _GREATEST_LAG = 0.05  # [s] that the simulation makes up for; what is beyond is given up
 _SECOND_THOUGHT = 0.05  # [s] that a controller has to answer the second of two states
-_ASK_AGAIN = 2.0  # [s] without any answer in lock-step: a busy middleware has dropped the state or the answer
-_POLL = 2e-5  # [s] between two looks at the bus in lock-step
-_MOST_COMMANDS = 32  # that one step takes: a flood of them must not hold the robot
-_MOST_WAITING = 4096  # that are passed over; no bus keeps as many
-
-
-@dataclass(frozen=True, kw_only=True)
-class PaceOptions:
-    """How fast simulated time passes, and when it ends.
-
-    Attributes:
-        speed_factor: simulated seconds per second of the clock; 1 is real time.
-        lock_step: pass one step for each answer of the controller instead, however long that takes. The
-            result then does not depend on the machine's load.
-        duration: end after this much simulated time [s]; ``None`` for no end.
-        end_with_controller: end when a controller that was there has left.
-        patience: in lock-step, give up when no answer has come for this long [s].
-
-    Raises:
-        InvalidValueError: a field is not positive.
-    """
-
-    speed_factor: float = 1.0
-    lock_step: bool = False
-    duration: float | None = None
-    end_with_controller: bool = False
-    patience: float = 30.0
-
-    def __post_init__(self) -> None:
-        check_range("speed_factor", self.speed_factor, 0.01, 100.0)
-        check_positive("patience", self.patience, "s")
-        if self.duration is not None:
-            check_positive("duration", self.duration, "s")
+_ASK_AGAIN = 2.0  # [s] without any answer in lock-step: the network has dropped the state or the answer
+_POLL = 2e-5  # s between two looks at the bus in lock-step
 
 
 @dataclass(kw_only=True)
@@ -90,47 +59,6 @@ class SimulatorReport:
         return {**asdict(self), "finish_times": marks}
 
 
-class _Observer:
-    """Fills the report from the true state of the plant."""
-
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, marks: tuple[float, ...]) -> None:
-        self.report = SimulatorReport()
-        self._world, self._endpoint, self._marks = world, endpoint, marks
-        self._told: set[str] = set()
-        self._way: list[float] = []
-        self._window = round(0.5 * world.robot.plant.options.motor_rate)
-
-    def look(self) -> None:
-        report, position = self.report, float(self._world.robot.plant.data.qpos[0])
-        report.greatest_distance = max(report.greatest_distance, position)
-        for mark in self._marks:
-            if position >= mark:
-                report.finish_times.setdefault(mark, self._world.time)
-        self._way.append(position)
-        if len(self._way) > self._window:
-            report.top_speed = max(report.top_speed, (position - self._way[-1 - self._window]) / 0.5)
-
-    def _drops(self) -> Counter[str]:
-        return self._world.robot.dropped + self._endpoint.refused
-
-    def new_drop_reasons(self) -> list[str]:
-        """Reasons for dropped commands that have not been returned before."""
-        new = [reason for reason in self._drops() if reason not in self._told]
-        self._told.update(new)
-        return new
-
-    def finish(self) -> SimulatorReport:
-        robot = self._world.robot
-        self.report.simulated_time = self._world.time
-        self.report.distance = float(robot.plant.data.qpos[0])
-        self.report.fall_reason = robot.fall_reason
-        self.report.commands_accepted = robot.accepted
-        self.report.drop_reasons = dict(self._drops())
-        self.report.commands_dropped = sum(self.report.drop_reasons.values())
-        self.report.watchdog_trips = robot.watchdog_trips
-        return self.report
-
-
 def run_simulator(
     world: SimulatedWorld,
     endpoint: RobotEnd,
@@ -158,31 +86,32 @@ def run_simulator(
         SprintlabError: in lock-step, the controller no longer answers.
         SimulationError: the simulated state is no longer finite.
     """
-    observer = _Observer(world, endpoint, marks)
-    run = _LockStep(world, endpoint, pace) if pace.lock_step else _RealTime(world, endpoint, pace)
+    run = (_LockStep if pace.lock_step else _RealTime)(world, endpoint, pace, stopped)
+    told: set[str] = set()
     steps = 0
-    while not stopped() and not run.over():
-        if not run.exchange(stopped):
-            break
+    while not stopped() and not run.over() and run.exchange():
         world.step(recorder)
-        observer.look()
+        run.look(marks)
         steps += 1
         if steps % 100 == 0:
-            progress(world.time, observer.report.greatest_distance)
-            for reason in observer.new_drop_reasons():
+            progress(world.time, run.report.greatest_distance)
+            for reason in run.drops().keys() - told:
                 remark(f"a command was dropped: {reason}")
-    observer.report.late_steps, observer.report.given_up = run.late_steps, run.given_up
-    return observer.finish()
+            told |= run.drops().keys()
+    return run.finish()
 
 
 class _Run:
-    """What both paces share."""
+    """What both paces share; the report is filled from the true state of the plant."""
 
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions) -> None:
-        self.late_steps = 0
-        self.given_up = 0.0
-        self._world, self._endpoint, self._pace = world, endpoint, pace
-        self._period = 1.0 / world.robot.plant.options.motor_rate
+    def __init__(
+        self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions, stopped: Callable[[], bool]
+    ) -> None:
+        self.report = SimulatorReport()
+        self._world, self._endpoint, self._pace, self._stopped = world, endpoint, pace, stopped
+        rate = world.robot.plant.options.motor_rate
+        self._period = 1.0 / rate
+        self._positions: deque[float] = deque(maxlen=round(0.5 * rate) + 1)
         self._sent = self._answered = 0  # sequences of states
         self._commands = 0
         self._states: list[RobotState] = []
@@ -192,17 +121,43 @@ class _Run:
         pace = self._pace
         if pace.duration is not None and self._world.time >= pace.duration - 0.5 * self._period:
             return True
-        return pace.end_with_controller and self._commands > 0 and self._controller_left()
+        return pace.end_with_controller and self._commands > 0 and self._endpoint.peer_left
 
-    def _controller_left(self) -> bool:
-        return self._endpoint.peer_left
+    def exchange(self) -> bool:
+        """Messages of one step, out and in; False when the run is over."""
+        raise NotImplementedError
+
+    def look(self, marks: tuple[float, ...]) -> None:
+        """Note where the robot is after a step."""
+        report, position = self.report, float(self._world.robot.plant.data.qpos[0])
+        report.distance, report.greatest_distance = position, max(report.greatest_distance, position)
+        for mark in marks:
+            if position >= mark:
+                report.finish_times.setdefault(mark, self._world.time)
+        self._positions.append(position)
+        if len(self._positions) == self._positions.maxlen:
+            report.top_speed = max(report.top_speed, (position - self._positions[0]) / 0.5)
+
+    def drops(self) -> Counter[str]:
+        """Dropped commands by the reason."""
+        return self._world.robot.dropped + self._endpoint.refused
+
+    def finish(self) -> SimulatorReport:
+        """The report, with what is known at the end."""
+        report, robot = self.report, self._world.robot
+        report.simulated_time, report.fall_reason = self._world.time, robot.fall_reason
+        report.commands_accepted, report.watchdog_trips = robot.accepted, robot.watchdog_trips
+        report.drop_reasons = dict(self.drops())
+        report.commands_dropped = sum(report.drop_reasons.values())
+        return report
 
     def _publish(self, timestamp: int) -> int:
         """Send what arrives now; returns the newest state's sequence, 0 if none arrived or was sent."""
-        messages = self._world.messages(timestamp)
-        self._states = [message for message in messages if isinstance(message, RobotState)]
-        for message in messages:
-            if not isinstance(message, RobotState):
+        self._states = []
+        for message in self._world.messages(timestamp):
+            if isinstance(message, RobotState):
+                self._states.append(message)
+            else:
                 self._endpoint.publish_fix(message)
         return self._publish_states()
 
@@ -212,11 +167,8 @@ class _Run:
         return newest
 
     def _collect(self) -> None:
-        """Take the commands that wait on the bus, not more than a step has time for."""
-        for _ in range(_MOST_COMMANDS):
-            command = self._endpoint.receive_command()
-            if command is None:
-                return
+        """Take the commands that wait on the bus."""
+        while (command := self._endpoint.receive_command()) is not None:
             self._commands += 1
             if command.state_sequence <= self._sent:  # else it answers a robot that was there before
                 self._answered = max(self._answered, command.state_sequence)
@@ -226,82 +178,70 @@ class _Run:
 class _RealTime(_Run):
     """Steps at the pace of the clock."""
 
-    def __init__(self, world: SimulatedWorld, endpoint: RobotEnd, pace: PaceOptions) -> None:
-        super().__init__(world, endpoint, pace)
-        self._next = time.monotonic()
+    _next: float | None = None
 
-    def exchange(self, stopped: Callable[[], bool]) -> bool:
+    def exchange(self) -> bool:
         """Wait for the next step's moment, publish, collect."""
-        del stopped  # the loop asks once a step, which is soon enough
         step = self._period / self._pace.speed_factor
-        self._next += step
+        self._next = step + (time.monotonic() if self._next is None else self._next)
         left = self._next - time.monotonic()
-        if left > 0.0:
-            time.sleep(left)
-        elif left < -step:
-            self.late_steps += 1
+        self.report.late_steps += left < -step
+        time.sleep(max(left, 0.0))
         lag = time.monotonic() - self._next  # after the sleep, in which the process may have been stopped
         if lag > _GREATEST_LAG:
             self._give_up(lag)
+            self._next += lag
         self._collect()
         self._publish(time.monotonic_ns())
         return True
 
     def _give_up(self, lag: float) -> None:
         """Pass over time that cannot be made up for [s], and the commands that came in it: they are old."""
-        self.given_up += lag
-        self._next += lag
-        dropped = self._world.robot.dropped
-        while dropped[STANDSTILL] < _MOST_WAITING and self._endpoint.receive_command() is not None:
-            dropped[STANDSTILL] += 1
+        self.report.given_up += lag
+        while self._endpoint.receive_command() is not None:
+            self._world.robot.dropped[STANDSTILL] += 1
         self._world.stand_still(lag * self._pace.speed_factor)
 
 
 class _LockStep(_Run):
     """One step for each answer."""
 
-    def exchange(self, stopped: Callable[[], bool]) -> bool:
+    def exchange(self) -> bool:
         """Publish, and wait for the answer to the newest state that arrived.
 
         Returns:
-            False when the controller has left.
+            False when the controller has left, or the robot was told to stop.
 
         Raises:
             SprintlabError: no answer came in time.
         """
-        if not self._wait_for_controller(stopped):
-            return False
-        before = self._commands
-        newest = self._publish(round(1e9 * self._world.time))
+        begin = time.monotonic()
+        while not self._endpoint.ready:
+            if self._stopped():
+                return False
+            self._wait_since(begin)
+        before, newest = self._commands, self._publish(round(1e9 * self._world.time))
         begin, asked = time.monotonic(), 0.0
         self._collect()
         while self._answered < newest:
-            waited = time.monotonic() - begin
-            if stopped() or (self._commands and self._controller_left()):
+            if self._stopped() or (self._commands and self._endpoint.peer_left):
                 self._collect()
                 return self._answered >= newest
+            waited = self._wait_since(begin)
             if self._commands > before and waited > _SECOND_THOUGHT:
                 return True  # it answered, but does not accept this state
-            self._check_patience(waited)
             if waited - asked > _ASK_AGAIN:
                 asked = waited
                 self._publish_states()  # a fix that came twice would be an old one
-            time.sleep(_POLL)
             self._collect()
         return True
 
-    def _wait_for_controller(self, stopped: Callable[[], bool]) -> bool:
-        """Wait until a state reaches a controller; False when told to stop before."""
-        begin = time.monotonic()
-        while not self._endpoint.ready:
-            if stopped():
-                return False
-            self._check_patience(time.monotonic() - begin)
-            time.sleep(_POLL)
-        return True
-
-    def _check_patience(self, waited: float) -> None:
+    def _wait_since(self, begin: float) -> float:
+        """Sleep for a moment; how long it has waited since ``begin`` [s]."""
+        waited = time.monotonic() - begin
         if waited > self._pace.patience:
             raise SprintlabError(
                 f"the controller has not answered for {self._pace.patience:g} s in lock-step"
             )
+        time.sleep(_POLL)
+        return waited

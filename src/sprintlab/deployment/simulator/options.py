@@ -1,42 +1,52 @@
-"""How the simulated robot behind the bus differs from a perfect one."""
+"""How the simulated robot behind the bus differs from a perfect one, and how its time passes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-from sprintlab.core.checks import check_choice, check_range
+from sprintlab.core.checks import check_choice, check_positive, check_range
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.interface import WATCHDOG_TIMEOUT
-from sprintlab.deployment.simulator.link import LinkOptions
 from sprintlab.plant import PlantOptions, TrialSettings
 
-STARTS = ("lying", "standing")
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """One direction of a link.
+
+    Attributes:
+        delay: every message takes at least this long [s], 0 to 1.
+        jitter: and up to this much longer, drawn evenly for each message [s], 0 to 1.
+        loss: share of messages that never arrive, 0 to 1.
+
+    Raises:
+        InvalidValueError: a field is outside its range.
+    """
+
+    delay: float = 0.0
+    jitter: float = 0.0
+    loss: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            check_range(f"link.{item.name}", getattr(self, item.name), 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
     """Standard deviations of white noise, drawn anew for every message.
 
-    Attributes:
-        joint_position: [rad].
-        joint_velocity: [rad/s].
-        joint_torque: [N m].
-        angular_velocity: [rad/s].
-        orientation: rotation about each axis [rad].
-        track_position: position fixes [m].
-        track_velocity: velocity in the position fixes [m/s].
-
     Raises:
         InvalidValueError: a field is negative or above 10.
     """
 
-    joint_position: float = 0.0
-    joint_velocity: float = 0.0
-    joint_torque: float = 0.0
-    angular_velocity: float = 0.0
-    orientation: float = 0.0
-    track_position: float = 0.0
-    track_velocity: float = 0.0
+    joint_position: float = 0.0  # [rad]
+    joint_velocity: float = 0.0  # [rad/s]
+    joint_torque: float = 0.0  # [N m]
+    angular_velocity: float = 0.0  # [rad/s]
+    orientation: float = 0.0  # [rad] about each axis
+    track_position: float = 0.0  # [m] of position fixes
+    track_velocity: float = 0.0  # [m/s] of position fixes
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -89,10 +99,39 @@ class SimulatorOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        check_choice("simulator.start", self.start, STARTS)
+        check_choice("simulator.start", self.start, ("lying", "standing"))
         if self.plant.ground.slope:
             allowed = "the sensors of the robot behind the bus know level ground only"
             raise InvalidValueError("simulator.plant.ground.slope", self.plant.ground.slope, allowed)
         check_range("simulator.fix_rate", self.fix_rate, 0.0, 1000.0, "Hz")
         check_range("simulator.watchdog_timeout", self.watchdog_timeout, 0.001, 10.0, "s")
         check_range("simulator.seed", self.seed, 0, 2**32 - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaceOptions:
+    """How fast simulated time passes, and when it ends.
+
+    Attributes:
+        speed_factor: simulated seconds per second of the clock; 1 is real time.
+        lock_step: pass one step for each answer of the controller instead, however long that takes. The
+            result then does not depend on the machine's load.
+        duration: end after this much simulated time [s]; ``None`` for no end.
+        end_with_controller: end when a controller that was there has left.
+        patience: in lock-step, give up when no answer has come for this long [s].
+
+    Raises:
+        InvalidValueError: a field is not positive.
+    """
+
+    speed_factor: float = 1.0
+    lock_step: bool = False
+    duration: float | None = None
+    end_with_controller: bool = False
+    patience: float = 30.0
+
+    def __post_init__(self) -> None:
+        check_range("speed_factor", self.speed_factor, 0.01, 100.0)
+        check_positive("patience", self.patience, "s")
+        if self.duration is not None:
+            check_positive("duration", self.duration, "s")

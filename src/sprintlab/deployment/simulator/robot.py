@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+import mujoco
 import numpy as np
 
 from sprintlab.core.errors import SimulationError
@@ -162,8 +163,7 @@ class SimulatedRobot:
         silence = self.time - self._command_time
         if not self._expired and silence > self._options.watchdog_timeout + 0.5 * self._period:
             self._expired = True
-            driven = self._command is not None and self._command.mode != JointMode.OFF
-            self.watchdog_trips += driven
+            self.watchdog_trips += self._command is not None and self._command.mode != JointMode.OFF
 
     def _wanted(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint torques asked of the motors [N m] and, for the record, joint targets [rad]."""
@@ -211,14 +211,7 @@ class SimulatedRobot:
         deviation = self._options.noise.orientation
         if deviation == 0.0:
             return quaternion
-        x, y, z = 0.5 * deviation * self._random.standard_normal(3)
-        w0, x0, y0, z0 = quaternion
-        turned = np.array(
-            [
-                w0 - x0 * x - y0 * y - z0 * z,
-                x0 + w0 * x + y0 * z - z0 * y,
-                y0 + w0 * y + z0 * x - x0 * z,
-                z0 + w0 * z + x0 * y - y0 * x,
-            ]
-        )
+        turned = np.empty(4)
+        small = np.append(1.0, 0.5 * deviation * self._random.standard_normal(3))
+        mujoco.mju_mulQuat(turned, quaternion, small)
         return turned / np.linalg.norm(turned)

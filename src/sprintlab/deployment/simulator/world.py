@@ -2,15 +2,53 @@
 
 from __future__ import annotations
 
+from collections import deque
+from typing import Generic, TypeVar
+
+import numpy as np
+
 from sprintlab.deployment.interface import JointCommand, PositionFix, RobotState
-from sprintlab.deployment.simulator.link import Link
-from sprintlab.deployment.simulator.options import SimulatorOptions
+from sprintlab.deployment.simulator.options import LinkOptions, SimulatorOptions
 from sprintlab.deployment.simulator.robot import SimulatedRobot
 from sprintlab.plant import MotionRecorder
 from sprintlab.robots import RobotDescription
 
 STANDSTILL = "the simulation stood still when it came"
 """Why commands are dropped that waited longer than the robot's watchdog."""
+
+Item = TypeVar("Item")
+
+
+class Link(Generic[Item]):
+    """Messages under way in one direction. They never overtake each other, as in TCP or a serial line.
+
+    Args:
+        options: delay, jitter, loss.
+        seed: decides which messages are late or lost.
+    """
+
+    def __init__(self, options: LinkOptions, seed: int) -> None:
+        self._options = options
+        self._random = np.random.default_rng(seed)
+        self._under_way: deque[tuple[float, Item]] = deque()
+        self._latest = 0.0
+
+    def push(self, time: float, item: Item) -> None:
+        """Hand a message to the link at ``time`` [s]."""
+        lost, late = self._random.random(2)
+        if lost < self._options.loss:
+            return
+        arrival = time + self._options.delay + late * self._options.jitter
+        self._latest = max(self._latest, arrival)
+        self._under_way.append((self._latest, item))
+
+    def pop(self, time: float) -> list[Item]:
+        """Everything that has arrived by ``time`` [s], in order."""
+        arrived = []
+        # Times are sums of steps: half a microsecond of rounding must not cost a whole step.
+        while self._under_way and self._under_way[0][0] <= time + 5e-7:
+            arrived.append(self._under_way.popleft()[1])
+        return arrived
 
 
 class SimulatedWorld:
@@ -47,7 +85,7 @@ class SimulatedWorld:
 
     def stand_still(self, seconds: float) -> None:
         """Note that nothing happened here for so long [s], and that the commands on their way are old."""
-        self.robot.dropped[STANDSTILL] += self._commands.clear()
+        self.robot.dropped[STANDSTILL] += len(self._commands.pop(float("inf")))
         self.robot.stand_still(seconds)
 
     def messages(self, timestamp: int) -> list[RobotState | PositionFix]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -12,27 +11,12 @@ from sprintlab.core.checks import check_positive
 from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError, StickMapping
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
 from sprintlab.deployment.sources.operator import OperatorSource
-from sprintlab.deployment.sources.slew import SlewLimits, SourceError
+from sprintlab.deployment.sources.slew import SourceError
 
-
-@dataclass(frozen=True, kw_only=True)
-class GamepadMapping(StickMapping):
-    """Which axis and which button does what.
-
-    Attributes:
-        alive_button: the dead-man switch (right shoulder): a run begins and goes on only while it is held.
-        buttons: number of a button to the request it makes: A stand, Start run, B lie down, X stop, Back
-            passive.
-    """
-
-    alive_button: int = 5
-    buttons: tuple[tuple[int, Request], ...] = (
-        (0, Request.STAND),
-        (7, Request.RUN),
-        (1, Request.LIE_DOWN),
-        (2, Request.STOP),
-        (6, Request.PASSIVE),
-    )
+SWITCH = 5
+"""Number of the dead-man switch, the right shoulder button."""
+BUTTONS = {0: Request.STAND, 7: Request.RUN, 1: Request.LIE_DOWN, 2: Request.STOP, 6: Request.PASSIVE}
+"""Number of a button to the request it makes: A, Start, B, X, Back."""
 
 
 class GamepadSource(OperatorSource):
@@ -45,26 +29,16 @@ class GamepadSource(OperatorSource):
     Args:
         device: the joystick device.
         top_speed: with the stick fully forward [m/s]; backwards a fifth of it.
-        limits: slew limits.
-        mapping: axes and buttons.
 
     Raises:
         SourceError: there is no such device, it may not be read, or it is something else.
         InvalidValueError: the speed is not positive.
     """
 
-    def __init__(
-        self,
-        device: Path = DEFAULT_DEVICE,
-        top_speed: float = 6.0,
-        limits: SlewLimits | None = None,
-        mapping: GamepadMapping | None = None,
-    ) -> None:
+    def __init__(self, device: Path = DEFAULT_DEVICE, top_speed: float = 6.0) -> None:
         check_positive("gamepad.top_speed", top_speed, "m/s")
-        super().__init__(limits)
-        self._mapping, self._top_speed = mapping or GamepadMapping(), top_speed
-        self._requests = dict(self._mapping.buttons)
-        self._gripped = False
+        super().__init__()
+        self._sticks, self._top_speed, self._gripped = StickMapping(), top_speed, False
         try:
             self._pad = Joystick(device)
         except JoystickError as error:
@@ -72,12 +46,13 @@ class GamepadSource(OperatorSource):
 
     def poll(self) -> FloatArray | None:
         """Take the events since the last look; None once the pad is gone."""
-        switch = self._mapping.alive_button
         for button in self._pad.poll():
-            self._ask(self._requests.get(button, Request.NONE))
-            self._gripped = self._gripped or button == switch
-        self._gripped = self._gripped and switch in self._pad.held
-        return self._wish() if self._pad.connected else None
+            self._ask(BUTTONS.get(button, Request.NONE))
+            self._gripped = self._gripped or button == SWITCH
+        self._gripped = self._gripped and SWITCH in self._pad.held
+        push, turn = self._sticks.sticks(self._pad) if self._gripped else (0.0, 0.0)
+        speed = self._top_speed * (push if push > 0.0 else 0.2 * push)
+        return np.array([speed, 0.0, turn]) if self._pad.connected else None
 
     def read(self, view: SourceView) -> OperatorCommand | None:
         """The present wish, a stand while the switch is released in a run; None once the device is gone."""
@@ -93,10 +68,3 @@ class GamepadSource(OperatorSource):
     def close(self) -> None:
         """Let go of the device; a second call does nothing."""
         self._pad.close()
-
-    def _wish(self) -> FloatArray:
-        if not self._gripped:
-            return np.zeros(3)
-        push, turn = self._mapping.sticks(self._pad)
-        speed = self._top_speed * (push if push > 0.0 else 0.2 * push)
-        return np.array([speed, 0.0, turn])

@@ -15,7 +15,7 @@ import numpy as np
 from sprintlab.core.checks import check_positive
 from sprintlab.deployment.interface import FloatArray, Request
 from sprintlab.deployment.sources.operator import OperatorSource
-from sprintlab.deployment.sources.slew import SlewLimits, SourceError
+from sprintlab.deployment.sources.slew import SourceError
 
 _REQUESTS = {
     "t": Request.STAND,
@@ -26,7 +26,8 @@ _REQUESTS = {
     "p": Request.PASSIVE,
 }
 _SEQUENCE = re.compile(r"\x1b(\[\[?[0-9;]*[A-Z~]|O[A-Z])")  # of an arrow and other keys, which are no Esc
-_STEPS = {"w": (0.5, 0.0), "s": (-0.5, 0.0), "a": (0.0, 0.2), "d": (0.0, -0.2)}
+_FASTER, _LEFT = np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])
+_STEPS = {"w": _FASTER, "s": -_FASTER, "a": _LEFT, "d": -_LEFT}
 
 
 class KeyboardSource(OperatorSource):
@@ -34,24 +35,20 @@ class KeyboardSource(OperatorSource):
 
     Args:
         top_speed: highest wish [m/s]; backwards a fifth of it.
-        limits: slew limits.
-        descriptor: the terminal's file descriptor.
+        descriptor: the terminal's file descriptor; standard input when left out.
 
     Raises:
-        SourceError: standard input is no terminal.
+        SourceError: it is no terminal.
         InvalidValueError: the speed is not positive.
     """
 
-    def __init__(
-        self, top_speed: float = 6.0, limits: SlewLimits | None = None, descriptor: int | None = None
-    ) -> None:
+    def __init__(self, top_speed: float = 6.0, descriptor: int | None = None) -> None:
         check_positive("keyboard.top_speed", top_speed, "m/s")
-        super().__init__(limits)
+        super().__init__()
         self._descriptor = sys.stdin.fileno() if descriptor is None else descriptor
         self._lowest = np.array([-0.2 * top_speed, 0.0, -1.0])
         self._highest = np.array([top_speed, 0.0, 1.0])
         self._wish = np.zeros(3)
-        self._gone = False
         try:
             self._before = termios.tcgetattr(self._descriptor)
             tty.setcbreak(self._descriptor)
@@ -60,14 +57,15 @@ class KeyboardSource(OperatorSource):
 
     def poll(self) -> FloatArray | None:
         """Take the keys pressed since the last look; None once the terminal is gone."""
-        while not self._gone and select.select([self._descriptor], [], [], 0.0)[0]:
+        while select.select([self._descriptor], [], [], 0.0)[0]:
             try:
                 content = os.read(self._descriptor, 64)
             except OSError:
                 content = b""
-            self._gone = content == b""  # bytes that are no text, as of half a letter, are no end
+            if content == b"":
+                return None
             self._press(content.decode(errors="ignore"))
-        return None if self._gone else self._wish
+        return self._wish
 
     def close(self) -> None:
         """Put the terminal back; a second call does nothing."""
@@ -80,6 +78,5 @@ class KeyboardSource(OperatorSource):
             if key == " " or key in _REQUESTS:
                 self._wish = np.zeros(3)
             if key == "q":
-                self._wish = self._wish * np.array([1.0, 1.0, 0.0])
-            faster, turn = _STEPS.get(key, (0.0, 0.0))
-            self._wish = np.clip(self._wish + np.array([faster, 0.0, turn]), self._lowest, self._highest)
+                self._wish = self._wish * [1.0, 1.0, 0.0]
+            self._wish = np.clip(self._wish + _STEPS.get(key, 0.0), self._lowest, self._highest)

@@ -5,22 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
-from sprintlab.deployment.sources.slew import Slewed, SlewLimits
+from sprintlab.deployment.sources.slew import Slewed
 
 _BY_SEVERITY = (Request.NONE, Request.PASSIVE, Request.RUN, Request.STAND, Request.LIE_DOWN, Request.STOP)
 
 
 class OperatorSource:
-    """A source that a person operates.
+    """A source that a person operates."""
 
-    Args:
-        limits: slew limits of the wish.
-    """
-
-    def __init__(self, limits: SlewLimits | None = None) -> None:
-        self._slewed = Slewed(limits or SlewLimits())
-        self._sequence = 0
-        self._request = Request.NONE
+    def __init__(self) -> None:
+        self._slewed, self._sequence, self._request = Slewed(), 0, Request.NONE
 
     def poll(self) -> FloatArray | None:
         """Look at the device: the wish ``(3,)``; None if the device is gone."""

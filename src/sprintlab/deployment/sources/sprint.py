@@ -10,6 +10,7 @@ from sprintlab.commands import SprintProfile, heading_angle, heading_command, se
 from sprintlab.core.checks import check_positive
 from sprintlab.deployment.interface import FloatArray, SourceView
 from sprintlab.deployment.sources.script import ScriptedSource
+from sprintlab.deployment.sources.slew import RATES
 
 
 class SprintSource(ScriptedSource):
@@ -23,7 +24,6 @@ class SprintSource(ScriptedSource):
         top_speed: [m/s].
         distance: [m].
         pace: keep the command near the measured speed, as ``self_paced`` does.
-        acceleration: rise and fall of the command [m/s^2].
 
     Attributes:
         finish_time: time from the start of the run to the end of the distance [s].
@@ -32,13 +32,11 @@ class SprintSource(ScriptedSource):
         InvalidValueError: a number is not positive.
     """
 
-    def __init__(
-        self, top_speed: float, distance: float = 100.0, *, pace: bool = True, acceleration: float = 4.0
-    ) -> None:
+    def __init__(self, top_speed: float, distance: float = 100.0, *, pace: bool = True) -> None:
         super().__init__()
         check_positive("sprint.distance", distance, "m")
         self.finish_time: float | None = None
-        self._profile = SprintProfile(top_speed=top_speed, acceleration=acceleration)
+        self._profile = SprintProfile(top_speed=top_speed, acceleration=float(RATES[0]))
         self._distance, self._pace = distance, pace
         self._origin: FloatArray | None = None
         self._direction = np.zeros(2)
@@ -52,12 +50,10 @@ class SprintSource(ScriptedSource):
         time = view.running_time
         if self.finish_time is None and self._way(view) >= self._distance:
             self.finish_time = time
-        if (
-            self.finish_time is not None
-            and time > self._profile.end_time(self.finish_time) + self._profile.stand
-        ):
+        finish, profile = self.finish_time, self._profile
+        if finish is not None and time > profile.end_time(finish) + profile.stand:
             return None
-        speed = float(self._profile.command(time, self.finish_time))
+        speed = float(profile.command(time, finish))
         if self._pace:
             speed = float(self_paced(speed, view.forward_speed))
         return np.array([speed, 0.0, float(heading_command(view.heading, view.lateral_offset, speed))])
