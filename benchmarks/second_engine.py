@@ -42,7 +42,7 @@ def run_in(
 ) -> tuple[EngineResult, float]:
     """The 100 m and the seeded trials, and this process's CPU time for a simulated second."""
     started = time.process_time()
-    results = pool.run(engine_requests(speed, 100.0, settings, engine))
+    results = list(pool.stream(engine_requests(speed, 100.0, settings, engine)))
     spent = time.process_time() - started
     sprints = [result for result in results if isinstance(result, SprintResult)]
     trials = [result for result in results if isinstance(result, TrialResult)]

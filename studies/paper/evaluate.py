@@ -143,7 +143,7 @@ def _fastest(
     speed: float, trials: Sequence[TrialResult], pool: TrialPool, settings: ProtocolSettings
 ) -> Fastest:
     done = [trial.metrics for trial in trials if trial.completed]
-    (sprint,) = pool.run([TrialRequest(top_speed=speed, distance=100.0, plant=settings.plant)])
+    (sprint,) = pool.stream([TrialRequest(top_speed=speed, distance=100.0, plant=settings.plant)])
     assert isinstance(sprint, SprintResult)
     limits = np.mean([metrics.envelope_share for metrics in done], axis=0)
     return Fastest(

@@ -14,7 +14,7 @@ from sprintlab.api.evaluations import evaluate
 from sprintlab.api.search import SearchOptions
 from sprintlab.control import load_policy
 from sprintlab.core.errors import SprintlabError, UnwrittenError
-from sprintlab.evaluation import race, race_files
+from sprintlab.evaluation import race
 from sprintlab.evaluation.race_files import race_facts
 from sprintlab.robots import load_robot, robot_fingerprint
 from sprintlab.robots.loader import robot_table_path
@@ -133,20 +133,6 @@ def test_a_report_is_of_one_robot_whatever_becomes_of_its_table_while_it_is_draw
     assert outcome.status == 0 and "Exploit audit" in outcome.out
     assert [robot_fingerprint(robot) for robot in drawn] == [robot_fingerprint(load_robot("bp2"))]
     assert (folder / "report.html").is_file()
-
-
-@pytest.mark.parametrize("change", ["edited", "gone", "kept"])
-def test_a_video_is_of_no_other_robot_than_the_one_that_ran(tmp_path, monkeypatch, change):
-    table, film, robot = tmp_path / "mine.toml", tmp_path / "sprint.mp4", load_robot("bp2")
-    written = robot_table_path("bp2").read_text()
-    if change != "gone":
-        longer = "length = { value = 0.36" if change == "edited" else "length = { value = 0.31"
-        table.write_text(written.replace("length = { value = 0.31", longer))
-    film.write_bytes(b"of whatever robot the table says")
-    monkeypatch.setattr(race_files, "render_video", lambda *_: "")
-    message = race_files._film(tmp_path / "run.npz", film, robot, str(table), (0.0, 1.0))
-    assert film.exists() == (change == "kept") == (message == "")
-    assert "\n" not in message
 
 
 @pytest.mark.usefixtures("computed", "blank_pictures")

@@ -7,9 +7,10 @@ import pytest
 from tests.short_trials import BRIEF, COARSE, shorten_trials
 
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError
-from sprintlab.evaluation.clock import CLOCKS, PolicyClock
+from sprintlab.evaluation.clock import CLOCKS
+from sprintlab.evaluation.disturbances import PolicyClock
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.race import _audited, _Outcome, evaluate_race
+from sprintlab.evaluation.race import audit_race, evaluate_race
 from sprintlab.evaluation.results import SpeedResult
 
 KEYS = {
@@ -96,9 +97,6 @@ def test_other_clocks_judge_a_race_whose_only_fault_is_a_stride_that_the_clock_t
     for runs, clocks in ((locked, CLOCKS[1:]), (free, ())):
         asked.clear()
         speed = SpeedResult(top_speed=12.0, self_paced=False, trials=tuple(runs), required=1)
-        outcome = _Outcome(
-            sprints=(), speeds=(speed, replace(speed, self_paced=True)), step_check=None, battery=None
-        )
-        audit = _audited(Pool(), outcome, SHORT)
+        audit = audit_race(Pool(), (), speed, replace(speed, self_paced=True), SHORT)
         assert asked == [clock for clock in clocks for _ in range(2)]
         assert audit.passed == (passed if clocks else True)

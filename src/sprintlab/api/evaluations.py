@@ -15,7 +15,6 @@ from sprintlab.api.clock_check import NOTE, clock_numbers, clock_table, clock_ve
 from sprintlab.api.drive import DriveOptions
 from sprintlab.api.policies import PolicyChoice, RobotChoice, policy_path, trial_pool
 from sprintlab.api.processes import Progress, leave_to_the_parent
-from sprintlab.api.races import battery_text
 from sprintlab.api.search import SearchOptions
 from sprintlab.api.tables import Drawn, in_notebook, plain_table, styled, written_for
 from sprintlab.core.arguments import checked
@@ -51,7 +50,7 @@ class Evaluation(Drawn):
     @property
     def max_velocity(self) -> float:
         """Mean held speed at the highest raw command that passed [m/s]; ``nan`` where none did."""
-        return self.raw.max_velocity
+        return self.raw.mean("held_speed")
 
     def to_dict(self) -> dict[str, Any]:
         """``raw`` and ``self_paced`` as plain values, keys with units; what is undefined is None."""
@@ -83,6 +82,8 @@ class Evaluation(Drawn):
             if row["estimate"]:
                 yield from ("", _estimate_table(name, row["estimate"]))
         if self.battery is not None:
+            from sprintlab.evaluation.report_text import battery_text
+
             yield f"on battery, windings warm, raw at the highest command: {battery_text(self.battery)} m/s"
         if self.clock_check is not None:
             yield from ("", clock_table(self.clock_check))
@@ -200,20 +201,20 @@ def protocol_numbers(result: ProtocolResult) -> dict[str, Any]:
     from sprintlab.core.json_values import json_ready
 
     best, fastest = result.best, result.fastest
-    mean = (lambda name: None) if best is None else best.mean
+    mean = result.mean
     rows = {speed.top_speed: _speed_numbers(speed) for speed in result.speeds}
     clean = [rows[speed.top_speed] for speed in result.passed if rows[speed.top_speed]["audit_passed"]]
     return json_ready(
         {
-            "max_velocity_m_s": result.max_velocity,
+            "max_velocity_m_s": mean("held_speed"),
             "running_speed_m_s": None if result.running is None else result.running.running_speed,
             "running_command_m_s": None if result.running is None else result.running.top_speed,
-            "peak_speed_m_s": result.peak_speed,
-            "J_rad2_s": result.angular_cost,
+            "peak_speed_m_s": mean("peak_speed"),
+            "J_rad2_s": mean("angular_cost"),
             "J_per_second_rad2_s2": mean("angular_cost_rate"),
             "hold_acceleration_m_s2": mean("hold_acceleration"),
             "over_speed_share": mean("over_speed_share"),
-            "J_common_rad2_s": result.angular_cost_common,
+            "J_common_rad2_s": result.common and result.common.mean("angular_cost"),
             "common_speed_m_s": None if result.common is None else result.common.top_speed,
             "top_speed_command_m_s": None if best is None else best.top_speed,
             "held_steady": None if best is None else best.held_steady,

@@ -27,7 +27,7 @@ from sprintlab.core.files import check_writable, default_folder, reserved_direct
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sprintlab.evaluation.results import AuditReport, RaceResult, SpeedResult, TrialResult
+    from sprintlab.evaluation.results import AuditReport, RaceResult
     from sprintlab.robots import RobotDescription
 
 FIGURES = ("sprint", "speed", "torque_speed", "gait", "base_rates", "power")
@@ -241,51 +241,12 @@ def command_line() -> str:
 
 def result_table(result: RaceResult) -> Table:
     """The numbers of a race, raw beside self-paced."""
-    from sprintlab.evaluation.quantities import number
-    from sprintlab.evaluation.report_text import sprint_text
-    from sprintlab.evaluation.results import QUANTITIES
+    from sprintlab.evaluation.report_text import result_rows
 
-    raw, paced = result.raw, result.self_paced
     title = f"{result.robot}, policy {result.policy}, command up to {result.top_speed:g} m/s"
-    table = plain_table(title, "quantity", "raw", "self-paced", "unit", numbers=("raw", "self-paced"))
-    distance = f"time over {result.sprint.distance:g} m"
-    table.add_row(distance, sprint_text(result.sprint), sprint_text(result.sprint_self_paced), "s")
-    for item in QUANTITIES:
-        values = (number(group.mean(item.field), item.digits) for group in (raw, paced))
-        table.add_row(item.label, *values, item.unit)
-    table.add_row("held steady", *(_yes(group.held_steady) for group in (raw, paced)), "")
-    table.add_row("falls", *(f"{group.falls} of {len(group.trials)}" for group in (raw, paced)), "")
-    not_stopped = (f"{group.not_stopped} of {len(group.trials)}" for group in (raw, paced))
-    table.add_row("did not stop", *not_stopped, "")
-    if result.battery is not None:
-        table.add_row("held speed on battery and warm windings", battery_text(result.battery), "", "m/s")
-    table.add_row("time on the envelope, mean joint", *(_share(group, "mean") for group in (raw, paced)), "%")
-    table.add_row(
-        "time on the envelope, busiest joint", *(_share(group, "max") for group in (raw, paced)), "%"
-    )
-    levels = [_i2t_level(group) for group in (raw, paced)]
-    if any(levels):
-        table.add_row("I²t, highest level of all joints", *levels, "%")
-    return table
-
-
-def _i2t_level(group: SpeedResult) -> str:
-    """The highest of a group's trials; empty without a limit by I²t."""
-    found = [trial.metrics.highest_i2t_level for trial in group.trials]
-    levels = [level for level in found if level is not None]
-    return f"{100.0 * max(levels):.0f}" if levels else ""
-
-
-def battery_text(trial: TrialResult) -> str:
-    """Held speed of the trial on battery and warm windings, and what it ended at."""
-    from sprintlab.evaluation.quantities import number
-    from sprintlab.evaluation.report_text import fall_text
-
-    held = number(trial.metrics.held_speed, 2)
-    if trial.fall_reason:
-        return f"{held} ({fall_text(trial)})"
-    lowest, hottest = trial.metrics.lowest_bus_voltage, trial.metrics.hottest_winding
-    return f"{held} (down to {lowest:.1f} V, up to {hottest:.0f} °C)"
+    rows = [row[:4] for row in result_rows(result)]
+    columns = ("quantity", "raw", "self-paced", "unit")
+    return plain_table(title, *columns, numbers=columns[1:3], rows=rows)
 
 
 def _falls(result: RaceResult) -> Iterator[str]:
@@ -332,16 +293,3 @@ def audit_table(audit: AuditReport) -> Table:
         verdict = styled("[green]pass[/]" if item.passed else "[bold red]FAIL[/]")
         table.add_row(item.name, *values, verdict, item.source)
     return table
-
-
-def _yes(answer: bool | None) -> str:
-    return "-" if answer is None else "yes" if answer else "no"
-
-
-def _share(group: SpeedResult, kind: str) -> str:
-    import numpy as np
-
-    from sprintlab.evaluation.quantities import number
-
-    values = 100 * np.asarray(group.mean("envelope_share"), dtype=float)
-    return number(float(getattr(values, kind)()), 1)

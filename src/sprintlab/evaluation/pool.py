@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 from multiprocessing import connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from sprintlab.control import Policy, check_contract, load_policy
 from sprintlab.core.checks import check_range
@@ -26,27 +26,15 @@ from sprintlab.robots import RobotDescription
 T = TypeVar("T")
 R = TypeVar("R")
 
-
-class PolicyFile(NamedTuple):
-    """Path of a policy file and the SHA-256 of what was read there: another file may take its place."""
-
-    path: Path
-    digest: str
-
-
-_WORKER_VARIABLES = (
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", SAFE_PATH,
-)  # fmt: skip
-
-
 NO_GUARD = (
     "no worker process could begin: each reads the script that was started, so what calls sprintlab there "
     'must stand under  if __name__ == "__main__":  (or ask for one worker)'
 )
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 class WorkerProcesses:
-    """Fresh interpreters that trials of any policy are sent to; use it as a context manager.
+    """New interpreters that trials of any policy are sent to; use it as a context manager.
 
     Each works with one thread: NumPy's linear algebra would else start one a core in every process. None
     looks for modules where the program was started.
@@ -59,37 +47,27 @@ class WorkerProcesses:
     """
 
     def __init__(self, count: int | None = None) -> None:
-        self.count = available_cores() if count is None else count
-        check_range("workers", self.count, 1, 1024)
-        self._environment = {name: os.environ.get(name) for name in _WORKER_VARIABLES}
+        count = available_cores() if count is None else count
+        check_range("workers", count, 1, 1024)
+        self._environment = {name: os.environ.get(name) for name in (*_THREADS, SAFE_PATH)}
         self._executor: ProcessPoolExecutor | None = None
-        if self.count > 1:
+        if count > 1:
             # New interpreters inherit them, and read them before anything could tell them otherwise.
-            os.environ.update(dict.fromkeys(_WORKER_VARIABLES, "1"))
+            os.environ.update(dict.fromkeys(self._environment, "1"))
             # Spawned: a fork would copy locks of libraries that run threads.
             context = multiprocessing.get_context("spawn")
             self._begun = context.Event()
-            self._executor = ProcessPoolExecutor(
-                self.count, context, initializer=_begin, initargs=(self._begun,)
-            )
+            self._executor = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(self._begun,))
 
     def __enter__(self) -> WorkerProcesses:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None and not issubclass(kind, Exception):
-            self._abandon()
-        self.close()
-
-    def _abandon(self) -> None:
-        """End what runs: who presses Ctrl-C or terminates the command does not wait for trials to end."""
-        for process in (getattr(self._executor, "_processes", None) or {}).copy().values():
-            process.terminate()
-
-    def close(self) -> None:
-        """Stop the processes; what has not started is dropped."""
         if self._executor is None:
             return
+        if kind is not None and not issubclass(kind, Exception):  # Ctrl-C does not wait for trials to end
+            for process in (getattr(self._executor, "_processes", None) or {}).copy().values():
+                process.terminate()
         self._executor.shutdown(wait=True, cancel_futures=True)
         for name, value in self._environment.items():
             if value is None:
@@ -144,7 +122,7 @@ class TrialPool:
         processes: WorkerProcesses | None = None,
     ) -> None:
         self.policy = load_policy(policy)
-        self._file = PolicyFile(Path(policy), self.policy.digest)
+        self._file = (Path(policy), self.policy.digest)
         check_contract(self.policy.contract, robot)
         self.robot = robot
         self._owned = processes is None
@@ -157,35 +135,6 @@ class TrialPool:
         if self._owned:
             self._processes.__exit__(kind)
 
-    def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
-        """Run profiles, in order of the requests.
-
-        Args:
-            requests: what to run.
-            most_falls: stop after the trial that is one fall more than this; the list then ends with it,
-                the same whatever the number of processes.
-
-        Raises:
-            SimulationError: as ``run_trial``.
-        """
-        results: list[TrialResult] = []
-        falls = 0
-        with closing(self.stream(requests)) as finished:
-            for result in finished:
-                results.append(result.trial if isinstance(result, SprintResult) else result)
-                falls += bool(results[-1].fall_reason)
-                if most_falls is not None and falls > most_falls:
-                    break
-        return results
-
-    def run(self, requests: Sequence[TrialRequest]) -> list[TrialResult | SprintResult]:
-        """Run profiles and sprints (those with a distance), results in the order of the requests.
-
-        Raises:
-            SimulationError: a trial left the realm of finite numbers, or a worker process died.
-        """
-        return list(self.stream(requests))
-
     def map(
         self, work: Callable[[Policy, RobotDescription, T], R], items: Sequence[T]
     ) -> Generator[R, None, None]:
@@ -196,13 +145,30 @@ class TrialPool:
             items: small enough to send.
 
         Raises:
-            SimulationError: as ``run``.
+            SimulationError: a trial left the realm of finite numbers, or a worker process died.
         """
-        return self._processes.map(partial(_worked, work, self._file, self.robot), items)
+        return self._processes.map(partial(_worked, work, *self._file, self.robot), items)
 
     def stream(self, requests: Sequence[TrialRequest]) -> Generator[TrialResult | SprintResult, None, None]:
-        """As ``run``, each result as soon as it and those before it are there."""
+        """Profiles and sprints (requests with a distance); order and errors as those of ``map``."""
         return self.map(run_request, requests)
+
+    def trials(self, requests: Sequence[TrialRequest], most_falls: int | None = None) -> list[TrialResult]:
+        """Run profiles, in order of the requests; errors as those of ``map``.
+
+        Args:
+            requests: what to run.
+            most_falls: stop after the trial that is one fall more than this; the list then ends with it,
+                the same whatever the number of processes.
+        """
+        results: list[TrialResult] = []
+        with closing(self.stream(requests)) as finished:
+            for result in finished:
+                results.append(result.trial if isinstance(result, SprintResult) else result)
+                falls = sum(bool(trial.fall_reason) for trial in results)
+                if most_falls is not None and falls > most_falls:
+                    break
+        return results
 
 
 def available_cores() -> int:
@@ -219,35 +185,33 @@ def run_request(policy: Policy, robot: RobotDescription, request: TrialRequest) 
 
 
 @lru_cache(maxsize=8)
-def _loaded(policy: PolicyFile) -> Policy:
+def _loaded(path: Path, digest: str) -> Policy:
     """Read once in each process: reading takes as long as a second of simulation.
 
     Raises:
         PolicyFileError: the file has changed since the run began, whose numbers would be of two policies.
     """
-    loaded = load_policy(policy.path)
-    if loaded.digest != policy.digest:
-        raise PolicyFileError(f"{policy.path} has changed since the run began: run it again")
+    loaded = load_policy(path)
+    if loaded.digest != digest:
+        raise PolicyFileError(f"{path} has changed since the run began: run it again")
     return loaded
 
 
 def _worked(
-    work: Callable[[Policy, RobotDescription, T], R], policy: PolicyFile, robot: RobotDescription, item: T
+    work: Callable[[Policy, RobotDescription, T], R],
+    path: Path,
+    digest: str,
+    robot: RobotDescription,
+    item: T,
 ) -> R:
-    return work(_loaded(policy), robot, item)
+    return work(_loaded(path, digest), robot, item)
 
 
 def _begin(begun: Event) -> None:
-    """What a worker does first: say that it could read its parent's script, and watch the parent."""
+    """What a worker does first: say that it could read its parent's script, and end with its parent."""
     begun.set()
-    _end_with_parent()
-
-
-def _end_with_parent() -> None:
-    """Make this worker end when the process that started it is gone, however that was killed."""
     parent = multiprocessing.parent_process()
-    if parent is None:
-        return
+    assert parent is not None
 
     def watch() -> None:
         connection.wait([parent.sentinel])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -63,7 +62,10 @@ class ProtocolSettings:
         check_range("protocol.trials", self.trials, 1, 10_000)
         check_range("protocol.required", self.required, 1, self.trials)
         check_range("protocol.grid", self.grid, 0.01, HIGHEST_SPEED, "m/s")
-        check_first_step(self.first_step, self.grid)
+        steps = (self.first_step or self.grid) / self.grid
+        if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6:
+            allowed = f"a whole number of grid steps, {self.grid:g} m/s"
+            raise InvalidValueError("protocol.first_step", self.first_step, allowed)
         check_positive("protocol.start", self.start, "m/s")
         check_range("protocol.top", self.top, self.start, HIGHEST_SPEED, "m/s")
         check_range("protocol.seed", self.seed, 0, 2**31)
@@ -103,35 +105,7 @@ class ProtocolSettings:
         ]
 
 
-def check_first_step(first_step: float | None, grid: float) -> None:
-    """Refuse a first pass that is not on the grid."""
-    if first_step is None:
-        return
-    steps = first_step / grid
-    if steps < 1.0 - 1e-9 or abs(steps - round(steps)) > 1e-6:
-        raise InvalidValueError(
-            "protocol.first_step", first_step, f"a whole number of grid steps, {grid:g} m/s"
-        )
-
-
-class Tried(Protocol):
-    """A speed that was tried."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether enough trials completed."""
-        ...
-
-    @property
-    def ran(self) -> bool:
-        """Whether enough trials ran without a fall."""
-        ...
-
-
-TriedSpeed = TypeVar("TriedSpeed", bound=Tried)
-
-
-def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]) -> tuple[TriedSpeed, ...]:
+def search_speeds(settings: ProtocolSettings, run: Callable[[float], SpeedResult]) -> tuple[SpeedResult, ...]:
     """Look for the highest speed that passes before the first at which too many trials fall.
 
     Running and stopping are two results: where a robot runs and does not come to rest the search goes on.
@@ -155,10 +129,10 @@ def search_speeds(settings: ProtocolSettings, run: Callable[[float], TriedSpeed]
 
 
 def _climb(
-    indices: range, speeds: tuple[float, ...], run: Callable[[float], TriedSpeed]
-) -> dict[int, TriedSpeed]:
+    indices: range, speeds: tuple[float, ...], run: Callable[[float], SpeedResult]
+) -> dict[int, SpeedResult]:
     """Try speeds in order up to the first at which too many trials fall."""
-    tried: dict[int, TriedSpeed] = {}
+    tried: dict[int, SpeedResult] = {}
     for index in indices:
         tried[index] = run(speeds[index])
         if not tried[index].ran:

@@ -15,11 +15,10 @@ class Quantity:
     Attributes:
         field: of ``TrialMetrics``.
         key: in JSON files.
-        name: in tables that say elsewhere what it means.
+        name: in tables.
         digits: behind the point.
         unit: as text; empty for a ratio.
         meaning: half a sentence.
-        hint: what a table without explanations puts behind the name; may be empty.
     """
 
     field: str = ""
@@ -28,20 +27,12 @@ class Quantity:
     digits: int
     unit: str
     meaning: str
-    hint: str = ""
-
-    @property
-    def label(self) -> str:
-        """Name and hint."""
-        return f"{self.name} ({self.hint})" if self.hint else self.name
 
 
-def shown(
-    key: str, name: str, digits: int, unit: str, meaning: str, *, hint: str = "", default: Any = math.nan
-) -> Any:
+def shown(key: str, name: str, digits: int, unit: str, meaning: str) -> Any:
     """A field of a dataclass that tables and JSON files show; the arguments are those of ``Quantity``."""
-    quantity = Quantity(key=key, name=name, digits=digits, unit=unit, meaning=meaning, hint=hint)
-    return dataclasses.field(default=default, metadata={"quantity": quantity})
+    quantity = Quantity(key=key, name=name, digits=digits, unit=unit, meaning=meaning)
+    return dataclasses.field(default=math.nan, metadata={"quantity": quantity})
 
 
 def shown_fields(kind: type) -> tuple[Quantity, ...]:

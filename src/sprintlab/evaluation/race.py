@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -12,7 +12,13 @@ from sprintlab.control import Policy
 from sprintlab.evaluation.audit import CLOCK_ITEM, audit_trials, with_clock_loss
 from sprintlab.evaluation.clock import check_clock
 from sprintlab.evaluation.pool import TrialPool
-from sprintlab.evaluation.protocol import ProtocolSettings, battery_request, run_speed, step_size_requests
+from sprintlab.evaluation.protocol import (
+    COARSE_STEP,
+    ProtocolSettings,
+    battery_request,
+    run_speed,
+    step_size_requests,
+)
 from sprintlab.evaluation.results import (
     AuditReport,
     EngineResult,
@@ -79,24 +85,28 @@ def evaluate_race(
         second = None
         if second_engine is not None:
             progress("running trials in the second engine", None)
-            second = _run_second(pool, top_speed, distance, settings, second_engine)
+            sprint, *trials = pool.stream(engine_requests(top_speed, distance, settings, second_engine))
+            raw = _speed_result(trials, settings)
+            second = EngineResult(engine=second_engine, sprint=_sprint(sprint), raw=raw)
         elif remark := stored_remark(pool.policy.digest):
             notes += (remark,)
-        outcome = _run_all(pool, top_speed, distance, settings, step_check, progress)
-        audit = _audited(pool, outcome, settings)
+        found = _run_all(pool, _requests(top_speed, distance, settings, step_check), progress)
+        sprints = [_sprint(result) for result in found["sprints"]]
+        raw, paced = (_speed_result(found[name], settings) for name in ("raw", "self_paced"))
+        audit = audit_race(pool, sprints, raw, paced, settings)
     return RaceResult(
         robot=robot.name,
         policy=Path(policy).stem,
         top_speed=top_speed,
-        sprint=outcome.sprints[0],
-        sprint_self_paced=outcome.sprints[1],
-        raw=outcome.speeds[0],
-        self_paced=outcome.speeds[1],
+        sprint=sprints[0],
+        sprint_self_paced=sprints[1],
+        raw=raw,
+        self_paced=paced,
         audit=audit,
         mass=robot.total_mass,
         wall_time=time.perf_counter() - started,
-        step_check=outcome.step_check,
-        battery=outcome.battery,
+        step_check=_step_check(found["steps"], settings) if step_check else None,
+        battery=next(map(_trial, found["battery"]), None),
         notes=notes,
         engine=settings.plant.engine,
         second_engine=second,
@@ -164,90 +174,70 @@ def _single_trials(
     }
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Outcome:
-    sprints: tuple[SprintResult, SprintResult]
-    speeds: tuple[SpeedResult, SpeedResult]
-    step_check: StepSizeCheck | None
-    battery: TrialResult | None
+Result = TrialResult | SprintResult
 
-    def all_trials(self) -> list[TrialResult]:
-        """The trials that the audit looks at."""
-        trials = [sprint.trial for sprint in self.sprints]
-        return trials + [trial for speed in self.speeds for trial in speed.trials]
+
+def _requests(
+    top_speed: float, distance: float, settings: ProtocolSettings, step_check: bool
+) -> dict[str, list[TrialRequest]]:
+    """What a race runs, longest first, so that no core waits for another."""
+    sprint = TrialRequest(top_speed=top_speed, distance=distance, plant=settings.plant, keep_trajectory=True)
+    battery = battery_request(top_speed, settings)
+    return {
+        "steps": list(step_size_requests(top_speed, settings.plant, settings.hold)) if step_check else [],
+        "battery": [] if battery is None else [battery],
+        "sprints": [sprint, replace(sprint, self_paced=True)],
+        "raw": settings.requests(top_speed, False),
+        "self_paced": settings.requests(top_speed, True),
+    }
 
 
 def _run_all(
+    pool: TrialPool, requests: dict[str, list[TrialRequest]], progress: Progress
+) -> dict[str, list[Result]]:
+    """The results by name, all run in one batch."""
+    names = [name for name, group in requests.items() for _ in group]
+    found: dict[str, list[Result]] = {name: [] for name in requests}
+    results = pool.stream([request for group in requests.values() for request in group])
+    for done, (name, result) in enumerate(zip(names, results, strict=True), start=1):
+        found[name].append(result)
+        progress("running trials", done / len(names))
+    return found
+
+
+def audit_race(
     pool: TrialPool,
-    top_speed: float,
-    distance: float,
+    sprints: Sequence[SprintResult],
+    raw: SpeedResult,
+    self_paced: SpeedResult,
     settings: ProtocolSettings,
-    step_check: bool,
-    progress: Progress,
-) -> _Outcome:
-    """Everything in one batch, longest first, so that no core waits for another."""
-    coarse, fine = step_size_requests(top_speed, settings.plant, settings.hold)
-    sprint_requests = [
-        TrialRequest(
-            top_speed=top_speed,
-            distance=distance,
-            self_paced=paced,
-            plant=settings.plant,
-            keep_trajectory=True,
-        )
-        for paced in (False, True)
-    ]
-    raw, paced = (settings.requests(top_speed, self_paced) for self_paced in (False, True))
-    steps = (fine, coarse) if step_check else ()
-    supplied = [request for request in [battery_request(top_speed, settings)] if request is not None]
-    requests = [*steps, *supplied, *sprint_requests, *raw, *paced]
-    results: list[TrialResult | SprintResult] = []
-    for result in pool.stream(requests):
-        results.append(result)
-        progress("running trials", len(results) / len(requests))
-    sprints = [result for result in results if isinstance(result, SprintResult)]
-    trials = [result for result in results if isinstance(result, TrialResult)]
-    checks, trials = trials[: len(steps)], trials[len(steps) :]
-    battery, trials = trials[: len(supplied)], trials[len(supplied) :]
-    return _Outcome(
-        sprints=(sprints[0], sprints[1]),
-        speeds=(
-            _speed_result(top_speed, False, trials[: settings.trials], settings),
-            _speed_result(top_speed, True, trials[settings.trials :], settings),
-        ),
-        step_check=_step_check(coarse, fine, checks) if step_check else None,
-        battery=battery[0] if battery else None,
-    )
-
-
-def _audited(pool: TrialPool, outcome: _Outcome, settings: ProtocolSettings) -> AuditReport:
+) -> AuditReport:
     """The audit of all trials; where only the policy's clock is left to object to, other clocks decide."""
-    audit = audit_trials([trial.metrics for trial in outcome.all_trials()])
+    trials = [*(sprint.trial for sprint in sprints), *raw.trials, *self_paced.trials]
+    audit = audit_trials([trial.metrics for trial in trials])
     if [item.name for item in audit.failed] != [CLOCK_ITEM]:
         return audit
-    raw, _ = outcome.speeds
     return with_clock_loss(audit, check_clock(pool, raw.top_speed, settings=settings, own=raw.trials).cost)
 
 
-def _run_second(
-    pool: TrialPool, top_speed: float, distance: float, settings: ProtocolSettings, engine: str
-) -> EngineResult:
-    results = pool.run(engine_requests(top_speed, distance, settings, engine))
-    sprints = [result for result in results if isinstance(result, SprintResult)]
-    trials = [result for result in results if isinstance(result, TrialResult)]
-    raw = _speed_result(top_speed, False, trials, settings)
-    return EngineResult(engine=engine, sprint=sprints[0], raw=raw)
+def _trial(result: Result) -> TrialResult:
+    assert isinstance(result, TrialResult)
+    return result
 
 
-def _speed_result(
-    top_speed: float, self_paced: bool, trials: list[TrialResult], settings: ProtocolSettings
-) -> SpeedResult:
+def _sprint(result: Result) -> SprintResult:
+    assert isinstance(result, SprintResult)
+    return result
+
+
+def _speed_result(results: Sequence[Result], settings: ProtocolSettings) -> SpeedResult:
+    trials = tuple(map(_trial, results))
+    first = trials[0]
     return SpeedResult(
-        top_speed=top_speed, self_paced=self_paced, trials=tuple(trials), required=settings.required
+        top_speed=first.top_speed, self_paced=first.self_paced, trials=trials, required=settings.required
     )
 
 
-def _step_check(coarse: TrialRequest, fine: TrialRequest, trials: list[TrialResult]) -> StepSizeCheck:
-    return StepSizeCheck(
-        coarse_step=coarse.plant.timestep, fine_step=fine.plant.timestep, coarse=trials[1], fine=trials[0]
-    )
+def _step_check(results: Sequence[Result], settings: ProtocolSettings) -> StepSizeCheck:
+    coarse, fine = map(_trial, results)
+    return StepSizeCheck(coarse_step=COARSE_STEP, fine_step=settings.plant.timestep, coarse=coarse, fine=fine)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import io
 import platform
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from sprintlab.core.errors import RobotModelError, printable
+from sprintlab.core.errors import printable
 from sprintlab.core.extras import package_version
 from sprintlab.core.files import (
     atomic_directory,
@@ -24,12 +22,11 @@ from sprintlab.evaluation.figures import recorded
 from sprintlab.evaluation.report import Picture, Progress, make_pictures, render_report, representative
 from sprintlab.evaluation.results import RaceResult, Trajectory
 from sprintlab.evaluation.video import render_video
-from sprintlab.robots import RobotDescription, load_robot, robot_fingerprint
+from sprintlab.robots import RobotDescription
 
 SOFTWARE = ("sprintlab", "mujoco", "numpy", "onnxruntime")
 _LONGEST_FACT = 2000  # characters
 VIDEO_LEFT_OUT = "no video: it was not asked for"
-VIDEO_OF_ANOTHER = "no video: the table of the robot has changed since the race began"
 
 
 def write_race(
@@ -47,7 +44,7 @@ def write_race(
         target: where to write, kept free by ``reserved_directory``.
         result: of the race.
         robot: that ran.
-        table: the robot's name, or path of its parameter table, which may have been edited since.
+        table: the robot's name, or path of its parameter table.
         facts: of ``race_facts``.
         video: also render an MP4 where that is possible.
         progress: called with what is being done.
@@ -58,8 +55,8 @@ def write_race(
     with atomic_directory(target) as folder, ThreadPoolExecutor(1) as background:
         sprint, recording = result.sprint.trial, folder / "trajectory.npz"
         save_trajectory(recording, recorded(sprint))
-        shot = (recording, folder / "sprint.mp4", robot, table, sprint.hold_interval)
-        rendering = background.submit(_film, *shot) if video else None
+        shot = (recording, folder / "sprint.mp4", table, sprint.hold_interval[1])
+        rendering = background.submit(render_video, *shot) if video else None
         save_trajectory(folder / "profile.npz", recorded(representative(result.raw)))
         pictures = make_pictures(result, robot, lambda title: progress(f"drawing: {title.lower()}"))
         progress("rendering the video")
@@ -68,21 +65,8 @@ def write_race(
     return message
 
 
-def _film(recording: Path, film: Path, robot: RobotDescription, table: str, hold: tuple[float, float]) -> str:
-    """Render the video, for which another process reads the table; one of another robot is removed."""
-    message = render_video(recording, film, table, hold)
-    with suppress(RobotModelError):
-        if robot_fingerprint(load_robot(table)) == robot_fingerprint(robot):
-            return message
-    film.unlink(missing_ok=True)
-    return VIDEO_OF_ANOTHER
-
-
 def race_facts(policy: Path, result: RaceResult, command_line: str) -> dict[str, str]:
-    """What somebody needs to repeat a race: command as typed, policy, training run, versions.
-
-    Much of it comes from a policy file and goes onto a page: there, too, nothing turns the writing round.
-    """
+    """What somebody needs to repeat a race: command as typed, policy, training run, versions."""
     facts = {
         "command": command_line,
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -115,16 +99,8 @@ def _write_pages(
 ) -> None:
     for picture in pictures:
         atomic_write_bytes(folder / f"{picture.name}.png", picture.light)
-    numbers: dict[str, Any] = {**result.to_dict(), "facts": facts}
-    atomic_write_json(folder / "result.json", numbers)
-    film = folder / "sprint.mp4"
-    html = render_report(
-        result,
-        robot,
-        pictures,
-        facts=list(facts.items()),
-        video=None if message else film.read_bytes(),
-        video_message=message,
-        replay="replay.html",
-    )
+    atomic_write_json(folder / "result.json", {**result.to_dict(), "facts": facts})
+    video = None if message else (folder / "sprint.mp4").read_bytes()
+    rows = list(facts.items())
+    html = render_report(result, robot, pictures, rows, video, message, replay="replay.html")
     atomic_write_text(folder / "report.html", html)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -30,7 +29,7 @@ from sprintlab.evaluation.report_text import (
     steady_text,
     summary,
 )
-from sprintlab.evaluation.results import AuditItem, RaceResult, SpeedResult, SprintResult, TrialResult
+from sprintlab.evaluation.results import RaceResult, SpeedResult, SprintResult, TrialResult
 from sprintlab.evaluation.second_engine import ENGINE_STEPS
 from sprintlab.robots import RobotDescription
 
@@ -126,19 +125,20 @@ def render_report(
         video_message: one line that stands where the video would, when there is none.
         replay: name of the interactive page beside the report; no link when left out.
     """
+    fault = engine_fault(result)
     return page_template("report.html.j2").render(
         title=f"{robot.name.upper()}: {result.sprint.distance:g} m with real motor limits",
         subtitle=f"Policy {result.policy}, {result.mass:.1f} kg, top command {result.top_speed:g} m/s",
         verdict=f"exploit audit {audit_verdict(result.audit)}",
         audit_passed=result.audit.passed,
-        failures=list(_failures(result)),
+        failures=[*map(audit_failure, result.audit.failed), *([fault] if fault else [])],
         tiles=list(_tiles(result)),
         summary=summary(result, robot),
         setup=list(setup_rows(result, robot)),
         results=list(result_rows(result)),
         engines=engine_table(result),
         figures=[embedded(picture) for picture in pictures],
-        audit=[_audit_row(item) for item in result.audit.items],
+        audit=[(item, audit_measured(item), audit_limit(item)) for item in result.audit.items],
         trials=list(_trial_rows(result)),
         joints=list(_joint_rows(result, robot)),
         method=METHOD if result.engine == "mujoco" else f"{DRAKE_REMARK} {METHOD}",
@@ -147,13 +147,6 @@ def render_report(
         video_message=video_message,
         replay=replay,
     )
-
-
-def _failures(result: RaceResult) -> Iterator[str]:
-    """What speaks against the speeds, in words."""
-    yield from map(audit_failure, result.audit.failed)
-    if fault := engine_fault(result):
-        yield fault
 
 
 def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
@@ -225,22 +218,18 @@ def embedded(picture: Picture) -> dict[str, str]:
     }
 
 
-def _tiles(result: RaceResult) -> Iterator[dict[str, str]]:
-    """The numbers at the top of the page."""
-    sprint, raw = result.sprint, result.raw
-    distance = f"{sprint.distance:g} m"
-    share = np.nanmax(np.append(np.asarray(raw.mean("envelope_share"), dtype=float).ravel(), -1.0))
-    for value, unit, label in (
-        _time_tile(sprint, f"{distance}, raw command"),
-        _time_tile(result.sprint_self_paced, f"{distance}, self-paced"),
-        (number(raw.mean("held_speed")), "m/s", ", ".join(filter(None, ("held speed", steady_text(raw))))),
-        (number(raw.mean("peak_speed")), "m/s", "peak, 0.5 s mean"),
-        (number(raw.mean("angular_cost"), 1), "rad²/s", "J, roll and pitch"),
-        (f"{raw.falls} of {len(raw.trials)}", "", "falls, raw command"),
-        (number(100 * share, 0) if share >= 0 else "-", "%", "on the envelope, busiest joint"),
-        (number(raw.mean("cost_of_transport")), "", "cost of transport"),
-    ):
-        yield {"value": value, "unit": unit, "label": label}
+def _tiles(result: RaceResult) -> Iterator[tuple[str, str, str]]:
+    """The numbers at the top of the page: value, unit, label."""
+    raw, distance = result.raw, f"{result.sprint.distance:g} m"
+    share = np.nanmax(np.append(np.asarray(raw.mean("envelope_share"), dtype=float), -1.0))
+    yield _time_tile(result.sprint, f"{distance}, raw command")
+    yield _time_tile(result.sprint_self_paced, f"{distance}, self-paced")
+    yield number(raw.mean("held_speed")), "m/s", ", ".join(filter(None, ("held speed", steady_text(raw))))
+    yield number(raw.mean("peak_speed")), "m/s", "peak, 0.5 s mean"
+    yield number(raw.mean("angular_cost"), 1), "rad²/s", "J, roll and pitch"
+    yield f"{raw.falls} of {len(raw.trials)}", "", "falls, raw command"
+    yield number(100 * share, 0) if share >= 0 else "-", "%", "on the envelope, busiest joint"
+    yield number(raw.mean("cost_of_transport")), "", "cost of transport"
 
 
 def _time_tile(sprint: SprintResult, label: str) -> tuple[str, str, str]:
@@ -249,45 +238,29 @@ def _time_tile(sprint: SprintResult, label: str) -> tuple[str, str, str]:
     return number(sprint.time), "s", f"{label}, {LANE_MARK}" if sprint.left_lane else label
 
 
-def _audit_row(item: AuditItem) -> dict[str, Any]:
-    return {
-        "name": item.name,
-        "value": audit_measured(item),
-        "threshold": audit_limit(item),
-        "passed": item.passed,
-        "note": item.note,
-        "source": item.source,
-    }
-
-
-def _trial_rows(result: RaceResult) -> Iterator[dict[str, str]]:
+def _trial_rows(result: RaceResult) -> Iterator[tuple[str, ...]]:
+    """Cells under the headings of the table of trials."""
     for command, group in (("raw", result.raw), ("self-paced", result.self_paced)):
         for trial in group.trials:
-            metrics = trial.metrics
-            yield {
-                "command": command,
-                "seed": str(trial.settings.seed),
-                "friction": number(trial.settings.friction),
-                "payload": f"{trial.settings.payload:+.2f}",
-                "held": number(metrics.held_speed),
-                "peak": number(metrics.peak_speed),
-                "cost": number(metrics.angular_cost, 1),
-                "transport": number(metrics.cost_of_transport),
-                "sideways": number(metrics.lateral_deviation),
-                "end": _end(trial),
-            }
+            drawn, metrics = trial.settings, trial.metrics
+            end = "completed" if trial.completed else "did not stop"
+            yield (
+                command,
+                str(drawn.seed),
+                number(drawn.friction),
+                f"{drawn.payload:+.2f}",
+                number(metrics.held_speed),
+                number(metrics.peak_speed),
+                number(metrics.angular_cost, 1),
+                number(metrics.cost_of_transport),
+                number(metrics.lateral_deviation),
+                fall_text(trial) if trial.fall_reason else end,
+            )
 
 
-def _end(trial: TrialResult) -> str:
-    if trial.fall_reason:
-        return fall_text(trial)
-    return "completed" if trial.completed else "did not stop"
-
-
-def _joint_rows(result: RaceResult, robot: RobotDescription) -> Iterator[dict[str, str]]:
+def _joint_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[str, str, str]]:
     """Share on the envelope and speed ratio, one row a joint; nothing when no trial completed."""
-    share, ratio = result.raw.mean("envelope_share"), result.raw.mean("joint_speed_ratio")
-    if not result.raw.completed:
-        return
-    for joint, name in enumerate(robot.joint_names):
-        yield {"name": name, "share": f"{100 * share[joint]:.1f} %", "ratio": number(ratio[joint])}
+    if result.raw.completed:
+        share, ratio = result.raw.mean("envelope_share"), result.raw.mean("joint_speed_ratio")
+        for joint, name in enumerate(robot.joint_names):
+            yield name, f"{100 * share[joint]:.1f} %", number(ratio[joint])

@@ -1,15 +1,14 @@
-"""The words and tables of a race's report: sentences are computed, so that they say what happened."""
+"""The words and tables of a race: sentences are computed, so that they say what happened."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sprintlab.evaluation.audit import CLOCK_ITEM
-from sprintlab.evaluation.quantities import Quantity, number
+from sprintlab.evaluation.quantities import number
 from sprintlab.evaluation.results import (
     QUANTITIES,
     REST_SPEED,
@@ -20,14 +19,7 @@ from sprintlab.evaluation.results import (
     SprintResult,
     TrialResult,
 )
-from sprintlab.evaluation.second_engine import (
-    ENGINE_NAMES,
-    ENGINE_STEPS,
-    comparison_sentence,
-    engine_rows,
-    first_engine,
-    mark,
-)
+from sprintlab.evaluation.second_engine import ENGINE_NAMES, ENGINE_STEPS, mark, speed_change
 from sprintlab.evaluation.trial import STALL_TIME, STALL_WAY
 from sprintlab.robots import RobotDescription
 
@@ -38,17 +30,15 @@ LANE_MARK = "left its lane"
 def sprint_text(sprint: SprintResult) -> str:
     """Time of a sprint with the mark of a lane that was left, or the reason that it did not finish."""
     if sprint.stalled:
-        return f"given up: {stall_text(sprint)}"
+        return f"given up: {_stall_text(sprint)}"
     if not sprint.finished:
         return "not finished"
     return f"{number(sprint.time)} ({LANE_MARK})" if sprint.left_lane else number(sprint.time)
 
 
-def stall_text(sprint: SprintResult) -> str:
-    """Where a robot stood that got nowhere."""
-    return (
-        f"less than {STALL_WAY:g} m in {STALL_TIME:g} s, {sprint.trial.metrics.distance:.1f} m from the start"
-    )
+def _stall_text(sprint: SprintResult) -> str:
+    way = sprint.trial.metrics.distance
+    return f"less than {STALL_WAY:g} m in {STALL_TIME:g} s, {way:.1f} m from the start"
 
 
 def fall_text(trial: TrialResult) -> str:
@@ -60,6 +50,14 @@ def fall_text(trial: TrialResult) -> str:
     if metrics.lowest_bus_voltage is not None and metrics.lowest_bus_time is not None:
         parts.append(f"bus down to {metrics.lowest_bus_voltage:.1f} V at {metrics.lowest_bus_time:.1f} s")
     return "; ".join(parts)
+
+
+def battery_text(trial: TrialResult) -> str:
+    """Held speed of the trial on battery and warm windings, and what it ended at."""
+    held, metrics = number(trial.metrics.held_speed, 2), trial.metrics
+    if trial.fall_reason:
+        return f"{held} ({fall_text(trial)})"
+    return f"{held} (down to {metrics.lowest_bus_voltage:.1f} V, up to {metrics.hottest_winding:.0f} °C)"
 
 
 def audit_value(value: float, unit: str) -> str:
@@ -75,8 +73,8 @@ def audit_measured(item: AuditItem) -> str:
     """Median and, where it is another, worst of what was measured, and what the worst trial did."""
     median, worst = audit_value(item.value, item.unit), audit_value(item.worst, item.unit)
     if np.isfinite(item.worst) and worst != median:
-        number, _, unit = worst.partition(" ")
-        median += f", worst {number if median.partition(' ')[2] == unit else worst}"
+        bare, _, unit = worst.partition(" ")
+        median += f", worst {bare if median.partition(' ')[2] == unit else worst}"
     return median + (f" ({item.detail})" if item.detail and not item.passed else "")
 
 
@@ -110,83 +108,74 @@ def steady_text(result: SpeedResult) -> str:
     return "steady" if result.held_steady else f"not steady: still rising by {rise:.2f} m/s per second"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResultRow:
-    """One line of the table of results, mean and standard deviation over the trials that completed."""
+class ResultRow(NamedTuple):
+    """One line of the table of results, raw beside self-paced.
+
+    Attributes:
+        name: of the quantity.
+        raw: mean ± standard deviation over the trials that completed.
+        self_paced: the same, self-paced.
+        unit: as text.
+        meaning: half a sentence.
+    """
 
     name: str
     raw: str
     self_paced: str
-    unit: str
-    meaning: str
+    unit: str = ""
+    meaning: str = ""
 
 
 def result_rows(result: RaceResult) -> Iterator[ResultRow]:
-    """The table of results, raw beside self-paced."""
-    yield ResultRow(
-        name=f"time over {result.sprint.distance:g} m",
-        raw=sprint_text(result.sprint),
-        self_paced=sprint_text(result.sprint_self_paced),
-        unit="s",
-        meaning="one run each, nominal friction and payload",
-    )
+    """The table of results of the terminal and of the report."""
+    groups, sprints = (result.raw, result.self_paced), (result.sprint, result.sprint_self_paced)
+    time = f"time over {result.sprint.distance:g} m"
+    yield ResultRow(time, *map(sprint_text, sprints), "s", "one run each, nominal friction and payload")
     for item in QUANTITIES:
-        raw, paced = (_with_spread(group, item) for group in (result.raw, result.self_paced))
-        yield ResultRow(name=item.name, raw=raw, self_paced=paced, unit=item.unit, meaning=item.meaning)
-    raw, paced = (f"{group.falls} of {len(group.trials)}" for group in (result.raw, result.self_paced))
-    yield ResultRow(name="falls", raw=raw, self_paced=paced, unit="", meaning="trials that fell")
-    raw, paced = (f"{group.not_stopped} of {len(group.trials)}" for group in (result.raw, result.self_paced))
-    meaning = f"trials that were not below {REST_SPEED:g} m/s in the last second"
-    yield ResultRow(name="did not stop", raw=raw, self_paced=paced, unit="", meaning=meaning)
-    yield from _battery_row(result)
-
-
-def _battery_row(result: RaceResult) -> Iterator[ResultRow]:
-    """Held speed of one raw trial on battery and warm windings."""
-    if result.battery is None:
-        return
-    metrics = result.battery.metrics
-    ends = f"bus down to {metrics.lowest_bus_voltage:.1f} V, windings up to {metrics.hottest_winding:.0f} °C"
-    yield ResultRow(
-        name="held speed on battery and warm windings",
-        raw=number(metrics.held_speed, 2),
-        self_paced="",
-        unit="m/s",
-        meaning=f"one nominal trial; {ends}",
-    )
-
-
-def spread(group: SpeedResult, field: str) -> float:
-    """Standard deviation over the completed trials; ``nan`` for fewer than two."""
-    values = [getattr(trial.metrics, field) for trial in group.completed]
-    return float(np.std(values, ddof=1)) if len(values) > 1 else float("nan")
-
-
-def _with_spread(group: SpeedResult, item: Quantity) -> str:
-    mean, deviation = (
-        number(value, item.digits) for value in (group.mean(item.field), spread(group, item.field))
-    )
-    return mean if "-" in (mean, deviation) else f"{mean} ± {deviation}"
-
-
-def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
-    """What a reader in a hurry must know, one sentence a point; nothing is said that was not measured."""
-    return [
-        _sprint_sentence(result),
-        *_speed_sentences(result),
-        *_stop_sentences(result),
-        *_engine_sentences(result),
-        *_motor_sentences(result, robot),
-        _audit_sentence(result),
+        values = (_with_spread(group, item.field, item.digits) for group in groups)
+        yield ResultRow(item.name, *values, item.unit, item.meaning)
+    steady = ({True: "yes", False: "no", None: "-"}[group.held_steady] for group in groups)
+    yield ResultRow("held steady", *steady, "", "rising by at most 0.1 m/s per second")
+    falls = (f"{group.falls} of {len(group.trials)}" for group in groups)
+    yield ResultRow("falls", *falls, "", "trials that fell")
+    moving = (f"{group.not_stopped} of {len(group.trials)}" for group in groups)
+    yield ResultRow("did not stop", *moving, "", f"not below {REST_SPEED:g} m/s in the last second")
+    if result.battery is not None:
+        held = battery_text(result.battery)
+        yield ResultRow("held speed on battery, windings warm", held, "", "m/s", "one nominal trial")
+    for which, pick in (("mean", np.mean), ("busiest", np.max)):
+        shares = (100 * np.asarray(group.mean("envelope_share"), dtype=float) for group in groups)
+        values = (number(float(pick(share)), 1) for share in shares)
+        yield ResultRow(f"time on the envelope, {which} joint", *values, "%", "torque on its limit")
+    levels = [
+        [level for trial in group.trials if (level := trial.metrics.highest_i2t_level) is not None]
+        for group in groups
     ]
+    if any(levels):
+        values = (f"{100.0 * max(group):.0f}" if group else "" for group in levels)
+        yield ResultRow("I²t, highest level of all joints", *values, "%", "100: only continuous current")
+
+
+def _with_spread(group: SpeedResult, field: str, digits: int) -> str:
+    mean = number(group.mean(field), digits)
+    values = [getattr(trial.metrics, field) for trial in group.completed]
+    deviation = number(float(np.std(values, ddof=1)), digits) if len(values) > 1 else "-"
+    return mean if "-" in (mean, deviation) else f"{mean} ± {deviation}"
 
 
 def engine_table(result: RaceResult) -> dict[str, Any] | None:
     """Both engines side by side: their names and the rows; ``None`` where there is only one."""
-    if result.second_engine is None:
+    second = result.second_engine
+    if second is None:
         return None
-    both = first_engine(result), result.second_engine
-    return {"names": [ENGINE_NAMES[run.engine] for run in both], "rows": list(engine_rows(*both))}
+    runs = (result, second)
+    rows = [(f"time over {result.sprint.distance:g} m", *(sprint_text(run.sprint) for run in runs), "s")]
+    rows += [
+        (item.name, *(number(run.raw.mean(item.field), item.digits) for run in runs), item.unit)
+        for item in QUANTITIES
+    ]
+    rows.append(("falls", *(f"{run.raw.falls} of {len(run.raw.trials)}" for run in runs), ""))
+    return {"names": [ENGINE_NAMES[run.engine] for run in runs], "rows": rows}
 
 
 def engine_fault(result: RaceResult) -> str:
@@ -197,9 +186,19 @@ def engine_fault(result: RaceResult) -> str:
     return f"second engine, {ENGINE_NAMES[result.second_engine.engine]}: {found}" if found else ""
 
 
-def _engine_sentences(result: RaceResult) -> Iterator[str]:
-    if result.second_engine is not None:
-        yield comparison_sentence(first_engine(result), result.second_engine)
+def summary(result: RaceResult, robot: RobotDescription) -> list[str]:
+    """What a reader in a hurry must know, one sentence a point; nothing is said that was not measured."""
+    raw, trials = result.raw, len(result.raw.trials) + len(result.self_paced.trials)
+    said = [
+        _sprint_sentence(result),
+        f"{raw.falls + result.self_paced.falls} of {trials} seeded trials fell.",
+        *_held_sentences(result, robot),
+        *_stop_sentences(result),
+        *_engine_sentences(result),
+    ]
+    failed = "; ".join(map(audit_failure, result.audit.failed))
+    audit = f"The exploit audit failed ({failed}): the speeds are not to be trusted." if failed else ""
+    return [*said, audit or "Every check of the exploit audit passed."]
 
 
 def _sprint_sentence(result: RaceResult) -> str:
@@ -211,65 +210,63 @@ def _sprint_sentence(result: RaceResult) -> str:
     ]
     start = f"{result.robot.upper()} ({result.mass:.1f} kg)"
     if raw.stalled and paced.stalled:
-        return f"{start} gets nowhere: {stall_text(raw)}; the race was given up."
-    if not ways:
-        return f"{start} did not finish the {raw.distance:g} m."
-    return f"{start} ran {raw.distance:g} m {' and '.join(ways)}."
+        return f"{start} gets nowhere: {_stall_text(raw)}; the race was given up."
+    return (
+        f"{start} ran {raw.distance:g} m {' and '.join(ways)}."
+        if ways
+        else f"{start} did not finish the {raw.distance:g} m."
+    )
 
 
-def _speed_sentences(result: RaceResult) -> Iterator[str]:
-    raw, trials = result.raw, len(result.raw.trials) + len(result.self_paced.trials)
-    yield f"{raw.falls + result.self_paced.falls} of {trials} seeded trials fell."
-    held = raw.mean("held_speed")
-    if np.isfinite(held):
-        gap = result.top_speed - held
-        yield (
-            f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, "
-            + (f"{gap:.2f} m/s short of the command" if gap > 0.05 else "as commanded")
-            + (f"; {steady}." if (steady := steady_text(raw)) else ".")
-        )
+def _held_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
+    """Speed, busiest motor and power of the raw trials that completed."""
+    raw = result.raw
+    if not raw.completed:
+        return
+    held, steady = raw.mean("held_speed"), steady_text(raw)
+    gap = result.top_speed - held
+    met = f"{gap:.2f} m/s short of the command" if gap > 0.05 else "as commanded"
+    yield f"Asked for {result.top_speed:g} m/s it holds {held:.2f} m/s, {met}{steady and f'; {steady}'}."
+    share = np.asarray(raw.mean("envelope_share"), dtype=float)
+    busiest = robot.joint_names[int(share.argmax())].replace("_", " ")
+    yield f"The busiest motor, {busiest}, sits on its torque limit for {100 * share.max():.0f} % of the time."
+    drawn, heat = (raw.mean(name) / 1e3 for name in ("electrical_power", "copper_power"))
+    yield f"At speed the motors draw {drawn:.1f} kW from the bus; {heat:.1f} kW become heat in the windings."
 
 
 def _stop_sentences(result: RaceResult) -> Iterator[str]:
     """Whether it obeys the command to stop."""
     for way, group in (("the raw command", result.raw), ("the self-paced command", result.self_paced)):
-        upright = [trial for trial in group.trials if not trial.fall_reason]
-        speed = max((trial.metrics.final_speed for trial in upright), default=0.0)
-        if speed > REST_SPEED:
+        upright = [trial.metrics.final_speed for trial in group.trials if not trial.fall_reason]
+        if (speed := max(upright, default=0.0)) > REST_SPEED:
             yield f"At the end of {way}, which asks it to stand, it still moves at {speed:.1f} m/s."
 
 
-def _motor_sentences(result: RaceResult, robot: RobotDescription) -> Iterator[str]:
-    raw = result.raw
-    if not raw.completed:
+def _engine_sentences(result: RaceResult) -> Iterator[str]:
+    """What the second engine says, in one sentence."""
+    second = result.second_engine
+    if second is None:
         return
-    share = np.asarray(raw.mean("envelope_share"), dtype=float)
-    busiest = robot.joint_names[int(share.argmax())].replace("_", " ")
-    yield f"The busiest motor, {busiest}, sits on its torque limit for {100 * share.max():.0f} % of the time."
-    drawn, copper = raw.mean("electrical_power"), raw.mean("copper_power")
-    if np.isfinite(drawn) and drawn > 0.0:
-        yield (
-            f"At speed the motors draw {drawn / 1e3:.1f} kW from the bus; {copper / 1e3:.1f} kW become heat "
-            "in the windings."
-        )
-
-
-def _audit_sentence(result: RaceResult) -> str:
-    failed = [audit_failure(item) for item in result.audit.failed]
-    if failed:
-        return f"The exploit audit failed ({'; '.join(failed)}): the speeds are not to be trusted."
-    return "Every check of the exploit audit passed."
+    name, other = ENGINE_NAMES[second.engine], ENGINE_NAMES[result.engine]
+    held, change = second.raw.mean("held_speed"), speed_change(result.raw, second.raw)
+    if not np.isfinite(held):
+        yield f"In {name}, the second engine, no trial was completed: the speeds are {other}'s alone."
+        return
+    text = f"In {name}, the second engine, it holds {held:.2f} m/s"
+    if np.isfinite(change):
+        text += f", {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} than in {other}"
+    fault = mark(result.raw, second.raw)
+    yield f"{text}: {fault}." if fault else f"{text}."
 
 
 def setup_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[str, str]]:
     """With what it was run: robot, motors, plant, trials."""
-    limits = np.unique(np.asarray(robot.motors.peak_torque, dtype=float))
-    ratios = np.unique(np.asarray(robot.gear.ratio, dtype=float))
-    yield "robot", f"{robot.name}, {robot.total_mass:.1f} kg, {len(robot.joint_names)} motors"
-    yield (
-        "motors",
-        f"peak torque {_list(limits)} N m, gear ratio {_list(ratios)}, {robot.bus_voltage:g} V bus",
+    limits, ratios = (
+        " and ".join(f"{value:g}" for value in np.unique(np.asarray(values, dtype=float)))
+        for values in (robot.motors.peak_torque, robot.gear.ratio)
     )
+    yield "robot", f"{robot.name}, {robot.total_mass:.1f} kg, {len(robot.joint_names)} motors"
+    yield "motors", f"peak torque {limits} N m, gear ratio {ratios}, {robot.bus_voltage:g} V bus"
     yield "policy", f"{result.policy}, 50 Hz"
     yield "plant", f"{ENGINE_STEPS[result.engine]}, 1 kHz motor loop, refined motor model"
     yield (
@@ -278,7 +275,3 @@ def setup_rows(result: RaceResult, robot: RobotDescription) -> Iterator[tuple[st
         f"command up to {result.top_speed:g} m/s, {result.raw.required} must complete",
     )
     yield "computing time", f"{result.wall_time:.0f} s"
-
-
-def _list(values: np.ndarray) -> str:
-    return " and ".join(f"{value:g}" for value in values)

@@ -16,7 +16,6 @@ import numpy as np
 
 from sprintlab.commands import LANE_WIDTH
 from sprintlab.core.array_types import Array
-from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SimulationError
 from sprintlab.core.json_values import json_ready
 from sprintlab.evaluation.quantities import shown, shown_fields
@@ -126,41 +125,33 @@ class TrialMetrics:
     """
 
     # fmt: off
-    held_speed: float = shown(
-        "held_speed_m_s", "held speed", 2, "m/s", "mean over the last 2 s of the hold, heading frame",
-        hint="last 2 s of the hold")
-    hold_acceleration: float = shown(
-        "hold_acceleration_m_s2", "held speed still rises by", 2, "m/s²",
-        "mean of the hold's last second minus the second before; steady up to 0.1", hint="end of the hold")
-    peak_speed: float = shown(
-        "peak_speed_m_s", "peak speed", 2, "m/s", "best mean over 0.5 s", hint="0.5 s mean")
-    angular_cost: float = shown(
-        "J_rad2_s", "J", 2, "rad²/s", "integral of roll rate² + pitch rate² over the profile",
-        hint="roll and pitch rates")
-    angular_cost_rate: float = shown(
-        "J_per_second_rad2_s2", "J per second", 2, "rad²/s²",
-        "mean of roll rate² + pitch rate² over the hold", hint="of the hold")
-    cost_of_transport: float = shown(
-        "cost_of_transport", "cost of transport", 2, "", "power from the bus / (mass g speed), same time")
-    electrical_power: float = shown(
-        "electrical_power_W", "power from the bus", 0, "W", "all motors, last 2 s of the hold")
-    mechanical_power: float = shown(
-        "mechanical_power_W", "mechanical power", 0, "W", "delivered to the joints, last 2 s of the hold")
-    copper_power: float = shown(
-        "copper_power_W", "copper loss", 0, "W", "heat in the windings, last 2 s of the hold")
-    stride_frequency: float = shown(
-        "stride_frequency_Hz", "stride frequency", 2, "Hz", "last 2 s of the hold")
-    stance_time: float = shown(
-        "stance_s", "stance", 3, "s",
-        "median from touchdown to lift-off, last 2 s of the hold", hint="median")
-    mean_duty: float = shown(
-        "duty", "duty factor", 3, "",
-        "share of the time on the ground, last 2 s of the hold", hint="mean foot")
-    lateral_deviation: float = shown(
-        "lateral_deviation_m", "sideways deviation", 2, "m", "largest distance from the straight line")
-    over_speed_share: float = shown(
-        "over_speed_share", "time beyond no-load speed", 4, "",
-        "share of all joints' time in which the drive can only brake", hint="all joints")
+    held_speed: float = shown("held_speed_m_s", "held speed", 2, "m/s",
+        "mean over the last 2 s of the hold, heading frame")
+    hold_acceleration: float = shown("hold_acceleration_m_s2", "held speed still rises by", 2, "m/s²",
+        "mean of the hold's last second minus the second before; steady up to 0.1")
+    peak_speed: float = shown("peak_speed_m_s", "peak speed, 0.5 s mean", 2, "m/s", "best mean over 0.5 s")
+    angular_cost: float = shown("J_rad2_s", "J, roll and pitch rates", 2, "rad²/s",
+        "integral of roll rate² + pitch rate² over the profile")
+    angular_cost_rate: float = shown("J_per_second_rad2_s2", "J per second of the hold", 2, "rad²/s²",
+        "mean of roll rate² + pitch rate² over the hold")
+    cost_of_transport: float = shown("cost_of_transport", "cost of transport", 2, "",
+        "power from the bus / (mass g speed), same time")
+    electrical_power: float = shown("electrical_power_W", "power from the bus", 0, "W",
+        "all motors, last 2 s of the hold")
+    mechanical_power: float = shown("mechanical_power_W", "mechanical power", 0, "W",
+        "delivered to the joints, last 2 s of the hold")
+    copper_power: float = shown("copper_power_W", "copper loss", 0, "W",
+        "heat in the windings, last 2 s of the hold")
+    stride_frequency: float = shown("stride_frequency_Hz", "stride frequency", 2, "Hz",
+        "last 2 s of the hold")
+    stance_time: float = shown("stance_s", "stance, median", 3, "s",
+        "from touchdown to lift-off, last 2 s of the hold")
+    mean_duty: float = shown("duty", "duty factor, mean foot", 3, "",
+        "share of the time on the ground, last 2 s of the hold")
+    lateral_deviation: float = shown("lateral_deviation_m", "sideways deviation", 2, "m",
+        "largest distance from the straight line")
+    over_speed_share: float = shown("over_speed_share", "time beyond no-load speed, all joints", 4, "",
+        "share of all joints' time in which the drive can only brake")
     # fmt: on
     distance: float = math.nan
     """Forward way of the base [m]."""
@@ -317,9 +308,6 @@ class SpeedResult:
     trials: tuple[TrialResult, ...]
     required: int
 
-    def __post_init__(self) -> None:
-        check_range("speed_result.required", self.required, 0, len(self.trials))
-
     @property
     def completed(self) -> tuple[TrialResult, ...]:
         """The trials without a fall that came to rest."""
@@ -367,6 +355,18 @@ class SpeedResult:
         rise = self.mean("hold_acceleration")
         return None if math.isnan(rise) else rise <= STEADY_RISE
 
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, keys with units."""
+        return {
+            **quantity_numbers(self.mean),
+            "falls": self.falls,
+            "not_stopped": self.not_stopped,
+            "trials": len(self.trials),
+            "held_steady": self.held_steady,
+            "envelope_share": self.mean("envelope_share"),
+            "duty_factor": self.mean("duty_factor"),
+        }
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolResult:
@@ -403,25 +403,9 @@ class ProtocolResult:
         """The v* up to the best one at which most speed was held; asked for more, a policy may give less."""
         return max(self.passed, key=lambda speed: speed.mean("held_speed"), default=None)
 
-    @property
-    def max_velocity(self) -> float:
-        """Mean held speed at the best v* [m/s]; ``nan`` when nothing completed."""
-        return float("nan") if self.best is None else self.best.mean("held_speed")
-
-    @property
-    def peak_speed(self) -> float:
-        """Mean 0.5 s peak at the best v* [m/s]; ``nan`` when nothing completed."""
-        return float("nan") if self.best is None else self.best.mean("peak_speed")
-
-    @property
-    def angular_cost(self) -> float:
-        """J at the best v* [rad^2/s]; ``nan`` when nothing completed."""
-        return float("nan") if self.best is None else self.best.mean("angular_cost")
-
-    @property
-    def angular_cost_common(self) -> float:
-        """J at the common v* [rad^2/s]; ``nan`` when it was not run or nothing completed."""
-        return float("nan") if self.common is None else self.common.mean("angular_cost")
+    def mean(self, name: str) -> Any:
+        """``SpeedResult.mean`` at the best v*; ``nan`` when nothing completed."""
+        return math.nan if self.best is None else self.best.mean(name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -440,13 +424,10 @@ class SprintResult:
     trial: TrialResult
     stalled: bool = False
 
-    def __post_init__(self) -> None:
-        check_positive("sprint.distance", self.distance, "m")
-
     @property
     def finished(self) -> bool:
         """Whether the distance was reached without a fall."""
-        return bool(np.isfinite(self.time))
+        return math.isfinite(self.time)
 
     @property
     def left_lane(self) -> bool:
@@ -456,30 +437,28 @@ class SprintResult:
 
 @dataclass(frozen=True, kw_only=True)
 class StepSizeCheck:
-    """The same trial with coarse and fine simulation steps.
-
-    Attributes:
-        coarse_step: [s].
-        fine_step: [s].
-        coarse: result at the coarse step.
-        fine: result at the fine step.
-    """
+    """The same trial with coarse and fine simulation steps [s]."""
 
     coarse_step: float
     fine_step: float
     coarse: TrialResult
     fine: TrialResult
 
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers of both."""
+        return {
+            "coarse_step_s": self.coarse_step,
+            "fine_step_s": self.fine_step,
+            "coarse_held_speed_m_s": self.coarse.metrics.held_speed,
+            "fine_held_speed_m_s": self.fine.metrics.held_speed,
+            "coarse_completed": self.coarse.completed,
+            "fine_completed": self.fine.completed,
+        }
+
 
 @dataclass(frozen=True, kw_only=True)
 class EngineResult:
-    """The sprint and the raw trials of a race in one engine.
-
-    Attributes:
-        engine: one of ``sprintlab.plant.ENGINES``.
-        sprint: over the distance, raw command.
-        raw: the seeded trials, raw command.
-    """
+    """The sprint and the raw trials of a race in one of ``sprintlab.plant.ENGINES``."""
 
     engine: str
     sprint: SprintResult
@@ -510,11 +489,12 @@ class RaceResult:
         sprint_self_paced: the 100 m, self-paced.
         raw: the seeded trials at ``top_speed``, raw command.
         self_paced: the same, self-paced.
-        step_check: step-size check, ``None`` when it was not asked for.
-        battery: one raw trial on a battery and with warm windings; ``None`` where every trial has both.
         audit: worst case over every trial.
         mass: total mass of the robot [kg].
         wall_time: how long the race took to compute [s].
+        step_check: step-size check, ``None`` when it was not asked for.
+        battery: one raw trial on a battery and with warm windings; ``None`` where every trial has both.
+        notes: what differs from the published numbers' plant, and other remarks.
         engine: the physics that it was run in, one of ``sprintlab.plant.ENGINES``.
         second_engine: the 100 m and the raw trials in another engine, ``None`` when that was not asked for.
         policy_facts: hash and training of the policy that ran, in words.
@@ -532,7 +512,7 @@ class RaceResult:
     wall_time: float
     step_check: StepSizeCheck | None = None
     battery: TrialResult | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     engine: str = "mujoco"
     second_engine: EngineResult | None = None
     policy_facts: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -540,33 +520,33 @@ class RaceResult:
     def to_dict(self) -> dict[str, Any]:
         """The numbers as JSON-ready values (``nan`` becomes null), for ``result.json``.
 
-        ``peak_speed_m_s``, ``held_speed_m_s``, ``J_rad2_s``, ``cost_of_transport`` and ``envelope_share``
-        (one number per joint) are means over the raw trials that completed; ``sprint_time_s`` is raw,
-        over ``distance_m``; ``time_100m_s`` is the same where that is 100 m, else null.
+        Means are over the trials that completed; ``sprint_time_s`` is raw, over ``distance_m``;
+        ``time_100m_s`` is the same where that is 100 m, else null.
         """
-        hundred = self.sprint.distance == 100.0
+        raw, paced = self.sprint, self.sprint_self_paced
+        hundred = 1.0 if raw.distance == 100.0 else math.nan
         return json_ready(
             {
                 "robot": self.robot,
                 "policy": self.policy,
                 "top_speed_command_m_s": self.top_speed,
-                "distance_m": self.sprint.distance,
-                "sprint_time_s": self.sprint.time,
-                "sprint_time_self_paced_s": self.sprint_self_paced.time,
-                "time_100m_s": self.sprint.time if hundred else float("nan"),
-                "time_100m_self_paced_s": self.sprint_self_paced.time if hundred else float("nan"),
-                "left_lane": self.sprint.left_lane,
-                "left_lane_self_paced": self.sprint_self_paced.left_lane,
-                **_speed_summary(self.raw),
-                "self_paced": _speed_summary(self.self_paced),
+                "distance_m": raw.distance,
+                "sprint_time_s": raw.time,
+                "sprint_time_self_paced_s": paced.time,
+                "time_100m_s": hundred * raw.time,
+                "time_100m_self_paced_s": hundred * paced.time,
+                "left_lane": raw.left_lane,
+                "left_lane_self_paced": paced.left_lane,
+                **self.raw.to_dict(),
+                "self_paced": self.self_paced.to_dict(),
                 "audit": self.audit.to_dict(),
-                "step_size_check": None if self.step_check is None else _step_summary(self.step_check),
-                "battery": None if self.battery is None else supply_numbers(self.battery),
+                "step_size_check": self.step_check and self.step_check.to_dict(),
+                "battery": self.battery and supply_numbers(self.battery),
                 "engine": self.engine,
-                "second_engine": None if self.second_engine is None else self.second_engine.to_dict(),
+                "second_engine": self.second_engine and self.second_engine.to_dict(),
                 "mass_kg": self.mass,
                 "wall_time_s": self.wall_time,
-                "notes": list(self.notes),
+                "notes": self.notes,
             }
         )
 
@@ -580,29 +560,4 @@ def supply_numbers(trial: TrialResult) -> dict[str, Any]:
         "fall_reason": trial.fall_reason,
         "lowest_bus_voltage_V": trial.metrics.lowest_bus_voltage,
         "hottest_winding_degC": trial.metrics.hottest_winding,
-    }
-
-
-def _speed_summary(result: SpeedResult) -> dict[str, Any]:
-    """The numbers of one set of trials."""
-    return {
-        **quantity_numbers(result.mean),
-        "falls": result.falls,
-        "not_stopped": result.not_stopped,
-        "trials": len(result.trials),
-        "held_steady": result.held_steady,
-        "envelope_share": result.mean("envelope_share"),
-        "duty_factor": result.mean("duty_factor"),
-    }
-
-
-def _step_summary(check: StepSizeCheck) -> dict[str, Any]:
-    """The numbers of the step-size check."""
-    return {
-        "coarse_step_s": check.coarse_step,
-        "fine_step_s": check.fine_step,
-        "coarse_held_speed_m_s": check.coarse.metrics.held_speed,
-        "fine_held_speed_m_s": check.fine.metrics.held_speed,
-        "coarse_completed": check.coarse.completed,
-        "fine_completed": check.fine.completed,
     }

@@ -244,7 +244,7 @@ def number_rows(numbers: dict[str, Any]) -> Iterator[dict[str, str]]:
     simulated = numbers["simulation"] or {}
     for name, key, digits, unit in (
         (f"time over {numbers['distance_m']:g} m", "time_over_distance_s", 2, "s"),
-        *((quantity.label, quantity.key, quantity.digits, quantity.unit) for quantity in QUANTITIES),
+        *((quantity.name, quantity.key, quantity.digits, quantity.unit) for quantity in QUANTITIES),
         ("robot minus simulation, root mean square", "speed_difference_rms_m_s", 2, "m/s"),
         ("robot minus simulation, mean", "speed_difference_mean_m_s", 2, "m/s"),
     ):

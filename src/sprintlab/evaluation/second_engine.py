@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from sprintlab.control.policy import SHIPPED_POLICIES
 from sprintlab.evaluation.protocol import ProtocolSettings
-from sprintlab.evaluation.quantities import number
-from sprintlab.evaluation.results import QUANTITIES, EngineResult, RaceResult, SpeedResult, SprintResult
+from sprintlab.evaluation.results import SpeedResult
 from sprintlab.evaluation.trial import TrialRequest
 from sprintlab.plant import DRAKE_TIMESTEP, on_engine
 
@@ -64,60 +60,16 @@ def mark(first: SpeedResult, second: SpeedResult) -> str:
     return " and ".join(faults)
 
 
-def first_engine(result: RaceResult) -> EngineResult:
-    """What the race itself was run in, beside its second engine."""
-    return EngineResult(engine=result.engine, sprint=result.sprint, raw=result.raw)
-
-
-def engine_rows(first: EngineResult, second: EngineResult) -> Iterator[tuple[str, str, str, str]]:
-    """Name, both values and unit of each number that both engines have."""
-    distance = f"time over {first.sprint.distance:g} m"
-    yield distance, _time(first.sprint), _time(second.sprint), "s"
-    for item in QUANTITIES:
-        values = [number(result.raw.mean(item.field), item.digits) for result in (first, second)]
-        yield item.name, values[0], values[1], item.unit
-    falls = [f"{result.raw.falls} of {len(result.raw.trials)}" for result in (first, second)]
-    yield "falls", falls[0], falls[1], ""
-
-
-def comparison_sentence(first: EngineResult, second: EngineResult) -> str:
-    """What the second engine says, in one sentence."""
-    name, other = ENGINE_NAMES[second.engine], ENGINE_NAMES[first.engine]
-    held, change = second.raw.mean("held_speed"), speed_change(first.raw, second.raw)
-    if not np.isfinite(held):
-        return f"In {name}, the second engine, no trial was completed: the speeds are {other}'s alone."
-    text = f"In {name}, the second engine, it holds {held:.2f} m/s"
-    if np.isfinite(change):
-        text += f", {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} than in {other}"
-    fault = mark(first.raw, second.raw)
-    return f"{text}: {fault}." if fault else f"{text}."
-
-
-def stored_comparison(digest: str) -> dict[str, Any] | None:
-    """What was measured of this very policy file in both engines; ``None`` where nothing was.
-
-    Args:
-        digest: of the file that the policy was read from.
-    """
-    return json.loads(STORED.read_text(encoding="utf-8")).get(digest) if STORED.exists() else None
-
-
 def stored_remark(digest: str) -> str:
-    """The same as a sentence; empty where nothing is stored."""
-    found = stored_comparison(digest)
+    """What was measured of the policy file with this SHA-256 in both engines; empty where nothing was."""
+    found = json.loads(STORED.read_text(encoding="utf-8")).get(digest)
     if found is None:
         return ""
-    speeds = " and ".join(
-        f"{_speed(found[engine])} in {ENGINE_NAMES[engine]}" for engine in ("mujoco", "drake")
-    )
-    text = f"two engines, stored, command up to {found['top_speed_command_m_s']:g} m/s: it holds {speeds}"
+    held = " and ".join(f"{_held(found[engine])} in {name}" for engine, name in ENGINE_NAMES.items())
+    text = f"two engines, stored, command up to {found['top_speed_command_m_s']:g} m/s: it holds {held}"
     return f"{text}; MARKED, in Drake {found['mark']}" if found["mark"] else text
 
 
-def _time(sprint: SprintResult) -> str:
-    return f"{sprint.time:.2f}" if sprint.finished else "not finished"
-
-
-def _speed(numbers: dict[str, Any]) -> str:
+def _held(numbers: dict[str, Any]) -> str:
     held = numbers["held_speed_m_s"]
     return "no speed (every trial fell)" if held is None else f"{held:.2f} m/s"

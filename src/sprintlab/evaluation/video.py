@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ import numpy as np
 from sprintlab.commands import race_clock
 from sprintlab.core.archives import read_arrays
 from sprintlab.core.array_types import Array
-from sprintlab.core.checks import check_positive
 from sprintlab.core.interpreters import new_interpreter
 from sprintlab.core.thinning import moving_average
 
@@ -30,56 +28,19 @@ INSTALL_BACKEND = (
     "no video: no OpenGL backend works here, install one (Debian/Ubuntu: apt-get install libosmesa6, "
     "or libegl1 with a GPU driver)"
 )
-HUD_SPEED_WINDOW = 0.25  # seconds over which the printed speed is averaged
-CAMERA_SMOOTHING = 0.35  # seconds of the moving average of the base position that the camera follows
-BACKGROUND = (18, 22, 29)
-
-
-@dataclass(frozen=True, kw_only=True)
-class VideoOptions:
-    """Size and pace of a video.
-
-    Attributes:
-        width: [pixels], a multiple of 16.
-        height: [pixels], even.
-        frames_per_second: frames shown a second.
-        slow_motion: after the run, this many seconds round the middle of the hold once more; 0 for none.
-        slow_factor: how many times slower that part is shown.
-        shadows: whether shadows are drawn.
-
-    Raises:
-        InvalidValueError: a field is not positive.
-    """
-
-    width: int = 1280
-    height: int = 720
-    frames_per_second: int = 60
-    slow_motion: float = 0.6
-    slow_factor: float = 8.0
-    shadows: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height", "frames_per_second", "slow_factor"):
-            check_positive(f"video.{name}", getattr(self, name))
-
-
 TIME_BUDGET = 30.0
 """Time that rendering should take; where frames cost too much, the film gets plainer, never shorter [s]."""
 
+QUALITIES = ((1280, 720, 60, True), (1280, 720, 60, False), (640, 360, 60, False), (640, 360, 30, False))
+"""Width and height [pixels], frames a second, shadows: the first that keeps the budget is taken."""
 
-def plainer(options: VideoOptions) -> tuple[VideoOptions, ...]:
-    """The same film in ever cheaper ways: no shadows, half as large, half the frames without slow motion.
-
-    Thirty frames a second still show six strides a second as they are.
-    """
-    flat = replace(options, shadows=False)
-    small = replace(flat, width=options.width // 2, height=options.height // 2)
-    return (
-        options,
-        flat,
-        small,
-        replace(small, frames_per_second=options.frames_per_second // 2, slow_motion=0.0),
-    )
+_SPEED_WINDOW = 0.25  # over which the printed speed is averaged [s]
+_CAMERA_WINDOW = 0.35  # over which the position that the camera follows is averaged [s]
+_PROBE_SECONDS, _RENDER_SECONDS = 30.0, 600.0  # after which a hanging backend is given up
+_PROBE = (
+    "import mujoco as m; r = m.Renderer(m.MjModel.from_xml_string("
+    "'<mujoco><worldbody><geom size=\"1\"/></worldbody></mujoco>'), 32, 32); r.render()"
+)
 
 
 def gl_backends() -> tuple[str, ...]:
@@ -103,14 +64,14 @@ def has_encoder() -> bool:
     return importlib.util.find_spec("imageio_ffmpeg") is not None
 
 
-def render_video(trajectory: Path, target: Path, robot_name: str, hold: tuple[float, float]) -> str:
+def render_video(trajectory: Path, target: Path, robot_name: str, finish: float) -> str:
     """Render ``trajectory.npz`` to ``target`` in a subprocess.
 
     Args:
         trajectory: npz with at least ``time``, ``qpos``, ``velocity`` and ``command``.
         target: the MP4 to write.
         robot_name: whose model to draw.
-        hold: start and end of the hold [s], shown once more in slow motion; the printed clock stops there.
+        finish: when the printed clock stops [s].
 
     Returns:
         An empty string when ``target`` was written, else one line that says what to install. Never raises
@@ -119,20 +80,12 @@ def render_video(trajectory: Path, target: Path, robot_name: str, hold: tuple[fl
     if not has_encoder():
         return INSTALL_ENCODER
     command = [*new_interpreter(), "-m", "sprintlab.evaluation.video", str(trajectory), str(target)]
-    command += ["--robot", robot_name, "--hold", str(hold[0]), str(hold[1])]
+    command += ["--robot", robot_name, "--finish", str(finish)]
     for backend in gl_backends():
         if _run(command, backend, _RENDER_SECONDS) == 0 and target.exists():
             return ""
         target.unlink(missing_ok=True)
     return INSTALL_BACKEND
-
-
-_PROBE_SECONDS, _RENDER_SECONDS = 30.0, 600.0
-"""After which a hanging backend is given up [s]."""
-_PROBE = (
-    "import mujoco as m; r = m.Renderer(m.MjModel.from_xml_string("
-    "'<mujoco><worldbody><geom size=\"1\"/></worldbody></mujoco>'), 32, 32); r.render()"
-)
 
 
 def _run(command: list[str], backend: str, timeout: float) -> int:
@@ -148,146 +101,112 @@ def _run(command: list[str], backend: str, timeout: float) -> int:
 # --- inside the rendering process --------------------------------------------------------------------------
 
 
-def frame_times(
-    duration: float, hold: tuple[float, float], options: VideoOptions
-) -> list[tuple[float, bool]]:
-    """Moment of every frame [s] and whether it belongs to the slow motion at the end.
-
-    Args:
-        duration: of the recording [s]; the film shows all of it.
-        hold: start and end of the hold [s].
-        options: size and pace.
-    """
-    step = 1.0 / options.frames_per_second
-    run, slow = round(duration / step), round(options.slow_motion * options.slow_factor / step)
-    end = min(hold[1], duration)
-    middle = 0.5 * (hold[0] + end)
-    if middle - 0.5 * options.slow_motion < 0.0 or middle + 0.5 * options.slow_motion > duration:
-        slow = 0
-    apart = step / options.slow_factor
-    begin = middle - 0.5 * slow * apart
-    return [(step * index, False) for index in range(run)] + [
-        (begin + apart * index, True) for index in range(slow)
-    ]
-
-
-def write_video(
-    trajectory: dict[str, Array], model: Any, target: Path, hold: tuple[float, float], options: VideoOptions
-) -> None:
+def write_video(trajectory: dict[str, Array], model: Any, target: Path, finish: float) -> None:
     """Render and encode in this process, as plain as ``TIME_BUDGET`` asks for.
 
     Args:
         trajectory: ``time`` ``(T,)``, ``qpos`` ``(T, nq)``, ``velocity`` ``(T, 2)``, ``command`` ``(T, 3)``.
         model: ``mujoco.MjModel`` whose ``qpos`` the trajectory holds.
         target: the MP4 to write.
-        hold: start and end of the hold [s].
-        options: size and pace where rendering is fast.
+        finish: when the printed clock stops [s].
     """
+    import imageio_ffmpeg
     import mujoco
 
-    model.vis.global_.offwidth = max(model.vis.global_.offwidth, options.width)
-    model.vis.global_.offheight = max(model.vis.global_.offheight, options.height)
+    width, height, _, _ = QUALITIES[0]
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.offsamples = 0  # smoothing edges is most of what a frame costs without a GPU
-    *better, last = plainer(options)
-    for chosen in [*better, last]:
-        with mujoco.Renderer(model, chosen.height, chosen.width) as renderer:
-            scene = _Scene(model, renderer, trajectory, hold, chosen)
-            frames = frame_times(float(trajectory["time"][-1]), hold, chosen)
-            if chosen is last or scene.frame_cost() * len(frames) <= TIME_BUDGET:
-                _encode(scene, frames, target, chosen)
-                return
+    for width, height, rate, shadows in QUALITIES:
+        with mujoco.Renderer(model, height, width) as renderer:
+            scene = Scene(model, renderer, trajectory, finish, shadows)
+            moments = np.arange(0.0, float(trajectory["time"][-1]), 1.0 / rate)
+            plainest = (width, height, rate, shadows) == QUALITIES[-1]
+            if not plainest and scene.frame_cost() * len(moments) > TIME_BUDGET:
+                continue
+            writer = imageio_ffmpeg.write_frames(
+                str(target),
+                (width, height),
+                fps=rate,
+                codec="libx264",
+                quality=6,
+                macro_block_size=2,
+                output_params=["-preset", "veryfast", "-movflags", "+faststart"],
+            )
+            writer.send(None)
+            for moment in moments:
+                writer.send(scene.frame(moment))
+            writer.close()
+            return
 
 
-def _encode(scene: _Scene, frames: list[tuple[float, bool]], target: Path, options: VideoOptions) -> None:
-    import imageio_ffmpeg
+class Scene:
+    """The running robot, a camera that follows it, and the printed speed.
 
-    writer = imageio_ffmpeg.write_frames(
-        str(target),
-        (options.width, options.height),
-        fps=options.frames_per_second,
-        codec="libx264",
-        quality=6,
-        macro_block_size=2,
-        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
-    )
-    writer.send(None)
-    for moment, slow in frames:
-        writer.send(scene.frame(moment, slow))
-    writer.close()
-
-
-class _Scene:
-    """The running robot, a camera that follows it, and the printed speed."""
+    Args:
+        model: of the robot.
+        renderer: ``mujoco.Renderer``.
+        trajectory: as in ``write_video``.
+        finish: when the printed clock stops [s].
+        shadows: whether shadows are drawn.
+    """
 
     def __init__(
-        self,
-        model: Any,
-        renderer: Any,
-        trajectory: dict[str, Array],
-        hold: tuple[float, float],
-        options: VideoOptions,
+        self, model: Any, renderer: Any, trajectory: dict[str, Array], finish: float, shadows: bool
     ) -> None:
         import mujoco
 
-        self.model, self.renderer, self.options = model, renderer, options
-        self.data = mujoco.MjData(model)
-        self.time, self.qpos = trajectory["time"], trajectory["qpos"]
-        self.finish = min(int(np.searchsorted(self.time, hold[1])), len(self.time) - 1)
-        self.clock = race_clock(self.time, trajectory["command"], hold[1])
-        self.speed = moving_average(trajectory["velocity"][:, 0], self.time, HUD_SPEED_WINDOW)
-        base = self.qpos[:, :3].T
-        self.centre = np.stack([moving_average(way, self.time, CAMERA_SMOOTHING) for way in base], axis=1)
-        self.camera = mujoco.MjvCamera()
-        self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-        self.camera.distance, self.camera.elevation = 2.5, -12.0
-        self.fonts = _fonts(options.height)
+        self._model, self._renderer, self._data = model, renderer, mujoco.MjData(model)
+        self._time, self._qpos = trajectory["time"], trajectory["qpos"]
+        self._finish = min(int(np.searchsorted(self._time, finish)), len(self._time) - 1)
+        self._clock = race_clock(self._time, trajectory["command"], finish)
+        self._speed = moving_average(trajectory["velocity"][:, 0], self._time, _SPEED_WINDOW)
+        self._centre = np.stack(
+            [moving_average(way, self._time, _CAMERA_WINDOW) for way in self._qpos[:, :3].T], axis=1
+        )
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        self._camera.distance, self._camera.elevation, self._camera.azimuth = 2.5, -12.0, 128.0
+        self._fonts = _fonts(renderer.height)
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(options.shadows)
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(shadows)
 
     def frame_cost(self) -> float:
         """Seconds one frame takes, the faster of two after one to warm up."""
         costs = []
         for _ in range(3):
             start = time.perf_counter()
-            self.frame(0.0, False)
+            self.frame(0.0)
             costs.append(time.perf_counter() - start)
         return min(costs[1:])
 
-    def frame(self, moment: float, slow: bool) -> Array:
+    def frame(self, moment: float) -> Array:
         """One picture, ``(height, width, 3)`` uint8."""
         import mujoco
 
-        sample = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
-        self.data.qpos[:] = self.qpos[sample]
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
-        self.camera.lookat[:] = self.centre[sample] + np.array([0.0, 0.0, -0.12])
-        self.camera.azimuth = 118.0 if slow else 128.0
-        self.camera.distance = 1.9 if slow else 2.5
+        sample = min(int(np.searchsorted(self._time, moment)), len(self._time) - 1)
+        self._data.qpos[:] = self._qpos[sample]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        self._camera.lookat[:] = self._centre[sample] + np.array([0.0, 0.0, -0.12])
         for _ in range(2):  # MuJoCo lays the endless floor round the camera of the update before
-            self.renderer.update_scene(self.data, self.camera)
-        return self._print(self.renderer.render(), sample, slow)
+            self._renderer.update_scene(self._data, self._camera)
+        return self._print(self._renderer.render(), sample)
 
-    def _print(self, picture: Array, sample: int, slow: bool) -> Array:
-        """Speed, way and time in the lower left corner."""
+    def _print(self, picture: Array, sample: int) -> Array:
+        """Speed, way and time on a band along the lower edge."""
         from PIL import Image, ImageDraw
 
         image = Image.fromarray(picture)
-        draw = ImageDraw.Draw(image, "RGBA")
-        large, small = self.fonts
-        height = self.options.height
-        band = height // 7
-        draw.rectangle((0, height - band, self.options.width, height), fill=(*BACKGROUND, 190))
-        middle = height - band // 2
-        draw.text(
-            (14, middle), f"{max(self.speed[sample], 0.0):4.1f} m/s", font=large, fill="white", anchor="lm"
-        )
-        way = self.qpos[min(sample, self.finish), 0] - self.qpos[0, 0]
-        label = f"{max(way, 0.0):5.1f} m    {self.clock[sample]:5.2f} s"
-        if slow:
-            label = f"slow motion 1/{self.options.slow_factor:g}    {label}"
-        draw.text((self.options.width - 14, middle), label, font=small, fill=(200, 208, 220), anchor="rm")
+        draw, (large, small) = ImageDraw.Draw(image, "RGBA"), self._fonts
+        width, height = image.size
+        draw.rectangle((0, height - height // 7, width, height), fill=(18, 22, 29, 190))
+        middle = height - height // 14
+        speed = f"{max(self._speed[sample], 0.0):4.1f} m/s"
+        draw.text((14, middle), speed, font=large, fill="white", anchor="lm")
+        way = max(self._qpos[min(sample, self._finish), 0] - self._qpos[0, 0], 0.0)
+        label = f"{way:5.1f} m    {self._clock[sample]:5.2f} s"
+        draw.text((width - 14, middle), label, font=small, fill=(200, 208, 220), anchor="rm")
         return np.ascontiguousarray(np.asarray(image))
 
 
@@ -312,11 +231,11 @@ def _main() -> None:
     parser.add_argument("trajectory", type=Path)
     parser.add_argument("target", type=Path)
     parser.add_argument("--robot", required=True)
-    parser.add_argument("--hold", type=float, nargs=2, required=True)
+    parser.add_argument("--finish", type=float, required=True)
     given = parser.parse_args()
     trajectory = read_arrays(given.trajectory, ("time", "qpos", "velocity", "command"))
     model = build_model(load_robot(given.robot), ModelOptions(timestep=0.001, visuals=True))
-    write_video(trajectory, model, given.target, tuple(given.hold), VideoOptions())
+    write_video(trajectory, model, given.target, given.finish)
 
 
 if __name__ == "__main__":
