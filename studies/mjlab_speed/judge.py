@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import multiprocessing
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -174,7 +175,9 @@ def observation(
 
 
 def judge_all(results: Path, commands: Sequence[float], trials: int, jobs: int) -> None:
-    """Write ``result.json`` beside each policy that has none."""
+    """Write ``result.json`` beside each policy that has none; ``results.zip`` of a training is unpacked."""
+    if (packed := results / "results.zip").exists():
+        shutil.unpack_archive(packed, results)
     left = [
         path for path in sorted(results.glob("*/policy.npz")) if not path.with_name("result.json").exists()
     ]

@@ -26,6 +26,8 @@ STALL_TORQUE = {"hip": 23.7, "thigh": 23.7, "calf": 35.55}
 NO_LOAD_SPEED = {"hip": 30.1, "thigh": 30.1, "calf": 20.06}
 """Published [rad/s]."""
 NOMINAL_VOLTAGE = 24.0
+STEPS_PER_ITERATION = 24
+"""Of mjlab's task."""
 CHUNK = 50  # iterations between two looks at the clock
 
 

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import zipfile
 
 import mujoco
 import numpy as np
@@ -15,7 +14,7 @@ if importlib.util.find_spec("mjlab") is None:
 from studies.mjlab_speed import judge as study
 from studies.mjlab_speed import train as training
 from studies.mjlab_speed.__main__ import main
-from studies.mjlab_speed.page import page
+from studies.mjlab_speed.page import page, text
 
 from sprintlab.plant import Plant, PlantOptions, TrialSettings
 from sprintlab.robots import match_joints
@@ -142,15 +141,37 @@ def test_finished_runs_are_packed_judged_and_make_a_page(trained, tmp_path):
     folder.mkdir(parents=True)
     (folder / "policy.npz").write_bytes(path.read_bytes())
     work = ["--work", str(tmp_path / "work"), "--actuators", "refined", "--seeds", "1", "--iterations", "2"]
-    main(["train", "--output", str(tmp_path), *work])
-    with zipfile.ZipFile(tmp_path / "results.zip") as archive:
-        archive.extractall(tmp_path / "results")
+    main(["train", "--output", str(tmp_path / "results"), *work])
     main(["judge", str(tmp_path / "results"), "--commands", "1", "--trials", "1", "--jobs", "1"])
     found = json.loads((tmp_path / "results" / "refined-1" / "result.json").read_text())
     assert [trial["law"] for trial in found["trials"]] == ["refined"]
     (tmp_path / "docs" / "figures").mkdir(parents=True)
+    target = tmp_path / "docs" / "integrations.md"
+    target.write_text("before\n<!-- mjlab-speed -->\n<!-- /mjlab-speed -->\nafter\n")
     page(tmp_path / "results", tmp_path / "docs")
-    assert "| `refined` |" in (tmp_path / "docs" / "mjlab-speed.md").read_text()
+    assert "| `refined` |" in target.read_text() and target.read_text().endswith("after\n")
+    assert (tmp_path / "docs" / "figures" / "mjlab-speed.png").stat().st_size > 10_000
+
+
+def run_of(actuator, seed, promised, delivered, impossible):
+    """A judged run whose impossible share grows with the command."""
+    trials = [
+        {"law": actuator, "command": float(at), "impossible": impossible * (at > 3)} for at in (2, 3, 4, 5)
+    ]
+    parts = {"promised": {"speed": promised, "impossible": impossible}}
+    parts["delivered"] = {"speed": delivered, "falls": 0.0}
+    facts = {"actuator": actuator, "seed": seed, "iterations": 600, "environments": 4096}
+    return {**facts, "trials": trials, **parts}
+
+
+@pytest.mark.parametrize(("own", "said"), [(5.0, "more than any other"), (4.5, "no difference")])
+def test_the_section_says_what_was_promised_and_from_which_speed_it_is_missed(own, said):
+    runs = [run_of("stock", seed, 5.5, 4.0 + 0.3 * seed, 0.2) for seed in (1, 2, 3)]
+    runs += [run_of("refined", seed, own, own, 0.0) for seed in (1, 2, 3)]
+    written = text(runs)
+    assert "promised 5.5 m/s and its motors deliver 4.6 m/s; from 4 m/s on" in written
+    assert said in written and "6 trainings of 59 million steps" in written
+    assert "| `stock` | 5.50 (5.50 to 5.50) | 4.60 (4.30 to 4.90) | 20 % (20 % to 20 %) |" in written
 
 
 def test_the_speed_reached_is_that_of_a_command_most_trials_hold():
