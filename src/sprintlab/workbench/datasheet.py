@@ -39,8 +39,6 @@ from sprintlab.motors.saturation import desaturate
 from sprintlab.motors.thermal import HousedHeat, I2tLimit
 from sprintlab.workbench.datasheet_file import ENTRIES, Datasheet, Entry
 
-FLUX_ENTRIES = ("flux_linkage", "back_emf_constant", "kv", "torque_constant")
-"""Entries that give the flux linkage, in the order of preference."""
 TOLERANCE = 0.05
 """Difference between entries that say the same, taken for rounding [-]."""
 
@@ -48,14 +46,22 @@ _RATED_TOLERANCE = 0.15  # rated values are warm and rounded
 _GEAR_TOLERANCE = 0.25  # of a ratio of torques to the gear ratio: efficiency and saturation are in it
 _NO_LOAD_RANGE = (0.85, 1.2)  # no-load speed over V_bus / (sqrt(3) N psi), six-step to sine drives
 _VOLTAGE_READINGS = ("line-to-line amplitude", "line-to-line rms", "phase amplitude", "phase rms")
+_CURRENT_READINGS = ("line amplitude", "line rms", "dc")
 _READINGS = {
-    "kv": _VOLTAGE_READINGS,
-    "back_emf_constant": _VOLTAGE_READINGS,
-    "torque_constant": ("line amplitude", "line rms", "dc"),
-}  # conventions that a hint tries; those that equal one of these are left out
-_THERMAL_ENTRIES = ("thermal_resistance", "time_constant")
+    "kv": _VOLTAGE_READINGS, "back_emf_constant": _VOLTAGE_READINGS, "torque_constant": _CURRENT_READINGS,
+}  # conventions that a hint tries; those that equal one of these are left out  # fmt: skip
+_THERMAL_PARTS = ("thermal_resistance", "time_constant")
 _DELTA = math.sqrt(3.0)
 _ROUNDING = 5e-3  # a negative saturation of this size is not worth a word
+_FLUX_LAWS: dict[str, tuple[Callable[[float, float, int], float], str, str]] = {
+    # entry: psi of its value v, its convention's factor c and N; the same in symbols, and with numbers
+    "flux_linkage": (lambda v, c, n: v, "psi", "{v:.5g}"),
+    "back_emf_constant": (lambda v, c, n: v / (c * n), "K_e / (c N)", "{v:.5g} / ({c:.4g} x {n})"),
+    "kv": (lambda v, c, n: 1.0 / (v * c * n), "1 / (K_v c N)", "1 / ({v:.5g} rad/s/V x {c:.4g} x {n})"),
+    "torque_constant": (
+        lambda v, c, n: v / (1.5 * c * n), "K_t / (1.5 c N)", "{v:.5g} / (1.5 x {c:.4g} x {n})",
+    ),
+}  # in the order of preference  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,8 +172,7 @@ class _Conversion:
     """The calculation; keeps its steps and notes while it goes."""
 
     def __init__(self, sheet: Datasheet, tolerance: float) -> None:
-        self._sheet = sheet
-        self._tolerance = tolerance
+        self._sheet, self._entries, self._tolerance = sheet, sheet.entries, tolerance
         self._steps: list[ConversionStep] = []
         self._notes: list[str] = []
 
@@ -179,12 +184,12 @@ class _Conversion:
         inductance = self._q_axis_inductance()
         flux = self._flux()
         constant = 1.5 * pairs * flux
-        self._step(
-            "torque constant", "1.5 N psi", f"1.5 x {pairs} x {flux:.5g}", constant, "N m/A (amplitude)"
-        )
+        unit = "N m/A (amplitude)"
+        self._step("torque constant", "1.5 N psi", f"1.5 x {pairs} x {flux:.5g}", constant, unit)
         peak_torque, saturation = self._peak(constant)
         self._check_rated(constant)
         self._check_no_load(flux)
+        hint = "if the sheet has none, measure it or estimate mass x radius^2 of the rotor's ring"
         motor = PmsmParameters(
             pole_pairs=pairs,
             stator_resistance=resistance,
@@ -192,13 +197,9 @@ class _Conversion:
             flux_linkage=flux,
             peak_torque=peak_torque,
             saturation=saturation,
-            rotor_inertia=self._needed(
-                "rotor_inertia",
-                "if the sheet has none, measure it or estimate mass x radius^2 of the rotor's ring",
-            ).value,
+            rotor_inertia=self._needed("rotor_inertia", hint).value,
         )
-        i2t = self._i2t(motor)
-        heat = self._heat()
+        i2t, heat = self._i2t(motor), self._heat()
         return DatasheetConversion(
             motor=motor, i2t=i2t, heat=heat, steps=tuple(self._steps), notes=tuple(self._notes)
         )
@@ -210,17 +211,17 @@ class _Conversion:
         return value
 
     def _needed(self, name: str, hint: str) -> Entry:
-        entry = self._sheet.entries.get(name)
-        if entry is None:
+        if name not in self._entries:
             raise InvalidValueError(f"datasheet.{name}", None, f"is missing: {hint}")
-        return entry
+        return self._entries[name]
 
     def _refuse_ambiguous(self) -> None:
         """Name every entry whose convention is missing, how to write it, and what each reading would mean."""
-        unclear = [self._ambiguity(entry) for entry in self._sheet.entries.values() if entry.ambiguous]
+        entries = self._entries.values()
+        unclear = [self._ambiguity(entry) for entry in entries if entry.ambiguous]
         unclear += [
             f"{entry.name} is given for a phase, so connection must say star or delta"
-            for entry in self._sheet.entries.values()
+            for entry in entries
             if entry.convention.startswith("phase") and not self._sheet.connection
         ]
         if unclear:
@@ -233,43 +234,45 @@ class _Conversion:
 
     def _reading(self, entry: Entry, word: str) -> str:
         """What a convention would mean for the flux, and which clear entries say the same."""
-        flux = self._flux_of(entry, word)
-        if flux is None:
+        if entry.name not in _FLUX_LAWS:
             return ""
+        flux = self._flux_of(entry, word)
         others = [
             other.name
-            for other in self._sheet.entries.values()
-            if not other.ambiguous
-            and (value := self._flux_of(other, other.convention)) is not None
-            and _agree(value, flux, self._tolerance)
+            for other in self._entries.values()
+            if other.name in _FLUX_LAWS
+            and not other.ambiguous
+            and self._agree(self._flux_of(other, other.convention), flux)
         ]
         agrees = f", as {' and '.join(others)}" if others else ""
         return f" (psi = {flux * 1e3:.4g} mWb{agrees})"
 
+    def _agree(self, first: float, second: float) -> bool:
+        return _agree(first, second, self._tolerance)
+
     def _impedance(self, symbol: str, name: str, unit: str) -> float:
         entry = self._needed(name, "between two lines or of one phase")
         factor = impedance_factor(entry.convention, self._sheet.connection)
-        divisor = round(1.0 / factor)
-        formula = f"{symbol}_{entry.convention}" + (f" / {divisor}" if divisor > 1 else "")
-        numbers = f"{entry.value:.5g}" + (f" / {divisor}" if divisor > 1 else "")
-        return self._step(
-            f"{symbol} from {name} ({entry.convention})", formula, numbers, factor * entry.value, unit
+        divided = f" / {round(1.0 / factor)}" if factor < 1.0 else ""
+        quantity, formula = (
+            f"{symbol} from {name} ({entry.convention})",
+            f"{symbol}_{entry.convention}{divided}",
         )
+        return self._step(quantity, formula, f"{entry.value:.5g}{divided}", factor * entry.value, unit)
 
     def _q_axis_inductance(self) -> float:
-        direct = self._sheet.entries.get("q_axis_inductance")
+        direct = self._entries.get("q_axis_inductance")
         if direct is None:
-            if "inductance" not in self._sheet.entries:
-                self._needed(
-                    "inductance", "without it the d-axis voltage is unknown; 0 H leaves it out on purpose"
-                )
+            self._needed(
+                "inductance", "without it the d-axis voltage is unknown; 0 H leaves it out on purpose"
+            )
             inductance = self._impedance("L", "inductance", "H")
             self._notes.append("L stands for both axes: a salient rotor needs q_axis_inductance")
             return inductance
         self._step("L from q_axis_inductance", "L_q", f"{direct.value:.5g}", direct.value, "H")
-        if "inductance" in self._sheet.entries:
+        if "inductance" in self._entries:
             other = self._impedance("L", "inductance", "H")
-            if not _agree(other, direct.value, self._tolerance):
+            if not self._agree(other, direct.value):
                 self._notes.append(
                     f"inductance gives {other:.4g} H a phase, q_axis_inductance {direct.value:.4g} H: "
                     "the latter is used"
@@ -278,23 +281,22 @@ class _Conversion:
 
     def _flux(self) -> float:
         """The flux linkage from every entry that gives it; they must agree."""
-        found = [self._sheet.entries[name] for name in FLUX_ENTRIES if name in self._sheet.entries]
+        found = [self._entries[name] for name in _FLUX_LAWS if name in self._entries]
         if not found:
-            raise InvalidValueError(
-                "datasheet.kv", None, "is missing: give one of " + ", ".join(FLUX_ENTRIES)
-            )
+            allowed = "is missing: give one of " + ", ".join(_FLUX_LAWS)
+            raise InvalidValueError("datasheet.kv", None, allowed)
         values = {entry.name: self._flux_step(entry) for entry in found}
         chosen = self._sheet.flux_from or found[0].name
         if chosen not in values:
             raise InvalidValueError("datasheet.flux_from", chosen, "choose one of " + ", ".join(values))
         for entry in found:
-            if not _agree(values[entry.name], values[chosen], self._tolerance):
+            if not self._agree(values[entry.name], values[chosen]):
                 self._contradiction(entry, values[entry.name], chosen, values[chosen])
         return self._step(f"psi, taken from {chosen}", "psi", f"{values[chosen]:.5g}", values[chosen], "Wb")
 
     def _contradiction(self, entry: Entry, value: float, chosen: str, reference: float) -> None:
         """Refuse, naming both and what would make them agree; a note if the sheet says which one to trust."""
-        other = self._sheet.entries[chosen]
+        other = self._entries[chosen]
         said = (
             f"gives psi = {value * 1e3:.4g} mWb, {chosen} = '{other.text}' gives {reference * 1e3:.4g} mWb "
             f"({value / reference - 1.0:+.1%})"
@@ -303,152 +305,111 @@ class _Conversion:
             self._notes.append(f"{entry.name} = '{entry.text}' {said}: the sheet trusts {chosen}")
             return
         readings = self._agreeing(entry, reference) + self._agreeing(other, value)
-        readings = readings or self._agreeing_together(entry, other)
+        readings = readings or [
+            f"{other.name} is '{word}' and {reading}"
+            for word, flux in self._other_readings(other)
+            for reading in self._agreeing(entry, flux)
+        ]
         hint = f"; they agree if {' or if '.join(readings)}" if readings else ""
-        raise InvalidValueError(
-            f"datasheet.{entry.name}",
-            f"{entry.text}, {entry.convention}".rstrip(", "),
-            f"{said}{hint}; correct one, or set flux_from to the one to trust",
-        )
+        written = f"{entry.text}, {entry.convention}".rstrip(", ")
+        allowed = f"{said}{hint}; correct one, or set flux_from to the one to trust"
+        raise InvalidValueError(f"datasheet.{entry.name}", written, allowed)
+
+    def _other_readings(self, entry: Entry) -> list[tuple[str, float]]:
+        """Conventions that the sheet does not name, and the flux that each would give [Wb]."""
+        words = [word for word in _READINGS.get(entry.name, ()) if word != entry.convention]
+        return [(word, self._flux_of(entry, word)) for word in words]
 
     def _agreeing(self, entry: Entry, reference: float) -> list[str]:
         """Other conventions of ``entry`` that give the reference flux."""
-        found: list[str] = []
-        for word in _READINGS.get(entry.name, ()):
-            flux = self._flux_of(entry, word)
-            if word != entry.convention and flux and _agree(flux, reference, self._tolerance):
-                found.append(f"{entry.name} is '{word}'")
-        return found
+        readings = self._other_readings(entry)
+        return [f"{entry.name} is '{word}'" for word, flux in readings if self._agree(flux, reference)]
 
-    def _agreeing_together(self, entry: Entry, other: Entry) -> list[str]:
-        """Conventions of both entries, each other than the one given, under which they agree."""
-        return [
-            f"{other.name} is '{word}' and {reading}"
-            for word in _READINGS.get(other.name, ())
-            if word != other.convention and (flux := self._flux_of(other, word))
-            for reading in self._agreeing(entry, flux)
-        ]
+    def _factor(self, entry: Entry, convention: str) -> float:
+        factor = current_factor if entry.name == "torque_constant" else voltage_factor
+        return factor(convention, self._sheet.connection)
 
-    def _flux_of(self, entry: Entry, convention: str) -> float | None:
-        """The flux linkage if ``entry`` followed ``convention`` [Wb]; ``None`` if it gives none."""
-        pairs, connection = self._sheet.pole_pairs, self._sheet.connection
-        laws: dict[str, Callable[[], float]] = {
-            "flux_linkage": lambda: entry.value,
-            "back_emf_constant": lambda: (
-                self._motor_side(entry) / (voltage_factor(convention, connection) * pairs)
-            ),
-            "kv": lambda: 1.0 / (self._motor_side(entry) * voltage_factor(convention, connection) * pairs),
-            "torque_constant": lambda: (
-                self._motor_side(entry) / (1.5 * current_factor(convention, connection) * pairs)
-            ),
-        }
-        law = laws.get(entry.name)
-        return law() if law else None
+    def _flux_of(self, entry: Entry, convention: str) -> float:
+        """The flux linkage if an entry of ``_FLUX_LAWS`` followed ``convention`` [Wb]."""
+        law, _, _ = _FLUX_LAWS[entry.name]
+        return law(self._motor_side(entry), self._factor(entry, convention), self._sheet.pole_pairs)
 
     def _flux_step(self, entry: Entry) -> float:
         """Write one way to the flux out."""
-        pairs, value = self._sheet.pole_pairs, self._motor_side(entry)
-        across = voltage_factor(entry.convention, self._sheet.connection)
-        through = current_factor(entry.convention, self._sheet.connection)
-        shown: dict[str, tuple[str, str]] = {
-            "flux_linkage": ("psi", f"{value:.5g}"),
-            "back_emf_constant": ("K_e / (c N)", f"{value:.5g} / ({across:.4g} x {pairs})"),
-            "kv": ("1 / (K_v c N)", f"1 / ({value:.5g} rad/s/V x {across:.4g} x {pairs})"),
-            "torque_constant": (
-                "K_t / (1.5 c N)",
-                f"{value:.5g} / (1.5 x {through:.4g} x {pairs})",
-            ),
-        }
-        formula, numbers = shown[entry.name]
+        _, formula, template = _FLUX_LAWS[entry.name]
+        factor = self._factor(entry, entry.convention)
+        numbers = template.format(v=self._motor_side(entry), c=factor, n=self._sheet.pole_pairs)
         said = f" ({entry.convention})" if entry.convention else ""
-        flux = self._flux_of(entry, entry.convention) or 0.0
+        flux = self._flux_of(entry, entry.convention)
         return self._step(f"psi from {entry.name}{said}", formula, numbers, flux, "Wb")
 
     def _peak(self, constant: float) -> tuple[float, float]:
         """Peak torque before saturation, and the saturation that the sheet implies."""
-        current, torque = self._sheet.entries.get("peak_current"), self._sheet.entries.get("peak_torque")
+        current, torque = self._entries.get("peak_current"), self._entries.get("peak_torque")
+        delivered = None if torque is None else self._motor_side(torque)
+        quantity = "peak torque before saturation"
         if current is not None:
-            before = self._peak_from_current(current, constant)
-            delivered = None if torque is None else self._motor_side(torque)
+            amplitude = self._amplitude(current)
+            numbers = f"{constant:.5g} x {amplitude:.5g}"
+            before = self._step(quantity, "1.5 N psi i_peak", numbers, constant * amplitude, "N m")
             return before, self._saturation(before, delivered)
-        if torque is None:
-            raise InvalidValueError(
-                "datasheet.peak_current",
-                None,
-                "is missing: give peak_current or peak_torque, the drive's limit",
-            )
+        if delivered is None:
+            allowed = "is missing: give peak_current or peak_torque, the drive's limit"
+            raise InvalidValueError("datasheet.peak_current", None, allowed)
         alpha = self._stated_saturation() or 0.0
-        before = self._motor_side(torque) / (1.0 - alpha)
-        numbers = f"{self._motor_side(torque):.5g} / (1 - {alpha:.3g})"
-        return self._step("peak torque before saturation", "tau / (1 - alpha)", numbers, before, "N m"), alpha
-
-    def _peak_from_current(self, entry: Entry, constant: float) -> float:
-        amplitude = self._amplitude(entry)
-        numbers = f"{constant:.5g} x {amplitude:.5g}"
-        return self._step(
-            "peak torque before saturation", "1.5 N psi i_peak", numbers, constant * amplitude, "N m"
-        )
+        before, numbers = delivered / (1.0 - alpha), f"{delivered:.5g} / (1 - {alpha:.3g})"
+        return self._step(quantity, "tau / (1 - alpha)", numbers, before, "N m"), alpha
 
     def _amplitude(self, entry: Entry) -> float:
         factor = current_factor(entry.convention, self._sheet.connection)
-        numbers = f"{factor:.4g} x {entry.value:.5g}"
-        return self._step(
-            f"{entry.name} ({entry.convention})", "c i", numbers, factor * entry.value, "A (amplitude)"
-        )
+        numbers, value = f"{factor:.4g} x {entry.value:.5g}", factor * entry.value
+        return self._step(f"{entry.name} ({entry.convention})", "c i", numbers, value, "A (amplitude)")
 
     def _saturation(self, before: float, delivered: float | None) -> float:
-        stated = (
-            self._stated_saturation() if delivered is None or self._sheet.saturation is not None else None
-        )
         if delivered is None:
-            return stated or 0.0
-        implied = 1.0 - delivered / before
-        numbers = f"1 - {delivered:.5g} / {before:.5g}"
+            return self._stated_saturation() or 0.0
+        stated = None if self._sheet.saturation is None else self._stated_saturation()
+        implied, numbers = 1.0 - delivered / before, f"1 - {delivered:.5g} / {before:.5g}"
         self._step("saturation from peak_torque", "1 - tau / (1.5 N psi i_peak)", numbers, implied, "")
         if implied < -self._tolerance or implied >= 0.5:
             self._peak_contradiction(delivered, before, implied)
         if stated is not None:
             if abs(stated - max(implied, 0.0)) > self._tolerance:
-                self._notes.append(
-                    f"peak_torque implies a saturation of {implied:.3f}, the stated {stated:g} is used"
-                )
+                said = f"implies a saturation of {implied:.3f}, the stated {stated:g} is used"
+                self._notes.append(f"peak_torque {said}")
             return stated
         if implied < -_ROUNDING:
-            self._notes.append(
-                f"peak_torque lies {-implied:.1%} above 1.5 N psi i_peak: saturation taken as 0"
-            )
+            said = f"lies {-implied:.1%} above 1.5 N psi i_peak: saturation taken as 0"
+            self._notes.append(f"peak_torque {said}")
         return max(implied, 0.0)
 
     def _peak_contradiction(self, delivered: float, before: float, implied: float) -> None:
-        entry = self._sheet.entries["peak_current"]
-        amplitude = before / (entry.value * current_factor(entry.convention, self._sheet.connection))
+        entry, ratio = self._entries["peak_current"], self._sheet.gear_ratio
+        given = current_factor(entry.convention, self._sheet.connection)
         readings: list[str] = []
-        for word in ("line amplitude", "line rms", "dc"):
-            alpha = 1.0 - delivered / (amplitude * entry.value * current_factor(word, ""))
+        for word in _CURRENT_READINGS:
+            alpha = 1.0 - delivered / (before * current_factor(word, "") / given)
             if word != entry.convention and -self._tolerance <= alpha < 0.35:
                 readings.append(f"'{word}' (saturation {max(alpha, 0.0):.2f})")
         hint = f"; possible if peak_current is {' or '.join(readings)}" if readings else ""
-        ratio = self._sheet.gear_ratio
         if ratio and _agree(delivered / before, ratio, _GEAR_TOLERANCE):
-            hint += (
-                f"; the two differ by the gear's ratio of {ratio:g}: write at = 'output' beside peak_torque"
-            )
+            said = f"the two differ by the gear's ratio of {ratio:g}"
+            hint += f"; {said}: write at = 'output' beside peak_torque"
         elif implied < 0.0 or not readings:
             hint += "; is peak_current the current at the supply? The phase current is needed"
         raise InvalidValueError(
             "datasheet.peak_torque",
-            self._sheet.entries["peak_torque"].text,
+            self._entries["peak_torque"].text,
             f"contradicts peak_current = '{entry.text}', {entry.convention}: the torque constant gives "
             f"{before:.4g} N m, so that the saturation would be {implied:.2f}{hint}",
         )
 
     def _stated_saturation(self) -> float | None:
-        if self._sheet.saturation is None:
-            self._notes.append(
-                "the sheet says nothing of saturation: taken as 0, measure it (motor identify)"
-            )
-            return None
         value = self._sheet.saturation
+        if value is None:
+            note = "the sheet says nothing of saturation: taken as 0, measure it (motor identify)"
+            self._notes.append(note)
+            return None
         check_range("datasheet.saturation", value, 0.0, 0.499)
         return self._step("saturation as stated", "alpha", f"{value:g}", value, "")
 
@@ -458,93 +419,81 @@ class _Conversion:
             return entry.value
         ratio = self._sheet.gear_ratio
         if ratio is None:
-            raise InvalidValueError(
-                f"datasheet.{entry.name}", "at = 'output'", "the sheet must give gear_ratio, a plain number"
-            )
+            allowed = "the sheet must give gear_ratio, a plain number"
+            raise InvalidValueError(f"datasheet.{entry.name}", "at = 'output'", allowed)
         check_range("datasheet.gear_ratio", ratio, 1.0, 500.0)
         return entry.value * ratio if entry.name in ("no_load_speed", "kv") else entry.value / ratio
 
     def _i2t(self, motor: PmsmParameters) -> I2tLimit | None:
         """Continuous current, and how long the peak current may flow."""
-        entries = self._sheet.entries
-        durations = [name for name in ("peak_duration", "winding_time_constant") if name in entries]
-        continuous = self._continuous_current(motor) if durations else None
-        if continuous is None:
+        durations = [name for name in ("peak_duration", "winding_time_constant") if name in self._entries]
+        rated = [name for name in ("rated_current", "rated_torque") if name in self._entries]
+        if not durations or not rated:
             return None
+        continuous = self._continuous_current(self._entries[rated[0]], motor)
         share = (continuous * motor.torque_constant / motor.peak_torque) ** 2
         if share >= 1.0:
-            name = "rated_current" if "rated_current" in entries else "rated_torque"
             allowed = f"needs {continuous:.4g} A (amplitude), no less than the peak current"
-            raise InvalidValueError(f"datasheet.{name}", entries[name].text, allowed)
-        given = entries[durations[0]].value
-        if durations[0] == "winding_time_constant":
-            numbers, lasts = f"-{given:g} ln(1 - {share:.4g})", -given * math.log(1.0 - share)
-            self._step("peak duration from cold", "-T ln(1 - (i_c / i_peak)^2)", numbers, lasts, "s")
-            return I2tLimit(continuous_current=continuous, time_constant=given)
-        return I2tLimit(continuous_current=continuous, peak_duration=given)
+            raise InvalidValueError(f"datasheet.{rated[0]}", self._entries[rated[0]].text, allowed)
+        given = self._entries[durations[0]].value
+        if durations[0] == "peak_duration":
+            return I2tLimit(continuous_current=continuous, peak_duration=given)
+        numbers, lasts = f"-{given:g} ln(1 - {share:.4g})", -given * math.log(1.0 - share)
+        self._step("peak duration from cold", "-T ln(1 - (i_c / i_peak)^2)", numbers, lasts, "s")
+        return I2tLimit(continuous_current=continuous, time_constant=given)
 
-    def _heat(self) -> HousedHeat | None:
-        """Both thermal nodes; a time constant is a node's heat capacity times its resistance outward."""
-        entries = self._sheet.entries
-        if not all(
-            f"{node}_{name}" in entries for node in ("winding", "housing") for name in _THERMAL_ENTRIES
-        ):
-            return None
-        capacity: dict[str, float] = {}
-        for node in ("winding", "housing"):
-            resistance, constant = (entries[f"{node}_{name}"].value for name in _THERMAL_ENTRIES)
-            numbers = f"{constant:g} / {resistance:g}"
-            capacity[node] = self._step(
-                f"heat capacity, {node}", "T / R_th", numbers, constant / resistance, "J/K"
-            )
-        return HousedHeat(
-            heat_capacity=capacity["winding"],
-            thermal_resistance=entries["winding_thermal_resistance"].value,
-            housing_heat_capacity=capacity["housing"],
-            housing_thermal_resistance=entries["housing_thermal_resistance"].value,
-        )
-
-    def _continuous_current(self, motor: PmsmParameters) -> float | None:
+    def _continuous_current(self, rated: Entry, motor: PmsmParameters) -> float:
         """Amplitude of the rated current [A], or of the one that the rated torque needs."""
-        entries = self._sheet.entries
-        if "rated_current" in entries:
-            return self._amplitude(entries["rated_current"])
-        if "rated_torque" not in entries:
-            return None
-        torque = self._motor_side(entries["rated_torque"])
+        if rated.name == "rated_current":
+            return self._amplitude(rated)
+        torque = self._motor_side(rated)
         current = float(desaturate(motor, torque)) / motor.torque_constant
         numbers = f"{torque:.5g} / {motor.torque_constant:.5g}"
         return self._step("continuous current from rated_torque", "tau / (1.5 N psi)", numbers, current, "A")
 
+    def _heat(self) -> HousedHeat | None:
+        """Both thermal nodes; a time constant is a node's heat capacity times its resistance outward."""
+        names = [f"{node}_{part}" for node in ("winding", "housing") for part in _THERMAL_PARTS]
+        if not all(name in self._entries for name in names):
+            return None
+        inner, winding_time, outer, housing_time = (self._entries[name].value for name in names)
+        capacities = [
+            self._step(
+                f"heat capacity, {node}", "T / R_th", f"{time:g} / {resistance:g}", time / resistance, "J/K"
+            )
+            for node, time, resistance in (("winding", winding_time, inner), ("housing", housing_time, outer))
+        ]
+        return HousedHeat(
+            heat_capacity=capacities[0],
+            thermal_resistance=inner,
+            housing_heat_capacity=capacities[1],
+            housing_thermal_resistance=outer,
+        )
+
     def _check_rated(self, constant: float) -> None:
-        current, torque = self._sheet.entries.get("rated_current"), self._sheet.entries.get("rated_torque")
+        current, torque = self._entries.get("rated_current"), self._entries.get("rated_torque")
         if current is None or torque is None:
             return
-        expected = constant * self._amplitude(current)
-        given = self._motor_side(torque)
-        if not _agree(given, expected, _RATED_TOLERANCE):
-            ratio = self._sheet.gear_ratio
-            geared = bool(ratio) and _agree(given / expected, float(ratio or 1.0), _GEAR_TOLERANCE)
-            cause = (
-                f"that is the gear's ratio, {ratio:g}: write at = 'output'"
-                if geared
-                else "one of the two follows another convention"
-            )
-            self._notes.append(
-                f"rated_torque is {given:.4g} N m, torque constant and rated_current give {expected:.4g} N m "
-                f"({given / expected - 1.0:+.0%}): {cause}"
-            )
+        expected, given = constant * self._amplitude(current), self._motor_side(torque)
+        if _agree(given, expected, _RATED_TOLERANCE):
+            return
+        ratio, cause = self._sheet.gear_ratio, "one of the two follows another convention"
+        if ratio and _agree(given / expected, ratio, _GEAR_TOLERANCE):
+            cause = f"that is the gear's ratio, {ratio:g}: write at = 'output'"
+        self._notes.append(
+            f"rated_torque is {given:.4g} N m, torque constant and rated_current give {expected:.4g} N m "
+            f"({given / expected - 1.0:+.0%}): {cause}"
+        )
 
     def _check_no_load(self, flux: float) -> None:
-        speed, voltage = (self._sheet.entries.get(name) for name in ("no_load_speed", "no_load_voltage"))
-        if speed is None:
+        if "no_load_speed" not in self._entries:
             return
+        voltage = self._entries.get("no_load_voltage")
         if voltage is None:
-            raise InvalidValueError(
-                "datasheet.no_load_voltage", None, "no_load_speed needs the bus voltage it was taken at"
-            )
+            allowed = "no_load_speed needs the bus voltage it was taken at"
+            raise InvalidValueError("datasheet.no_load_voltage", None, allowed)
         expected = voltage.value / (math.sqrt(3.0) * self._sheet.pole_pairs * flux)
-        ratio = self._motor_side(speed) / expected
+        ratio = self._motor_side(self._entries["no_load_speed"]) / expected
         if not _NO_LOAD_RANGE[0] <= ratio <= _NO_LOAD_RANGE[1]:
             self._notes.append(
                 f"no_load_speed is {ratio:.2f} times V / (sqrt(3) N psi) = {expected:.4g} rad/s: check the "

@@ -30,14 +30,9 @@ _AMPERE = {"A": 1.0, "mA": 1e-3}
 _OUNCE_INCH = 7.0615518e-3  # [N m]
 _TORQUE = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "oz in": _OUNCE_INCH, "lb ft": 192.0 * _OUNCE_INCH}
 _INERTIA = {
-    "kg m^2": 1.0,
-    "kg cm^2": 1e-4,
-    "g cm^2": 1e-7,
-    "g m^2": 1e-3,
-    "kg mm^2": 1e-6,
-    "g mm^2": 1e-9,
+    "kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7, "g m^2": 1e-3, "kg mm^2": 1e-6, "g mm^2": 1e-9,
     "oz in s^2": _OUNCE_INCH,
-}
+}  # fmt: skip
 _SECOND = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 _THERMAL = {"K/W": 1.0, "degC/W": 1.0, "C/W": 1.0}
 _SPEED = {"rad/s": 1.0, "rpm": _RPM}
@@ -58,44 +53,34 @@ class EntryKind:
     sided: bool = False
 
 
+def _kind(units: Mapping[str, float], sided: bool = False, **conventions: tuple[str, ...]) -> EntryKind:
+    return EntryKind(units=units, conventions=conventions, sided=sided)
+
+
+_BACK_EMF = {
+    "V s/rad": 1.0, "V/(rad/s)": 1.0, "V/krpm": 1e-3 / _RPM, "V/rpm": 1.0 / _RPM, "mV/rpm": 1e-3 / _RPM,
+}  # fmt: skip
+_PER_AMPERE = {"N m/A": 1.0, "mN m/A": 1e-3, "oz in/A": _OUNCE_INCH}
 ENTRIES: dict[str, EntryKind] = {
-    "resistance": EntryKind(units=_OHM, conventions={"between": BETWEEN}),
-    "inductance": EntryKind(units=_HENRY, conventions={"between": BETWEEN}),
-    "q_axis_inductance": EntryKind(units=_HENRY, conventions={}),
-    "flux_linkage": EntryKind(units={"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}, conventions={}),
-    "back_emf_constant": EntryKind(
-        units={
-            "V s/rad": 1.0,
-            "V/(rad/s)": 1.0,
-            "V/krpm": 1e-3 / _RPM,
-            "V/rpm": 1.0 / _RPM,
-            "mV/rpm": 1e-3 / _RPM,
-        },
-        conventions={"voltage": VOLTAGES},
-        sided=True,
-    ),
-    "kv": EntryKind(
-        units={"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0},
-        conventions={"voltage": (*VOLTAGES, "dc")},
-        sided=True,
-    ),
-    "torque_constant": EntryKind(
-        units={"N m/A": 1.0, "mN m/A": 1e-3, "oz in/A": _OUNCE_INCH},
-        conventions={"current": CURRENTS},
-        sided=True,
-    ),
-    "rated_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
-    "peak_current": EntryKind(units=_AMPERE, conventions={"current": CURRENTS}),
-    "rated_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
-    "peak_torque": EntryKind(units=_TORQUE, conventions={}, sided=True),
-    "peak_duration": EntryKind(units=_SECOND, conventions={}),
-    "winding_time_constant": EntryKind(units=_SECOND, conventions={}),
-    "housing_time_constant": EntryKind(units=_SECOND, conventions={}),
-    "winding_thermal_resistance": EntryKind(units=_THERMAL, conventions={}),
-    "housing_thermal_resistance": EntryKind(units=_THERMAL, conventions={}),
-    "no_load_speed": EntryKind(units=_SPEED, conventions={}, sided=True),
-    "no_load_voltage": EntryKind(units={"V": 1.0}, conventions={}),
-    "rotor_inertia": EntryKind(units=_INERTIA, conventions={}),
+    "resistance": _kind(_OHM, between=BETWEEN),
+    "inductance": _kind(_HENRY, between=BETWEEN),
+    "q_axis_inductance": _kind(_HENRY),
+    "flux_linkage": _kind({"Wb": 1.0, "mWb": 1e-3, "V s": 1.0}),
+    "back_emf_constant": _kind(_BACK_EMF, sided=True, voltage=VOLTAGES),
+    "kv": _kind({"rpm/V": _RPM, "rad/s/V": 1.0, "rad/(s V)": 1.0}, sided=True, voltage=(*VOLTAGES, "dc")),
+    "torque_constant": _kind(_PER_AMPERE, sided=True, current=CURRENTS),
+    "rated_current": _kind(_AMPERE, current=CURRENTS),
+    "peak_current": _kind(_AMPERE, current=CURRENTS),
+    "rated_torque": _kind(_TORQUE, sided=True),
+    "peak_torque": _kind(_TORQUE, sided=True),
+    "peak_duration": _kind(_SECOND),
+    "winding_time_constant": _kind(_SECOND),
+    "housing_time_constant": _kind(_SECOND),
+    "winding_thermal_resistance": _kind(_THERMAL),
+    "housing_thermal_resistance": _kind(_THERMAL),
+    "no_load_speed": _kind(_SPEED, sided=True),
+    "no_load_voltage": _kind({"V": 1.0}),
+    "rotor_inertia": _kind(_INERTIA),
 }
 """Entries with a unit, by name."""
 
@@ -170,7 +155,7 @@ def load_datasheet(path: str | os.PathLike[str]) -> Datasheet:
 def read_datasheet(table: Mapping[str, Any]) -> Datasheet:
     """A sheet from its table; raises ``InvalidValueError`` as ``load_datasheet`` does."""
     for key, value in table.items():
-        if key not in ENTRIES and key not in _PLAIN:
+        if key not in (*_PLAIN, *ENTRIES):
             raise InvalidValueError(
                 key, value, "unknown entry; choose among " + ", ".join([*_PLAIN, *ENTRIES])
             )
@@ -199,18 +184,12 @@ def parse_quantity(name: str, text: object) -> float:
     Raises:
         InvalidValueError: no number, no unit, or a unit of something else.
     """
-    units = ENTRIES[name].units
-    allowed = f"write a number and its unit: {', '.join(units)}"
-    if isinstance(text, str) and "," in text:
-        allowed += "; decimals stand behind a point"
+    units = {_plain_unit(unit): factor for unit, factor in ENTRIES[name].units.items()}
     match = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_TEXT else None
-    if match is None:
-        raise InvalidValueError(name, text, allowed)
-    factor = {_plain_unit(unit): factor for unit, factor in units.items()}.get(_plain_unit(match[2]))
-    if factor is None:
-        raise InvalidValueError(name, text, allowed)
-    value = float(match[1]) * factor
+    value = float(match[1]) * units.get(_plain_unit(match[2]), math.nan) if match else math.nan
     if not math.isfinite(value):
+        point = "; decimals stand behind a point" if isinstance(text, str) and "," in text else ""
+        allowed = f"write a number and its unit: {', '.join(ENTRIES[name].units)}{point}"
         raise InvalidValueError(name, text, allowed)
     return value
 
@@ -251,52 +230,35 @@ def _plain_unit(unit: str) -> str:
 
 
 def _entry(name: str, written: Any) -> Entry:
-    """One entry from a text, or from a table with ``value`` and its conventions."""
+    """One entry from a text, or from a table with ``value``, its convention and its side of the gear."""
     kind = ENTRIES[name]
     table: Mapping[str, Any] = cast("Any", written) if isinstance(written, dict) else {"value": written}
-    known = {"value", *kind.conventions, *(("at",) if kind.sided else ())}
-    for key in table:
-        if key not in known:
-            raise InvalidValueError(
-                f"{name}.{key}", table[key], "unknown; choose among " + ", ".join(sorted(known))
-            )
+    words = dict(kind.conventions) | ({"at": SIDES} if kind.sided else {})
+    for key, value in table.items():
+        if key not in ("value", *words):
+            known = ", ".join(sorted(("value", *words)))
+            raise InvalidValueError(f"{name}.{key}", value, f"unknown; choose among {known}")
+        if key != "value" and value not in words[key]:
+            raise InvalidValueError(f"{name}.{key}", value, "choose one of: " + ", ".join(words[key]))
     value = parse_quantity(name, table.get("value"))
     if value < 0 or (value == 0 and kind.units is not _HENRY):
         raise InvalidValueError(name, table["value"], "must be greater than 0")
-    convention, ambiguous = _convention(name, table)
+    convention = next((str(table[key]) for key in kind.conventions if key in table), "")
     return Entry(
         name=name,
         text=str(table["value"]),
         value=value,
         convention=convention,
-        ambiguous=ambiguous,
-        at_output=_side(name, table) == "output",
+        ambiguous=() if convention else next(iter(kind.conventions.values()), ()),
+        at_output=table.get("at") == "output",
     )
-
-
-def _convention(name: str, table: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """The word given, and the words to choose from if none is."""
-    for key, words in ENTRIES[name].conventions.items():
-        if key not in table:
-            return "", words
-        if table[key] not in words:
-            raise InvalidValueError(f"{name}.{key}", table[key], "choose one of: " + ", ".join(words))
-        return str(table[key]), ()
-    return "", ()
-
-
-def _side(name: str, table: Mapping[str, Any]) -> str:
-    side = table.get("at", "motor")
-    if side not in SIDES:
-        raise InvalidValueError(f"{name}.at", side, "choose motor or output")
-    return str(side)
 
 
 def _pole_pairs(table: Mapping[str, Any]) -> int:
     """Pole pairs from either count; both must agree, and the count of poles must be even."""
     poles, pairs = table.get("poles"), table.get("pole_pairs")
     for key, value in (("poles", poles), ("pole_pairs", pairs)):
-        if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
+        if value is not None and (type(value) is not int or value < 1):
             raise InvalidValueError(key, value, "must be a whole number of at least 1")
     if poles is None and pairs is None:
         raise InvalidValueError(
@@ -306,13 +268,11 @@ def _pole_pairs(table: Mapping[str, Any]) -> int:
         raise InvalidValueError("poles", poles, "must be even; if it counts pairs, write pole_pairs")
     if poles is not None and pairs is not None and poles != 2 * pairs:
         raise InvalidValueError("poles", poles, f"contradicts pole_pairs = {pairs}: must be {2 * pairs}")
-    return cast("int", pairs) if pairs is not None else cast("int", poles) // 2
+    return int(pairs or poles // 2)
 
 
 def _plain_number(table: Mapping[str, Any], key: str) -> float | None:
     value = table.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, int | float) or isinstance(value, bool):
+    if value is not None and type(value) not in (int, float):
         raise InvalidValueError(key, value, "must be a plain number")
-    return float(value)
+    return None if value is None else float(value)

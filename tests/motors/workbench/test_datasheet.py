@@ -239,7 +239,7 @@ def test_what_is_missing_is_named(entry):
         ({"saturation": "high"}, "plain number"),
         ({"kv": {"value": "-100 rpm/V", "voltage": "dc"}}, "greater than 0"),
         ({"flux_from": "kt"}, "flux_from"),
-        ({"torque_constant": {"value": "1 N m/A", "current": "dc", "at": "wheel"}}, "motor or output"),
+        ({"torque_constant": {"value": "1 N m/A", "current": "dc", "at": "wheel"}}, "motor, output"),
     ],
 )
 def test_entries_that_are_not_allowed(changes, words):

@@ -1,9 +1,4 @@
-"""Bench data: one operating point a row, every column with its unit in the header.
-
-A header cell is a name and a unit in brackets, e.g. ``speed [rpm],iq [A],torque [N m]``. Currents and
-voltages are amplitudes in the rotor's frame (amplitude-invariant), torque is what the shaft gives, positive
-with positive current, speed is mechanical.
-"""
+"""Bench files: measured points of a motor, each column named by its header with the unit; SI inside."""
 
 from __future__ import annotations
 
@@ -12,9 +7,8 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,25 +36,28 @@ COLUMNS: dict[str, Mapping[str, float]] = {
 }
 """Known columns and their units, as SI factors; ``limited`` is 1 where the inverter gives all its voltage."""
 
-MEANINGS = {
+_MEANINGS = {
     "speed": "mechanical speed of the motor's shaft",
     "iq": "q-axis current, or phase_current",
     "torque": "torque on the shaft",
 }
+_ALIASES = {"omega": "speed", "vbus": "bus_voltage", "i_q": "iq", "i_d": "id", "v_q": "vq", "v_d": "vd"}
 _UNIT_ALIASES = {"1/min": "rpm", "u/min": "rpm", "r/min": "rpm", "c": "degc"}
-_ALIASES = {"iq": "iq", "id": "id", "vq": "vq", "vd": "vd", "omega": "speed", "vbus": "bus_voltage"}
-_HEADER = re.compile(r"\s*([^\[\]()]+?)\s*(?:[\[(]([^\])]*)[\])])?\s*")
-BENCH_LIMIT = 32 << 20
-"""Largest bench file that is read [bytes]."""
-MOST_ROWS = 100_000
-"""Most operating points of a bench."""
-_LONGEST_LINE = 4000
-_LONGEST_HEADING = 100
-_LARGEST = {"speed": 1e5, "torque": 1e5, "time": 1e10}  # a clock may count from 1970
-_LARGEST_OTHER = 1e6  # [A], [V], [degC], [s]
+_RANGES = {
+    # lowest and highest value in SI; a clock may count from 1970
+    "speed": (-1e5, 1e5),
+    "torque": (-1e5, 1e5),
+    "time": (-1e10, 1e10),
+    "bus_voltage": (1e-9, 1e6),
+    "temperature": (-100.0, 250.0),  # kelvin lie above
+}
+_OTHER_RANGE = (-1e6, 1e6)
+_BENCH_LIMIT = 32 << 20  # bytes
+_MOST_ROWS, _LONGEST_LINE = 100_000, 4000
 _MOST_TITLES = 10  # lines above a header
-_LISTED = 4  # differing values that an error shows
-_HOTTEST = 250.0  # [degC]: beyond, the temperatures are in kelvin or of another thing
+
+Cells = tuple[int, list[str]]
+"""Number of a line, and its cells."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,8 +95,8 @@ class Bench:
     time: FloatArray | None = None
     acceleration: FloatArray | None = None
     lines: NDArray[np.int64]
-    unused: tuple[str, ...] = field(default=())
-    remarks: tuple[str, ...] = field(default=())
+    unused: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -125,21 +122,18 @@ def load_bench(path: str | os.PathLike[str], needs_speed: bool = True, columns: 
             cannot be.
     """
     mapping = dict(_mapped(entry) for entry in columns)
-    lines = _from_header(_read_lines(Path(path)), mapping)
-    number, header = lines[0]
-    names = _read_header(path, _renamed(path, header, mapping))
-    rows = lines[1:]
+    (number, header), *rows = _from_header(_read_cells(Path(path)), mapping)
+    places = _places(path, header, mapping)
     if not rows:
         raise SprintlabError(f"{path} has a header in line {number} and no data")
-    _check_cells(path, rows, len(header))
-    values = {
-        name: factor * _column(path, rows, index, header[index]) for name, (index, factor) in names.items()
-    }
-    for name in ("speed", "torque") if needs_speed else ("torque",):
-        _require(path, name, values, header)
-    if "phase_current" not in values:
-        _require(path, "iq", values, header)
-    return _assemble(path, values, [line for line, _ in rows], _unused(header, names))
+    needed = ("speed", "iq", "torque") if needs_speed else ("iq", "torque")
+    for name in needed:
+        if name not in places and not (name == "iq" and "phase_current" in places):
+            raise _missing(path, name, header)
+    values = {name: factor * _numbers(path, rows, index, header) for name, (index, factor) in places.items()}
+    used = {index for index, _ in places.values()}
+    unused = tuple(cell.strip() for index, cell in enumerate(header) if index not in used)
+    return _assembled(path, values, [line for line, _ in rows], unused)
 
 
 def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
@@ -154,41 +148,31 @@ def behind_gear(bench: Bench, ratio: float, motor_speed: bool = False) -> Bench:
         InvalidValueError: a ratio outside [1, 500].
     """
     check_range("gear_ratio", ratio, 1.0, 500.0)
-    torque = bench.torque / ratio
+    bench = replace(bench, torque=bench.torque / ratio)
     if motor_speed or bench.speed is None:
-        return replace(bench, torque=torque)
+        return bench
     acceleration = None if bench.acceleration is None else bench.acceleration * ratio
-    return replace(bench, torque=torque, speed=bench.speed * ratio, acceleration=acceleration)
+    return replace(bench, speed=bench.speed * ratio, acceleration=acceleration)
 
 
-def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Line numbers and cells of everything that is no remark."""
-    text = read_text(path, BENCH_LIMIT, what="bench file")
-    kept = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+def _read_cells(path: Path) -> list[Cells]:
+    """Every line that is no remark, as cells with decimal points."""
+    lines = enumerate(read_text(path, _BENCH_LIMIT, what="bench file").splitlines(), 1)
+    kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
         raise SprintlabError(f"{path} is empty")
-    if max(len(line) for _, line in kept) > _LONGEST_LINE or len(kept) > MOST_ROWS:
-        raise SprintlabError(
-            f"{path} is no bench file: it has more than {MOST_ROWS} lines, or one of more than "
-            f"{_LONGEST_LINE} characters"
-        )
+    if len(kept) > _MOST_ROWS or max(len(line) for _, line in kept) > _LONGEST_LINE:
+        most = f"{_MOST_ROWS} lines, or one of more than {_LONGEST_LINE} characters"
+        raise SprintlabError(f"{path} is no bench file: it has more than {most}")
     titles = [line for _, line in kept[:_MOST_TITLES]]
     separator = next((mark for mark in ";\t" if sum(mark in line for line in titles) * 2 > len(titles)), ",")
     cells = [(number, next(csv.reader([line], delimiter=separator))) for number, line in kept]
-    return cells if separator == "," else _with_decimal_points(path, cells)
-
-
-def _with_decimal_points(path: object, lines: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
-    """Decimal commas as points, in files whose cells no comma parts."""
-    rows = lines[1:]
-    text = "".join("".join(cells) for _, cells in rows)
-    if "," in text and "." in text:
+    if separator == ",":
+        return cells
+    body = "".join(line for _, line in kept[1:])
+    if "," in body and "." in body:
         raise SprintlabError(f"{path} has decimal commas and decimal points: write all numbers with points")
-    return lines[:1] + [(number, [cell.replace(",", ".") for cell in cells]) for number, cells in rows]
+    return cells[:1] + [(number, [cell.replace(",", ".") for cell in row]) for number, row in cells[1:]]
 
 
 def _mapped(entry: str) -> tuple[str, tuple[str, str]]:
@@ -201,138 +185,93 @@ def _mapped(entry: str) -> tuple[str, tuple[str, str]]:
     return heading.strip().casefold(), (name.strip(), unit.strip())
 
 
-def _from_header(
-    lines: list[tuple[int, list[str]]], mapping: Mapping[str, tuple[str, str]]
-) -> list[tuple[int, list[str]]]:
+def _from_header(lines: list[Cells], mapping: Mapping[str, tuple[str, str]]) -> list[Cells]:
     """The lines from the header on: the first in which a column is known; all of them if none is."""
     for index, (_, cells) in enumerate(lines[:_MOST_TITLES]):
-        if any(cell.strip().casefold() in mapping or _names_column(cell) for cell in cells):
+        if any(cell.strip().casefold() in mapping or _parted(cell)[0] in COLUMNS for cell in cells):
             return lines[index:]
     return lines
 
 
-def _names_column(cell: str) -> bool:
-    match = _HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEADING else None
-    return match is not None and _known_name(match[1]) is not None
+def _parted(cell: str) -> tuple[str, str]:
+    """Name and unit of a heading such as ``Speed [rad/s]`` or ``speed (rad/s)``, or two empty texts."""
+    match = re.fullmatch(r"([^\[\]()]*)(?:[\[(]([^\[\]()]*)[\])])?\s*", cell)
+    name = re.sub(r"[\s_]+", "_", match[1].strip().casefold()) if match else ""
+    return _ALIASES.get(name, name), ((match[2] or "") if match else "").strip()
 
 
-def _renamed(path: object, header: Sequence[str], mapping: Mapping[str, tuple[str, str]]) -> list[str]:
-    """The header with mapped headings in our names; a unit that the mapping leaves out is the heading's."""
-    there = {cell.strip().casefold() for cell in header}
+def _places(
+    path: object, header: Sequence[str], mapping: Mapping[str, tuple[str, str]]
+) -> dict[str, tuple[int, float]]:
+    """Position and SI factor of every known column; a mapped one stands in for one that bears its name."""
+    headings = [cell.strip().casefold() for cell in header]
     for heading, (name, _) in mapping.items():
-        if heading not in there:
+        if heading not in headings:
             raise InvalidValueError(f"{path}: column {name}", heading, f"the header has {', '.join(header)}")
-    names = {name for name, _ in mapping.values()}
-    renamed: list[str] = []
-    for cell in header:
-        name, unit = mapping.get(cell.strip().casefold(), ("", ""))
-        match = _HEADER.fullmatch(cell) if len(cell) <= _LONGEST_HEADING else None
-        if name:
-            written = unit or (match[2] if match else None) or ""
-            renamed.append(f"{name} [{written}]" if written else name)
-        else:  # a mapped column stands in for one that bears its name
-            hidden = match is not None and _known_name(match[1]) in names
-            renamed.append("" if hidden else cell)
-    return renamed
-
-
-def _check_cells(path: object, rows: Sequence[tuple[int, list[str]]], columns: int) -> None:
-    for line, cells in rows:
-        filled = len("\t".join(cells).rstrip().split("\t"))
-        if filled > columns:
-            raise SprintlabError(
-                f"{path} line {line} has {filled} cells, the header {columns}: with decimal commas, part the "
-                "cells with semicolons"
-            )
-
-
-def _read_header(path: object, header: Sequence[str]) -> dict[str, tuple[int, float]]:
-    """Position and SI factor of every known column."""
-    found: dict[str, tuple[int, float]] = {}
-    for index, cell in enumerate(header):
-        if len(cell) > _LONGEST_HEADING:  # the time to take one apart grows with the cube of its length
-            raise InvalidValueError(f"{path}: column", cell[:40], f"at most {_LONGEST_HEADING} characters")
-        match = _HEADER.fullmatch(cell)
-        name = _known_name(match[1]) if match else None
-        if match is None or name is None or (name == "time" and not match[2]):
+    hidden, found = {name for name, _ in mapping.values()}, dict[str, tuple[int, float]]()
+    for index, (heading, cell) in enumerate(zip(headings, header, strict=True)):
+        name, unit = _parted(cell)
+        if heading in mapping:
+            name, unit = mapping[heading][0], mapping[heading][1] or unit
+        elif name in hidden or name not in COLUMNS or (name == "time" and not unit):
             continue  # a time in any form may be there; only one with a unit makes a log
         if name in found:
             raise InvalidValueError(f"{path}: column {name}", cell, "is given twice")
-        found[name] = (index, _unit_factor(path, name, cell, match[2] or ""))
+        found[name] = (index, _unit_factor(path, name, cell, unit))
     return found
 
 
-def _known_name(text: str) -> str | None:
-    plain = re.sub(r"[\s_]+", "_", text.strip().casefold())
-    for name in (plain, _ALIASES.get(plain.replace("_", ""), "")):
-        if name in COLUMNS:
-            return name
-    return None
-
-
 def _unit_factor(path: object, name: str, cell: str, unit: str) -> float:
-    units = COLUMNS[name]
-    plain = {known.replace(" ", "").casefold(): factor for known, factor in units.items()}
+    plain = {known.replace(" ", "").casefold(): factor for known, factor in COLUMNS[name].items()}
     written = re.sub(r"[\s·*.]", "", unit).replace("°", "deg").casefold()
     written = _UNIT_ALIASES.get(written, written)
     if written not in plain:
-        allowed = " or ".join(f"'{name} [{known}]'" for known in units)
+        allowed = " or ".join(f"'{name} [{known}]'" for known in COLUMNS[name])
         raise InvalidValueError(f"{path}: column", cell, f"write the unit in the header: {allowed}")
     return plain[written]
 
 
-def _column(path: object, rows: Sequence[tuple[int, list[str]]], index: int, title: str) -> FloatArray:
+def _missing(path: object, name: str, header: Sequence[str]) -> InvalidValueError:
+    headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
+    mapping = f'or say which it is with --column "{name}=HEADING:{next(iter(COLUMNS[name]))}"'
+    table = "; --saturation-only takes a torque-current table" if name == "speed" else ""
+    allowed = f"{name} is missing ({_MEANINGS[name]}): write {headings}, {mapping}{table}"
+    return InvalidValueError(f"{path}: columns", ", ".join(header), allowed)
+
+
+def _numbers(path: object, rows: Sequence[Cells], index: int, header: Sequence[str]) -> FloatArray:
+    """One column ``(n,)`` in the file's unit."""
     numbers = np.empty(len(rows))
     for position, (line, cells) in enumerate(rows):
-        try:
-            numbers[position] = plain_number(cells[index])
-        except (ValueError, IndexError):
-            written = cells[index] if index < len(cells) else "nothing"
+        if any(cell.strip() for cell in cells[len(header) :]):
             raise SprintlabError(
-                f"{path} line {line}: {title.strip()} is {written!r}, not a finite number"
-            ) from None
+                f"{path} line {line} has {len(cells)} cells, the header {len(header)}: with decimal commas, "
+                "part the cells with semicolons"
+            )
+        written = cells[index] if index < len(cells) else "nothing"
+        try:
+            numbers[position] = plain_number(written)
+        except ValueError:
+            name = header[index].strip()
+            raise SprintlabError(f"{path} line {line}: {name} is {written!r}, not a finite number") from None
     return numbers
 
 
-def _require(path: object, name: str, values: Mapping[str, Any], header: Sequence[str]) -> None:
-    if name not in values:
-        headings = " or ".join(f"'{name} [{unit}]'" for unit in COLUMNS[name])
-        mapping = f'or say which it is with --column "{name}=HEADING:{next(iter(COLUMNS[name]))}"'
-        table = "; --saturation-only takes a torque-current table" if name == "speed" else ""
-        raise InvalidValueError(
-            f"{path}: columns",
-            ", ".join(header),
-            f"{name} is missing ({MEANINGS[name]}): write {headings}, {mapping}{table}",
-        )
-
-
-def _unused(header: Sequence[str], names: Mapping[str, tuple[int, float]]) -> tuple[str, ...]:
-    used = {index for index, _ in names.values()}
-    return tuple(cell.strip() for index, cell in enumerate(header) if index not in used)
-
-
-def _assemble(
+def _assembled(
     path: object, values: Mapping[str, FloatArray], lines: Sequence[int], unused: tuple[str, ...]
 ) -> Bench:
+    """The bench of checked columns; with i_d = 0 the phase current is |i_q| and points as the torque does."""
     for name, column in values.items():
-        most = _LARGEST.get(name, _LARGEST_OTHER)
-        _check_values(
-            path, name, column, np.abs(column) <= most, f"at most {most:g} in SI units is plausible"
-        )
+        low, high = _RANGES.get(name, _OTHER_RANGE)
+        hint = " degC: is it in kelvin?" if name == "temperature" else " in SI units"
+        allowed = f"must lie between {low:g} and {high:g}{hint}"
+        _check_values(path, name, column, (column >= low) & (column <= high), allowed)
     torque = values["torque"]
     current = values.get("iq")
     if current is None:
-        # With i_d = 0 the phase current's amplitude is |i_q|; its direction is the torque's.
         current = np.abs(values["phase_current"]) * np.where(torque < 0, -1.0, 1.0)
     limited = values.get("limited", np.zeros(len(torque)))
     _check_values(path, "limited", limited, np.isin(limited, (0.0, 1.0)), "must be 0 or 1")
-    for name, low, high, allowed in (
-        ("bus_voltage", 1e-9, math.inf, "must be greater than 0"),
-        ("temperature", -100.0, _HOTTEST, f"must lie between -100 and {_HOTTEST:g} degC: is it in kelvin?"),
-    ):
-        column = values.get(name)
-        if column is not None:
-            _check_values(path, name, column, (column >= low) & (column <= high), allowed)
     return Bench(
         current=current,
         torque=torque,
@@ -352,5 +291,5 @@ def _assemble(
 
 def _check_values(path: object, name: str, values: FloatArray, fine: NDArray[np.bool_], allowed: str) -> None:
     if not fine.all():
-        wrong = sorted(set(values[~fine].tolist()))[:_LISTED]
-        raise InvalidValueError(f"{path}: column {name}", ", ".join(f"{value:g}" for value in wrong), allowed)
+        wrong = ", ".join(f"{value:g}" for value in sorted(set(values[~fine].tolist()))[:4])
+        raise InvalidValueError(f"{path}: column {name}", wrong, allowed)

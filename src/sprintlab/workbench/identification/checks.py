@@ -16,10 +16,7 @@ from sprintlab.core.errors import SprintlabError
 from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.model import directions, turns
 
-FEWEST_ROWS = 8
-FEWEST_LEVELS = 3
-"""Different speeds, and different currents, that a bench needs."""
-
+_FEWEST_ROWS, _FEWEST_LEVELS = 8, 3  # rows, and different speeds and currents, that a bench needs
 _SAME_LEVEL = 0.02  # share of the largest value within which two levels count as one
 _AGREE = (0.93, 1.07)  # flux from torque over flux from voltage: beyond, a warning
 _TOLERABLE = (0.8, 1.25)  # beyond, an error
@@ -33,19 +30,22 @@ _MOST_BACK_EMF = 1.3  # back-EMF over what the bus can balance, without flux wea
 
 def check_levels(bench: Bench) -> None:
     """Refuse benches with too few rows, speeds or currents to fit anything. Raises ``SprintlabError``."""
-    if bench.size < FEWEST_ROWS:
-        raise SprintlabError(f"the bench has {bench.size} rows, at least {FEWEST_ROWS} are needed")
-    _check_spread("current", bench.current, "A")
-    if bench.speed is not None and turns(bench):
-        _check_spread("speed", bench.speed, "rad/s")
+    if bench.size < _FEWEST_ROWS:
+        raise SprintlabError(f"the bench has {bench.size} rows, at least {_FEWEST_ROWS} are needed")
+    speed = bench.speed if bench.speed is not None and turns(bench) else None
+    for name, values, unit in (("current", bench.current, "A"), ("speed", speed, "rad/s")):
+        count = _FEWEST_LEVELS if values is None else _levels(values)
+        if values is not None and count < _FEWEST_LEVELS:
+            found = f"{count} different {name}{'' if count == 1 else 's'}"
+            ends = f"{float(values.min()):.4g} to {float(values.max()):.4g} {unit}"
+            raise SprintlabError(f"the bench has {found} ({ends}), at least {_FEWEST_LEVELS} are needed")
 
 
-def levels(values: FloatArray) -> int:
+def _levels(values: FloatArray) -> int:
     """Number of different values, those within 2 % of the largest counted as one."""
-    ordered = np.sort(values)
     step = _SAME_LEVEL * float(np.max(np.abs(values)))
     count, last = 0, -math.inf
-    for value in ordered.tolist():
+    for value in np.sort(values).tolist():
         if value - last > step:
             count, last = count + 1, value
     return count
@@ -57,23 +57,19 @@ def torque_flux(bench: Bench, pole_pairs: int) -> float:
     Raises:
         SprintlabError: torque and current have opposite signs, or there is no torque at all.
     """
-    slope = _torque_slope(bench)
     if float(np.median(np.abs(bench.torque))) == 0.0:
         raise SprintlabError("the torque is zero in most rows: is its column the right one?")
+    columns = [bench.current, -bench.current * np.abs(bench.current)]
+    friction = [] if bench.speed is None else [-directions(bench), -bench.speed]
+    slope = float(bench.current @ bench.torque / (bench.current @ bench.current))
+    for chosen in ([*columns, *friction], columns):  # the friction where it can be told apart
+        slopes = _robust_slopes(np.stack(chosen, axis=-1), bench.torque)
+        if slopes is not None:
+            slope = float(slopes[0])
+            break
     if slope <= 0.0:
         raise SprintlabError("torque and current have opposite signs: the bench must count driving positive")
     return slope / (1.5 * pole_pairs)
-
-
-def _torque_slope(bench: Bench) -> float:
-    """Torque per ampere [N m/A]; friction and saturation are left out where they cannot be told apart."""
-    columns = [bench.current, -bench.current * np.abs(bench.current)]
-    friction = [] if bench.speed is None else [-directions(bench), -bench.speed]
-    for chosen in ([*columns, *friction], columns):
-        slopes = _robust_slopes(np.stack(chosen, axis=-1), bench.torque)
-        if slopes is not None:
-            return float(slopes[0])
-    return float(bench.current @ bench.torque / (bench.current @ bench.current))
 
 
 def voltage_flux(bench: Bench, pole_pairs: int) -> tuple[float, float] | None:
@@ -173,16 +169,6 @@ def likely_mistakes(ratio: float, pole_pairs: int) -> list[str]:
     return [text for factor, text in known if abs(math.log(ratio / factor)) < _NAMED]
 
 
-def _check_spread(name: str, values: FloatArray, unit: str) -> None:
-    found = levels(values)
-    if found < FEWEST_LEVELS:
-        raise SprintlabError(
-            f"the bench has {found} different {name}{'s' if found != 1 else ''} "
-            f"({float(values.min()):.4g} to {float(values.max()):.4g} {unit}), "
-            f"at least {FEWEST_LEVELS} are needed"
-        )
-
-
 def _compare_fluxes(from_torque: float, from_voltage: float, resistance: float, pole_pairs: int) -> list[str]:
     if from_voltage <= 0:
         raise SprintlabError(
@@ -235,15 +221,6 @@ def _check_limited(bench: Bench) -> list[str]:
             "those where the inverter gives all its voltage"
         ]
     return []
-
-
-def repeated_rows(bench: Bench) -> list[str]:
-    """A warning where rows stand in the bench more than once: they would pass for evidence."""
-    columns = [bench.current, bench.torque, *([] if bench.speed is None else [bench.speed])]
-    different = len(np.unique(np.stack(columns, axis=-1), axis=0))
-    if different == bench.size:
-        return []
-    return [f"{bench.size - different} rows repeat others: the intervals count them as measured anew"]
 
 
 def _check_back_emf(bench: Bench, flux: float, pole_pairs: int) -> None:

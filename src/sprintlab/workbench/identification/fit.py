@@ -25,7 +25,6 @@ from sprintlab.workbench.identification.bench import Bench
 from sprintlab.workbench.identification.checks import (
     check_levels,
     check_units,
-    repeated_rows,
     torque_flux,
     voltage_flux,
 )
@@ -53,7 +52,6 @@ from sprintlab.workbench.identification.statistics import (
 from sprintlab.workbench.identification.verdict import (
     comparison,
     magnets,
-    outlier_note,
     patterns,
     problems,
 )
@@ -70,15 +68,17 @@ _MOST_WORK = 2_400_000  # rows times steps of all rounds: some 8 s of one core w
 _FIRST_NOISE = 0.02  # share of a channel's range, until its residuals tell better
 _FEWEST_FOR_OUTLIERS = 8  # rows of a channel: the median of fewer is no measure of their noise
 _SMALLEST_NOISE = 1e-7  # share of a channel's range: noiseless data must not divide by zero
-_LARGEST_SHARE = {
-    "flux_linkage": 0.1,
-    "voltage_utilization": 0.1,
-    "gear_efficiency": 0.1,
-}  # torque and speed go with them
-_LARGEST_OTHER_SHARE = 0.5  # half width over value beyond which a parameter is not determined
+_LARGEST_SHARES = {"flux_linkage": 0.1, "voltage_utilization": 0.1, "gear_efficiency": 0.1}
+_LARGEST_SHARE = 0.5  # half width over value beyond which any other parameter is not determined
 _LARGEST_SATURATION_WIDTH = 0.1
 _SMALL_EFFECT = 0.05  # an interval that moves a channel by less than this share of its range is no ignorance
 _PART = 0.3  # least component of a parameter in a blind direction to be named
+_ABSENCES = {
+    "stator_resistance": "needs vq or power, or rows marked limited with a bus_voltage",
+    "q_axis_inductance": "needs vd, or rows marked limited with a bus_voltage",
+    "voltage_utilization": "needs a bus_voltage and rows marked limited",
+    "flux_drift": f"needs temperatures that differ by {LEAST_WARMING:g} K",
+}
 
 
 def identify(
@@ -121,8 +121,7 @@ def identify(
     if peak_current is not None:
         check_positive("peak_current", peak_current, "A")
     check_levels(bench)
-    warnings = [*bench.remarks, *standing, *repeated_rows(bench)]
-    warnings += check_units(bench, pole_pairs)
+    warnings = [*bench.remarks, *standing, *check_units(bench, pole_pairs)]
     largest = float(np.max(np.abs(bench.current)))
     if peak_current is None:
         peak_current = largest
@@ -133,11 +132,8 @@ def identify(
         warnings.append(
             f"the bench ends at {largest:.4g} A: up to {peak_current:.4g} A the saturation is extrapolated"
         )
-    if (
-        bench.temperature is None
-        and (bench.q_voltage is not None or bench.power is not None)
-        and "stator_resistance" not in hold
-    ):
+    electrical = bench.q_voltage is not None or bench.power is not None
+    if electrical and bench.temperature is None and "stator_resistance" not in hold:
         warnings.append("no temperature column: the resistance is that of the winding as warm as it was")
     return _Fit(bench, pole_pairs, peak_current, _held_values(base, hold), also).run(warnings, base)
 
@@ -150,27 +146,20 @@ def _without_noise_of_standing(bench: Bench) -> tuple[Bench, list[str]]:
     if standing == bench.size:
         note = f"no row turns faster than {STANDING:g} rad/s: friction stays unknown, and is in the torque"
         return replace(bench, speed=np.zeros(bench.size)), [note]
-    if not turns(bench):
-        note = f"only {bench.size - standing} of {bench.size} rows turn: the motor counts as stalled"
-        return bench, [f"{note}, and the torque leaves them out; friction stays unknown"]
-    note = (
-        f"{standing} of {bench.size} rows stand still: friction may point either way, the torque leaves them"
-    )
-    return bench, [f"{note} out"]
+    if turns(bench):
+        said = "friction may point either way, the torque leaves them out"
+        return bench, [f"{standing} of {bench.size} rows stand still: {said}"]
+    said = "the motor counts as stalled, and the torque leaves them out; friction stays unknown"
+    return bench, [f"only {bench.size - standing} of {bench.size} rows turn: {said}"]
 
 
 def _held_values(base: PmsmParameters | None, hold: Sequence[str]) -> dict[str, float]:
-    held: dict[str, float] = {}
+    held = {name: 0.0 for name in hold if name.endswith("friction") or name == "flux_drift"}
+    held |= {name: VOLTAGE_UTILIZATION for name in hold if name == "voltage_utilization"}
     for name in hold:
-        if name == "voltage_utilization":
-            held[name] = VOLTAGE_UTILIZATION
-        elif name.endswith("friction") or name == "flux_drift":
-            held[name] = 0.0
-        elif base is None:
+        if name not in held and base is None:
             raise SprintlabError(f"{name} cannot be held: give the base motor that it comes from")
-        else:
-            held[name] = float(getattr(base, name))
-    return held
+    return held | {name: float(getattr(base, name)) for name in hold if name not in held}
 
 
 class _Fit:
@@ -187,8 +176,9 @@ class _Fit:
         self._names = (*PARAMETER_UNITS, *dict.fromkeys(also))
         seen = {name for channel in self._channels for name in channel.depends_on}
         self._free = [name for name in self._names if name in seen and name not in held]
+        self._flux = torque_flux(bench, pole_pairs)
+        self._sizes = self._largest()
         guess = self._guess()
-        self._flux = guess["flux_linkage"]
         self._start = np.array([guess[name] for name in self._free])
         self._steps_left = _MOST_WORK // bench.size
         self._idle = {name: NEUTRAL.get(name, 0.0) for name in (*PARAMETER_UNITS, *OPTIONAL_UNITS)} | held
@@ -199,15 +189,15 @@ class _Fit:
         decomposition = Decomposition(solution.jac)
         widths = half_widths(decomposition, solution.fun, self._used_rows(kept)) * self._start
         fits = tuple(self._channel_fit(channel, solution.x, kept) for channel in self._channels)
-        estimates = self._estimates(solution.x, widths, self._blind(decomposition))
-        fatal = problems(estimates, fits, kept)
-        notes = [
-            *comparison(estimates, base),
-            *magnets(estimates),
-            *self._at_bounds(solution.x),
-            *outlier_note(kept),
+        estimates = self._estimates(solution.x, widths, decomposition)
+        fatal, aside = problems(estimates, fits, kept), int(np.sum(~kept))
+        notes = [*comparison(estimates, base), *magnets(estimates), *self._at_bounds(solution.x)]
+        notes += [f"{aside} of {len(kept)} rows are outliers and were set aside"] if aside else []
+        begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
+        lacking = [
+            lacking_term(self._bench, channel, kept, decomposition, solution.fun, begin)
+            for channel, begin in zip(self._channels, begins, strict=False)
         ]
-        lacking = self._lacking(decomposition, solution.fun, kept)
         return Identification(
             bench=self._bench,
             pole_pairs=self._pole_pairs,
@@ -235,33 +225,34 @@ class _Fit:
 
     def _guess(self) -> dict[str, float]:
         """A first guess of everything; also the unit in which the fit moves."""
-        bench, pairs = self._bench, self._pole_pairs
-        flux = torque_flux(bench, pairs)
-        current = float(np.max(np.abs(bench.current)))
-        torque = float(np.max(np.abs(bench.torque)))
-        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
-        voltage = self._largest_voltage(flux, speed)
-        electrical = voltage_flux(bench, pairs)
+        flux, electrical = self._flux, voltage_flux(self._bench, self._pole_pairs)
         resistance = electrical[1] if electrical is not None else 0.0
+        current, torque, speed, voltage, acceleration = self._sizes
         return {
             "stator_resistance": resistance if resistance > 0 else 0.1 * voltage / current,
-            "q_axis_inductance": 0.2 * voltage / (pairs * speed * current),
+            "q_axis_inductance": 0.2 * voltage / (self._pole_pairs * speed * current),
             "flux_linkage": flux,
             "flux_drift": 1e-3,
             "torque_offset": 0.01 * torque,
             "current_offset": 0.01 * current,
             "gear_efficiency": 0.9,
-            "rotor_inertia": 0.02 * torque / _largest_acceleration(bench),
+            "rotor_inertia": 0.02 * torque / acceleration,
             "saturation": 0.1,
             "coulomb_friction": 0.02 * torque,
             "viscous_friction": 0.02 * torque / speed,
             "voltage_utilization": VOLTAGE_UTILIZATION,
         }
 
-    def _largest_voltage(self, flux: float, speed: float) -> float:
-        if self._bench.q_voltage is not None:
-            return max(float(np.max(np.abs(self._bench.q_voltage))), 1e-6)
-        return self._pole_pairs * speed * flux
+    def _largest(self) -> tuple[float, float, float, float, float]:
+        """Largest current [A], torque [N m], speed [rad/s], voltage [V] and acceleration [rad/s^2]."""
+        bench = self._bench
+        current, torque = _largest(bench.current), _largest(bench.torque)
+        speed = 1.0 if bench.speed is None else max(_largest(bench.speed), 1e-6)
+        voltage = self._pole_pairs * speed * self._flux
+        if bench.q_voltage is not None:
+            voltage = max(_largest(bench.q_voltage), 1e-6)
+        acceleration = 1.0 if bench.acceleration is None else max(_largest(bench.acceleration), 1e-6)
+        return current, torque, speed, voltage, acceleration
 
     def _values(self, point: FloatArray) -> dict[str, float]:
         return self._idle | dict(zip(self._free, (point * self._start).tolist(), strict=True))
@@ -346,83 +337,56 @@ class _Fit:
             outlying[channel.rows[error > OUTLIER_DISTANCE * spread]] = True
         return outlying
 
-    def _blind(self, decomposition: Decomposition) -> list[str]:
-        """Combinations of parameters that no residual sees, in words."""
-        return [
-            " and ".join(self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART))
+    def _estimates(
+        self, point: FloatArray, widths: FloatArray, decomposition: Decomposition
+    ) -> dict[str, Estimate]:
+        values = self._values(point)
+        half_width = dict(zip(self._free, widths.tolist(), strict=True))
+        blind = [
+            [self._free[index] for index in np.flatnonzero(np.abs(direction) > _PART)]
             for direction in decomposition.blind_directions
         ]
-
-    def _lacking(self, decomposition: Decomposition, residuals: FloatArray, kept: BoolArray) -> list[str]:
-        """What each channel's residuals follow; empty where they only scatter."""
-        begins = np.cumsum([0, *self._used_rows(kept)]).tolist()
-        return [
-            lacking_term(self._bench, channel, kept, decomposition, residuals, begin)
-            for channel, begin in zip(self._channels, begins, strict=False)
-        ]
-
-    def _estimates(self, point: FloatArray, widths: FloatArray, blind: list[str]) -> dict[str, Estimate]:
-        values = self._values(point)
         found: dict[str, Estimate] = {}
         for name in self._names:
-            if name in self._free:
-                width = float(widths[self._free.index(name)])
-                found[name] = self._estimate(name, values[name], width, blind)
-            elif name in self._held:
-                found[name] = Estimate(
-                    name=name, value=values[name], half_width=None, determined=True, reason="held"
-                )
-            else:
-                found[name] = Estimate(
-                    name=name, value=None, half_width=None, determined=False, reason=self._absence(name)
-                )
+            value, width, reason = values[name], half_width.get(name), ""
+            if width is not None:
+                reason = self._ignorance(name, value, width, blind)
+            elif name not in self._held:
+                value, reason = None, _ABSENCES.get(name, "needs speeds of a shaft that turns")
+            determined = name in self._held or not reason
+            reason = "held" if name in self._held else reason
+            found[name] = Estimate(
+                name=name, value=value, half_width=width, determined=determined, reason=reason
+            )
         return found
 
-    def _estimate(self, name: str, value: float, width: float, blind: list[str]) -> Estimate:
-        share = _LARGEST_SHARE.get(name, _LARGEST_OTHER_SHARE)
-        known = width <= share * abs(value) or width <= self._harmless_width(name)
-        direction = next((text for text in blind if name in text.split(" and ")), "")
-        reason = ""
-        if direction:
-            known = False
-            reason = (
-                f"the data do not tell apart {direction}"
-                if " and " in direction
-                else "leaves no trace in the data"
-            )
-        elif not known:
-            more = "rows on the limit" if name == "voltage_utilization" else "speeds and currents"
-            reason = f"the interval is too wide: more {more} are needed"
-        return Estimate(name=name, value=value, half_width=width, determined=known, reason=reason)
+    def _ignorance(self, name: str, value: float, width: float, blind: list[list[str]]) -> str:
+        """Why a fitted parameter is not determined; empty where it is."""
+        together = next((names for names in blind if name in names), [])
+        if len(together) > 1:
+            return f"the data do not tell apart {' and '.join(together)}"
+        if together:
+            return "leaves no trace in the data"
+        if width <= max(_LARGEST_SHARES.get(name, _LARGEST_SHARE) * abs(value), self._harmless_width(name)):
+            return ""
+        more = "rows on the limit" if name == "voltage_utilization" else "speeds and currents"
+        return f"the interval is too wide: more {more} are needed"
 
     def _harmless_width(self, name: str) -> float:
         """Half width that moves no channel by more than 5 % of its range."""
-        bench = self._bench
-        current = float(np.max(np.abs(bench.current)))
-        torque = _SMALL_EFFECT * float(np.max(np.abs(bench.torque)))
-        speed = 1.0 if bench.speed is None else max(float(np.max(np.abs(bench.speed))), 1e-6)
-        voltage = _SMALL_EFFECT * self._largest_voltage(self._flux, speed)
-        return {
+        current, torque, speed, voltage, acceleration = self._sizes
+        effects = {
             "stator_resistance": voltage / current,
             "q_axis_inductance": voltage / (self._pole_pairs * speed * current),
-            "flux_drift": _SMALL_EFFECT / max(warming(bench), 1.0),
-            "saturation": _LARGEST_SATURATION_WIDTH,
+            "flux_drift": 1.0 / max(warming(self._bench), 1.0),
+            "saturation": _LARGEST_SATURATION_WIDTH / _SMALL_EFFECT,
             "torque_offset": torque,
-            "current_offset": _SMALL_EFFECT * current,
+            "current_offset": current,
             "coulomb_friction": torque,
             "viscous_friction": torque / speed,
-            "rotor_inertia": torque / _largest_acceleration(bench),
-        }.get(name, 0.0)
-
-    def _absence(self, name: str) -> str:
-        if name in ("stator_resistance", "q_axis_inductance"):
-            column = "vq or power" if name == "stator_resistance" else "vd"
-            return f"needs {column}, or rows marked limited with a bus_voltage"
-        if name == "voltage_utilization":
-            return "needs a bus_voltage and rows marked limited"
-        if name == "flux_drift":
-            return f"needs temperatures that differ by {LEAST_WARMING:g} K"
-        return "needs speeds of a shaft that turns"
+            "rotor_inertia": torque / acceleration,
+        }
+        return _SMALL_EFFECT * effects.get(name, 0.0)
 
     def _at_bounds(self, point: FloatArray) -> list[str]:
         values = self._values(point)
@@ -451,15 +415,15 @@ class _Fit:
         )
 
 
-def _largest_acceleration(bench: Bench) -> float:
-    return 1.0 if bench.acceleration is None else max(float(np.max(np.abs(bench.acceleration))), 1e-6)
+def _largest(values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))
 
 
 def _range(channel: Channel, bench: Bench) -> float:
     """Size of what a channel measures; of the bus voltage where the channel measures zero."""
-    largest = float(np.max(np.abs(channel.measured)))
+    largest = _largest(channel.measured)
     if largest == 0.0 and bench.bus_voltage is not None:
-        largest = float(np.max(np.abs(bench.bus_voltage)))
+        largest = _largest(bench.bus_voltage)
     return max(largest, 1e-9)
 
 

@@ -114,13 +114,10 @@ def shaft_torque(values: Parameters, pole_pairs: int, peak_current: float, bench
     ideal = 1.5 * pole_pairs * linked_flux(values, bench) * current
     saturated = ideal * (1.0 - values["saturation"] * np.abs(current) / peak_current)
     passed_on = saturated * values["gear_efficiency"] ** (np.sign(current) * direction)
-    friction = values["coulomb_friction"] * direction + values["viscous_friction"] * speed
-    return passed_on - friction - _turning_torque(values, bench) + values["torque_offset"]
-
-
-def _turning_torque(values: Parameters, bench: Bench) -> FloatArray | float:
-    """Torque that accelerates the rotor instead of reaching the sensor [N m]."""
-    return 0.0 if bench.acceleration is None else values["rotor_inertia"] * bench.acceleration
+    lost = values["coulomb_friction"] * direction + values["viscous_friction"] * speed
+    if bench.acceleration is not None:  # what turns the rotor does not reach the sensor
+        lost = lost + values["rotor_inertia"] * bench.acceleration
+    return passed_on - lost + values["torque_offset"]
 
 
 def directions(bench: Bench) -> FloatArray:
@@ -176,96 +173,69 @@ def warming(bench: Bench) -> float:
 def channels(
     bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str] = ()
 ) -> tuple[Channel, ...]:
-    """Every channel that the bench's columns allow, the torque first; ``also``: optional parameters."""
-    return (
-        _torque_channel(bench, pole_pairs, peak_current, also),
-        *_voltage_channels(bench, pole_pairs),
-        *_limit_channel(bench, pole_pairs),
-    )
+    """Every channel that the bench's columns allow, the torque first; ``also``: optional parameters.
 
-
-def _torque_channel(bench: Bench, pole_pairs: int, peak_current: float, also: Sequence[str]) -> Channel:
+    With i_d = 0 each voltage sees a part of the parameters: v_q the resistance, v_d the inductance.
+    """
+    drifts = warming(bench) >= LEAST_WARMING
+    flux = ("flux_linkage", "flux_drift") if drifts else ("flux_linkage",)
     friction = ("coulomb_friction", "viscous_friction") if turns(bench) else ()
-    rows = torque_rows(bench)
-    return Channel(
+    rows, everything = torque_rows(bench), np.arange(bench.size)
+    torque = Channel(
         name="torque",
         unit="N m",
         measured=bench.torque[rows],
         predict=lambda values: shaft_torque(values, pole_pairs, peak_current, bench)[rows],
         rows=rows,
-        depends_on=("saturation", *_flux_names(bench), *friction, *also),
+        depends_on=("saturation", *flux, *friction, *also),
     )
-
-
-def _flux_names(bench: Bench) -> tuple[str, ...]:
-    drifts = warming(bench) >= LEAST_WARMING
-    return ("flux_linkage", "flux_drift") if drifts else ("flux_linkage",)
-
-
-def _voltage_channels(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
-    """v_q, v_d and the power, each where it was measured; with i_d = 0 each sees a part of the parameters."""
     if bench.speed is None:
-        return ()
-    weakened = bool(bench.d_current.any())
-    from_q = ("stator_resistance", *_flux_names(bench), *(("q_axis_inductance",) if weakened else ()))
-    from_d = ("q_axis_inductance", *(("stator_resistance",) if weakened else ()))
+        return (torque,)
 
     def power(values: Parameters) -> FloatArray:
         v_q, v_d = phase_voltages(values, pole_pairs, bench)
-        current = bench.current - values["current_offset"]
-        return 1.5 * (v_q * current + v_d * bench.d_current)
+        return 1.5 * (v_q * (bench.current - values["current_offset"]) + v_d * bench.d_current)
 
-    known = (
+    weakened = bool(bench.d_current.any())
+    both = ("stator_resistance", "q_axis_inductance")
+    from_q, from_d = (both, both) if weakened else (both[:1], both[1:])
+    measured = (
         ("vq", "V", bench.q_voltage, lambda values: phase_voltages(values, pole_pairs, bench)[0], from_q),
         ("vd", "V", bench.d_voltage, lambda values: phase_voltages(values, pole_pairs, bench)[1], from_d),
-        ("power", "W", bench.power, power, ("stator_resistance", *_flux_names(bench))),
+        ("power", "W", bench.power, power, both[:1]),
     )
-    return tuple(
+    found = [
         Channel(
             name=name,
             unit=unit,
-            measured=measured,
+            measured=column,
             predict=predict,
-            rows=np.arange(bench.size),
-            depends_on=depends_on,
+            rows=everything,
+            depends_on=electrical if name == "vd" else (*electrical, *flux),
         )
-        for name, unit, measured, predict, depends_on in known
-        if measured is not None
-    )
+        for name, unit, column, predict, electrical in measured
+        if column is not None
+    ]
+    return (torque, *found, *_limit_channel(bench, pole_pairs, (*both, *flux)))
 
 
-def _limit_channel(bench: Bench, pole_pairs: int) -> tuple[Channel, ...]:
+def _limit_channel(bench: Bench, pole_pairs: int, electrical: tuple[str, ...]) -> tuple[Channel, ...]:
     """The bus's share that the voltage reaches; from measured voltages if there are any."""
     rows = np.flatnonzero(bench.limited)
-    if bench.bus_voltage is None or bench.speed is None or len(rows) == 0:
+    if bench.bus_voltage is None or len(rows) == 0:
         return ()
-    limit = bench.bus_voltage[rows] / math.sqrt(3.0)
+    limit, measured = bench.bus_voltage[rows] / math.sqrt(3.0), np.zeros(len(rows))
     if bench.q_voltage is not None and bench.d_voltage is not None:
-        return (_measured_limit(np.hypot(bench.q_voltage, bench.d_voltage)[rows], limit, rows),)
+        measured, electrical = np.hypot(bench.q_voltage, bench.d_voltage)[rows], ()
 
-    def excess(values: Parameters) -> FloatArray:
-        v_q, v_d = phase_voltages(values, pole_pairs, bench)
-        return np.hypot(v_q, v_d)[rows] - values["voltage_utilization"] * limit
+    def reached(values: Parameters) -> FloatArray:
+        allowed = values["voltage_utilization"] * limit
+        if not electrical:
+            return allowed
+        return np.hypot(*phase_voltages(values, pole_pairs, bench))[rows] - allowed
 
-    electrical = ("stator_resistance", "q_axis_inductance", *_flux_names(bench), "voltage_utilization")
+    depends_on = (*electrical, "voltage_utilization")
+    name = "voltage limit"
     return (
-        Channel(
-            name="voltage limit",
-            unit="V",
-            measured=np.zeros(len(rows)),
-            predict=excess,
-            rows=rows,
-            depends_on=electrical,
-        ),
-    )
-
-
-def _measured_limit(magnitude: FloatArray, limit: FloatArray, rows: NDArray[np.int64]) -> Channel:
-    return Channel(
-        name="voltage limit",
-        unit="V",
-        measured=magnitude,
-        predict=lambda values: values["voltage_utilization"] * limit,
-        rows=rows,
-        depends_on=("voltage_utilization",),
+        Channel(name=name, unit="V", measured=measured, predict=reached, rows=rows, depends_on=depends_on),
     )

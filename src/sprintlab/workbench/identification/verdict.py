@@ -37,33 +37,20 @@ def problems(
     ]
     if np.mean(~kept) > _MANY_OUTLIERS:
         found.append(f"{np.mean(~kept):.0%} of the rows are outliers: the model does not describe this bench")
-    saturation = estimates["saturation"].value
-    if saturation is not None and saturation > 0.49:
-        found.append(
-            "the saturation runs into 0.5: torque falls with current, or the peak current is too small"
-        )
+    if (estimates["saturation"].value or 0.0) > 0.49:
+        cause = "torque falls with current, or the peak current is too small"
+        found.append(f"the saturation runs into 0.5: {cause}")
     return found
-
-
-def outlier_note(kept: NDArray[np.bool_]) -> list[str]:
-    """How many rows were set aside, if any."""
-    count = int(np.sum(~kept))
-    return [f"{count} of {len(kept)} rows are outliers and were set aside"] if count else []
 
 
 def comparison(estimates: dict[str, Estimate], base: PmsmParameters | None) -> list[str]:
     """Where the fit is far from the base motor."""
     notes: list[str] = []
-    for name in _NEAR_BASE:
-        estimate, reference = estimates[name], float(getattr(base, name)) if base is not None else 0.0
-        if estimate.value and estimate.determined and reference > 0:
-            ratio = estimate.value / reference
-            low, high = _NEAR_BASE[name]
-            if not low <= ratio <= high:
-                notes.append(
-                    f"{name} is {ratio:.3g} times that of the base motor: check the units of both and the "
-                    "gains of the sensors"
-                )
+    for name, (low, high) in _NEAR_BASE.items():
+        value, reference = estimates[name].value, float(getattr(base, name, 0.0))
+        if value and estimates[name].determined and reference > 0 and not low <= value / reference <= high:
+            advice = "check the units of both and the gains of the sensors"
+            notes.append(f"{name} is {value / reference:.3g} times that of the base motor: {advice}")
     return notes
 
 
@@ -72,9 +59,9 @@ def magnets(estimates: dict[str, Estimate]) -> list[str]:
     drift = estimates["flux_drift"]
     if drift.value is None or drift.half_width is None or drift.reason == "held":
         return []
-    low, high = _MAGNETS
-    edges = np.isclose(drift.value, BOUNDS["flux_drift"], rtol=1e-3)
-    if not edges.any() and drift.value + drift.half_width >= low and drift.value - drift.half_width <= high:
+    (low, high), width = _MAGNETS, drift.half_width
+    at_edge = np.isclose(drift.value, BOUNDS["flux_drift"], rtol=1e-3).any()
+    if low - width <= drift.value <= high + width and not at_edge:
         return []
     return [
         f"flux_drift = {drift.value:.2%} a kelvin is no magnet's (they lose 0.03 % to 0.2 %), and "
