@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import Battery, Gear, PmsmParameters, stack_motors
 from sprintlab.motors.parameters import MOTOR_UNITS
@@ -25,7 +26,7 @@ from sprintlab.robots.description import (
     SoftStop,
     joint_kind,
 )
-from sprintlab.robots.table import ParameterRow, ParameterTable, read_table
+from sprintlab.robots.table import ParameterRow, drive_quantity, has_part, read_table
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 TABLE_FILE = "parameters.toml"
@@ -33,13 +34,15 @@ SEARCH_PATH_VARIABLE = "SPRINTLAB_ROBOTS"
 DEFAULT_SEARCH_PATH = "robots"
 _BP2_MASS = 36.5  # [kg]
 
+Values = Mapping[str, Any]
+"""Numbers and tuples of numbers by quantity."""
+
 
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that come with the package and of those on the search path, sorted."""
     return tuple(sorted(_known_tables()))
 
 
-@checked
 def load_robot(name: str | Path) -> RobotDescription:
     """Load a robot by its name, or by the path of its folder or table.
 
@@ -59,9 +62,9 @@ def load_robot_file(path: str | Path) -> RobotDescription:
     Raises:
         RobotModelError: the file cannot be read, or a quantity is missing, unknown or impossible.
     """
-    table = read_table(path)
+    name, rows = read_table(path)
     try:
-        return describe_table(table)
+        return _described(name, {quantity: row.value for quantity, row in rows.items()})
     except InvalidValueError as error:
         raise RobotModelError(f"robot table {path}: {error}") from error
 
@@ -73,7 +76,7 @@ def parameter_table(name: str | Path) -> list[ParameterRow]:
         RobotModelError: as ``load_robot``.
     """
     path = robot_table_path(name)
-    return [*read_table(path).rows.values(), *_derived_rows(load_robot_file(path))]
+    return [*read_table(path)[1].values(), *_derived_rows(load_robot_file(path))]
 
 
 def robot_table_path(name: str | Path) -> Path:
@@ -109,155 +112,126 @@ def _known_tables() -> dict[str, Path]:
     return tables
 
 
-def describe_table(table: ParameterTable) -> RobotDescription:
-    """The robot that a checked parameter table says."""
-    mechanics = _mechanics(table)
-    pose = _per_joint(table, "default_angle")
-    foot_radius = table.number("foot.radius")
+def _described(name: str, values: Values) -> RobotDescription:
+    """The robot of a checked table's values by quantity."""
+    waist = (WAIST,) if has_part(values, WAIST) else ()
+    kinds = JOINTS_PER_LEG * len(LEG_NAMES) + waist  # of each joint in policy order
+
+    def per_joint(field: str) -> FloatArray:
+        return np.array([values[f"joint.{joint}.{field}"] for joint in kinds])
+
+    def drives(field: str) -> FloatArray:
+        return np.array([values[drive_quantity(values, joint, field)] for joint in kinds])
+
+    mechanics, pose = _mechanics(values), per_joint("default_angle")
     return RobotDescription(
-        name=table.name,
+        name=name,
         leg_names=LEG_NAMES,
-        joint_names=(
-            *(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINTS_PER_LEG),
-            *((WAIST,) if table.has_waist else ()),
-        ),
-        spring_joint_names=tuple(f"{leg}_spring" for leg in LEG_NAMES if table.has_knee_spring),
+        joint_names=(*(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINTS_PER_LEG), *waist),
+        spring_joint_names=tuple(f"{leg}_spring" for leg in LEG_NAMES if mechanics.knee_spring is not None),
         default_pose=pose,
-        action_scale=_per_joint(table, "action_scale"),
-        stiffness=_per_joint(table, "stiffness"),
-        damping=_per_joint(table, "damping"),
-        position_limits=_position_limits(table),
-        viscous_friction=_per_joint(table, "viscous_friction"),
-        dry_friction=_per_joint(table, "dry_friction"),
-        motors=stack_motors([_motor(table, joint) for joint in _kinds(table)]),
-        gear=_gear(table),
-        bus_voltage=table.number("body.bus_voltage"),
-        soft_stop=SoftStop(**_scalars(table, "soft_stop", ("zone", "stiffness", "damping"))),
-        base_height_target=table.number("body.base_height_target"),
-        standing_height=_leg_height(mechanics, pose[:3]) + foot_radius,
-        foot_radius=foot_radius,
-        foot_friction=table.number("foot.friction"),
-        total_mass=table.number("body.total_mass"),
+        action_scale=per_joint("action_scale"),
+        stiffness=per_joint("stiffness"),
+        damping=per_joint("damping"),
+        position_limits=_position_limits(values, kinds),
+        viscous_friction=per_joint("viscous_friction"),
+        dry_friction=per_joint("dry_friction"),
+        motors=stack_motors([_motor(values, joint) for joint in kinds]),
+        gear=Gear(ratio=drives("gear_ratio"), efficiency=drives("gear_efficiency")),
+        bus_voltage=values["body.bus_voltage"],
+        soft_stop=SoftStop(
+            **{name: values[f"soft_stop.{name}"] for name in ("zone", "stiffness", "damping")}
+        ),
+        base_height_target=values["body.base_height_target"],
+        standing_height=_leg_height(mechanics, pose[:3]) + values["foot.radius"],
+        foot_radius=values["foot.radius"],
+        foot_friction=values["foot.friction"],
+        total_mass=values["body.total_mass"],
         mechanics=mechanics,
-        drag_area=_drag_area(table),
-        battery=_battery(table),
+        drag_area=values.get("body.drag_area", _scaled_drag_area(values)),
+        battery=_battery(values),
     )
 
 
-def _drag_area(table: ParameterTable) -> float:
-    """As the table says, else that of BP2 scaled with the two thirds of the mass as lengths squared are."""
-    if "body.drag_area" in table.rows:
-        return table.number("body.drag_area")
-    return DRAG_AREA * (table.number("body.total_mass") / _BP2_MASS) ** (2.0 / 3.0)
+def _scaled_drag_area(values: Values) -> float:
+    """BP2's, scaled with the two thirds of the mass as lengths squared are [m^2]."""
+    return DRAG_AREA * (values["body.total_mass"] / _BP2_MASS) ** (2.0 / 3.0)
 
 
-def _battery(table: ParameterTable) -> Battery:
+def _battery(values: Values) -> Battery:
     """As the table says, else a pack of the default cells whose full voltage is just below the bus's."""
-    if not table.has_battery:
+    if not has_part(values, "battery"):
         full = Battery().voltage_table[-1]
-        return Battery(series_cells=max(1, int(table.number("body.bus_voltage") / full)))
-    cells = table.number("battery.series_cells")
-    if cells != int(cells):
-        raise InvalidValueError("battery.series_cells", cells, "must be a whole number")
+        return Battery(series_cells=max(1, int(values["body.bus_voltage"] / full)))
     return Battery(
-        series_cells=int(cells),
-        internal_resistance=table.number("battery.internal_resistance"),
-        capacity=table.number("battery.capacity"),
+        series_cells=_whole(values, "battery.series_cells"),
+        internal_resistance=values["battery.internal_resistance"],
+        capacity=values["battery.capacity"],
     )
 
 
-def _scalars(table: ParameterTable, section: str, names: tuple[str, ...]) -> dict[str, float]:
-    return {name: table.number(f"{section}.{name}") for name in names}
+def _whole(values: Values, quantity: str) -> int:
+    if values[quantity] != int(values[quantity]):
+        raise InvalidValueError(quantity, values[quantity], "must be a whole number")
+    return int(values[quantity])
 
 
-def _kinds(table: ParameterTable) -> tuple[str, ...]:
-    """The kind of each joint in policy order: those of a leg for every leg, then the waist."""
-    return JOINTS_PER_LEG * len(LEG_NAMES) + table.joints[len(JOINTS_PER_LEG) :]
-
-
-def _per_joint(table: ParameterTable, field: str) -> FloatArray:
-    """One value per joint in policy order ``(J,)``."""
-    return np.array([table.number(f"joint.{joint}.{field}") for joint in _kinds(table)])
-
-
-def _position_limits(table: ParameterTable) -> FloatArray:
+def _position_limits(values: Values, kinds: tuple[str, ...]) -> FloatArray:
     """Limits of all joints ``(J, 2)``; the abduction range must be its own mirror image."""
-    ranges = {joint: table.vector(f"joint.{joint}.range") for joint in table.joints}
-    if ranges["abad"][0] != -ranges["abad"][1]:
-        raise InvalidValueError("joint.abad.range", ranges["abad"], "must be symmetric: left mirrors right")
-    for joint, (low, high) in ranges.items():
+    for joint in dict.fromkeys(kinds):
+        quantity = f"joint.{joint}.range"
+        low, high = values[quantity]
+        if joint == "abad" and low != -high:
+            raise InvalidValueError(quantity, (low, high), "must be symmetric: left mirrors right")
         if low >= high:
-            raise InvalidValueError(
-                f"joint.{joint}.range", (low, high), "must be [lower, upper], lower first"
-            )
-    return np.array([ranges[joint] for joint in _kinds(table)])
+            raise InvalidValueError(quantity, (low, high), "must be [lower, upper], lower first")
+    return np.array([values[f"joint.{joint}.range"] for joint in kinds])
 
 
-def _motor(table: ParameterTable, joint: str) -> PmsmParameters:
-    pole_pairs = table.drive(joint, "pole_pairs")
-    number = table.number(pole_pairs)
-    if number != int(number):
-        raise InvalidValueError(pole_pairs, number, "must be a whole number")
-    values = {name: table.number(table.drive(joint, name)) for name in MOTOR_UNITS}
-    return PmsmParameters(**values | {"pole_pairs": int(number)})
+def _motor(values: Values, joint: str) -> PmsmParameters:
+    fields = {name: values[drive_quantity(values, joint, name)] for name in MOTOR_UNITS}
+    pole_pairs = _whole(values, drive_quantity(values, joint, "pole_pairs"))
+    return PmsmParameters(**fields | {"pole_pairs": pole_pairs})
 
 
-def _gear(table: ParameterTable) -> Gear:
-    def column(field: str) -> FloatArray:
-        return np.array([table.number(table.drive(joint, field)) for joint in _kinds(table)])
-
-    return Gear(ratio=column("gear_ratio"), efficiency=column("gear_efficiency"))
-
-
-def _link(table: ParameterTable, section: str, mass: float | None = None) -> Link:
+def _link(values: Values, section: str, mass: float | None = None) -> Link:
     return Link(
-        mass=table.number(f"{section}.mass") if mass is None else mass,
-        center_of_mass=table.optional_vector(f"{section}.center_of_mass") or (0.0, 0.0, 0.0),
-        inertia=table.vector(f"{section}.inertia"),
-        products_of_inertia=table.optional_vector(f"{section}.products_of_inertia"),
+        mass=values[f"{section}.mass"] if mass is None else mass,
+        center_of_mass=values.get(f"{section}.center_of_mass", (0.0, 0.0, 0.0)),
+        inertia=values[f"{section}.inertia"],
+        products_of_inertia=values.get(f"{section}.products_of_inertia"),
     )
 
 
-def _mechanics(table: ParameterTable) -> Mechanics:
+def _mechanics(values: Values) -> Mechanics:
     """The trunk, or its front half, gets the mass that legs and rear half leave of the total."""
-    carrier = _link(table, "knee_carrier") if table.has_knee_spring else None
-    links = {
-        "abad": _link(table, "abad_link"),
-        "thigh": _link(table, "thigh"),
-        "shank": _link(table, "shank"),
-    }
-    foot_mass = table.number("foot.mass")
-    leg_mass = sum(link.mass for link in (*links.values(), carrier) if link is not None) + foot_mass
-    rear_trunk = _link(table, "rear_trunk") if table.has_waist else None
-    trunk_mass = table.number("body.total_mass") - len(LEG_NAMES) * leg_mass
-    trunk_mass -= 0.0 if rear_trunk is None else rear_trunk.mass
+    spring, total = has_part(values, "spring"), values["body.total_mass"]
+    names = ("abad_link", "thigh", "shank", *(("knee_carrier",) if spring else ()))
+    links = {name: _link(values, name) for name in names}
+    rear_trunk = _link(values, "rear_trunk") if has_part(values, WAIST) else None
+    leg_mass = sum(link.mass for link in links.values()) + values["foot.mass"]
+    trunk_mass = total - len(LEG_NAMES) * leg_mass - (0.0 if rear_trunk is None else rear_trunk.mass)
     if trunk_mass <= 0:
-        raise InvalidValueError(
-            "body.total_mass", table.number("body.total_mass"), "must exceed the legs' mass"
-        )
+        raise InvalidValueError("body.total_mass", total, "must exceed the legs' mass")
+    parts = ("stiffness", "damping", "rest_angle", "range")
     return Mechanics(
-        trunk=_link(table, "trunk", trunk_mass),
-        trunk_half_size=table.vector("trunk.half_size"),
-        hip_x=table.number("trunk.hip_x"),
-        hip_y=table.number("trunk.hip_y"),
-        abad_offset=table.number("abad_link.offset_y"),
-        thigh_length=table.number("thigh.length"),
-        thigh_radius=table.number("thigh.collision_radius"),
-        knee_carrier=carrier,
-        shank_length=table.number("shank.length"),
-        shank_radius=table.number("shank.collision_radius"),
-        foot_mass=foot_mass,
-        knee_spring=_knee_spring(table),
+        trunk=_link(values, "trunk", trunk_mass),
+        trunk_half_size=values["trunk.half_size"],
+        hip_x=values["trunk.hip_x"],
+        hip_y=values["trunk.hip_y"],
+        abad=links["abad_link"],
+        abad_offset=values["abad_link.offset_y"],
+        thigh=links["thigh"],
+        thigh_length=values["thigh.length"],
+        thigh_radius=values["thigh.collision_radius"],
+        knee_carrier=links.get("knee_carrier"),
+        shank=links["shank"],
+        shank_length=values["shank.length"],
+        shank_radius=values["shank.collision_radius"],
+        foot_mass=values["foot.mass"],
+        knee_spring=KneeSpring(**{part: values[f"knee_spring.{part}"] for part in parts}) if spring else None,
         rear_trunk=rear_trunk,
-        **links,
     )
-
-
-def _knee_spring(table: ParameterTable) -> KneeSpring | None:
-    if not table.has_knee_spring:
-        return None
-    scalars = _scalars(table, "knee_spring", ("stiffness", "damping", "rest_angle"))
-    return KneeSpring(range=table.vector("knee_spring.range"), **scalars)
 
 
 def _leg_height(mechanics: Mechanics, pose: FloatArray) -> float:
