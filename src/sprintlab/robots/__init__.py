@@ -10,7 +10,6 @@ from sprintlab.robots.description import Mechanics as Mechanics
 from sprintlab.robots.description import RobotDescription as RobotDescription
 from sprintlab.robots.description import SoftStop as SoftStop
 from sprintlab.robots.description import joint_kind as joint_kind
-from sprintlab.robots.description import neighbouring_legs as neighbouring_legs
 from sprintlab.robots.description import robot_fingerprint as robot_fingerprint
 from sprintlab.robots.foot import NOMINAL_FOOT as NOMINAL_FOOT
 from sprintlab.robots.foot import RESTITUTION_BAND as RESTITUTION_BAND

@@ -298,17 +298,6 @@ def joint_kind(name: str) -> str:
     return name.rpartition("_")[2]
 
 
-def neighbouring_legs(robot: RobotDescription) -> tuple[tuple[int, int], ...]:
-    """Pairs of legs side by side or one behind the other."""
-    legs = tuple(enumerate(robot.leg_names))
-    return tuple(
-        (first, second)
-        for first, one in legs
-        for second, other in legs[first + 1 :]
-        if sum(a != b for a, b in zip(one, other, strict=True)) == 1
-    )
-
-
 def robot_fingerprint(robot: RobotDescription) -> str:
     """SHA-256 over every name and number of a robot: equal for equal robots, on every machine.
 

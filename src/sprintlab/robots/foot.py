@@ -18,12 +18,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from sprintlab.core.array_types import FloatArray
 from sprintlab.core.checks import check_range
 from sprintlab.core.errors import RobotModelError
 
@@ -88,27 +86,6 @@ NOMINAL_FOOT = FootContact()
 """Of every published number."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ContactLaw:
-    """Spring, dashpot and added mass with which a time-stepping engine shows a pad's numbers.
-
-    Attributes:
-        stiffness: [N/m]; a number or one an environment, like the others.
-        damping: [N s/m].
-        added_mass: [kg].
-    """
-
-    stiffness: float | FloatArray
-    damping: float | FloatArray
-    added_mass: float | FloatArray
-
-
-def _stable_law(stiffness: float, damping: float, mass: float, timestep: float) -> ContactLaw:
-    """The law with the least added mass at which a step is stable for the lightest foot."""
-    needed = _SAFETY * (stiffness * timestep**2 + 2.0 * damping * timestep) / 4.0 - _LIGHTEST_FOOT
-    return ContactLaw(stiffness=stiffness, damping=damping, added_mass=max(_LEAST_ADDED * mass, needed))
-
-
 def _restitution(ratio: float) -> float:
     """Restitution of a spring and dashpot that lets go where its force ends (Schwager and Poeschel 2007)."""
     return math.exp(-ratio / math.sqrt(1.0 - ratio**2) * contact_angle(ratio))
@@ -119,43 +96,6 @@ def contact_angle(ratio: float) -> float:
     return math.atan2(2.0 * ratio * math.sqrt(1.0 - ratio**2), 2.0 * ratio**2 - 1.0)
 
 
-class PairParameters(NamedTuple):
-    """What MuJoCo wants to know of a pair; each with the law's shape in front."""
-
-    solref: FloatArray
-    solreffriction: FloatArray
-    solimp: FloatArray
-
-
-def pair_parameters(law: ContactLaw, inverse_weight: float, timestep: float) -> PairParameters:
-    """MuJoCo's parameters of a foot's pair with the floor.
-
-    Args:
-        law: of the contact; each field a number or an array.
-        inverse_weight: ``body_invweight0`` (translation) of the foot's body [1/kg].
-        timestep: [s].
-    """
-    added = np.asarray(law.added_mass) * inverse_weight
-    impedance = added / (1.0 + added)
-    # In MuJoCo's direct format the reference acceleration is (solref[1] v + solref[0] x) / d.
-    per_mass = impedance / law.added_mass
-    slip_rate = _FRICTION_RATE / timestep * impedance
-
-    def columns(*values: FloatArray | float) -> FloatArray:
-        return np.stack([np.broadcast_to(value, impedance.shape) for value in values], axis=-1)
-
-    return PairParameters(
-        solref=columns(-law.stiffness * per_mass, -law.damping * per_mass),
-        solreffriction=columns(-1.0, -slip_rate),
-        solimp=columns(impedance, impedance, 0.001, 0.5, 2.0),
-    )
-
-
-def friction_ratio(law: ContactLaw) -> FloatArray:
-    """MuJoCo's ``impratio``, in the law's shape: the normal direction gives way, friction must not."""
-    return np.maximum(_FRICTION_MASS / np.asarray(law.added_mass), 1.0)
-
-
 def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> None:
     """Give every explicit pair of a compiled model the contact of ``foot``.
 
@@ -164,14 +104,19 @@ def set_foot_contact(model: mujoco.MjModel, foot: FootContact, mass: float) -> N
         foot: the pad.
         mass: the leg's effective mass [kg].
     """
-    timestep = float(model.opt.timestep)
-    law = _stable_law(foot.stiffness, foot.damping(mass), mass, timestep)
-    model.opt.impratio = friction_ratio(law)
+    step, stiffness, damping = float(model.opt.timestep), foot.stiffness, foot.damping(mass)
+    needed = _SAFETY * (stiffness * step**2 + 2.0 * damping * step) / 4.0 - _LIGHTEST_FOOT
+    added = max(_LEAST_ADDED * mass, needed)  # [kg]
+    model.opt.impratio = max(_FRICTION_MASS / added, 1.0)  # the normal direction gives way, friction must not
     for pair in range(model.npair):
         body = model.geom_bodyid[model.pair_geom2[pair]]
-        parameters = pair_parameters(law, float(model.body_invweight0[body, 0]), timestep)
-        for name, values in parameters._asdict().items():
-            getattr(model, f"pair_{name}")[pair] = values
+        share = added * float(model.body_invweight0[body, 0])
+        impedance = share / (1.0 + share)
+        # In MuJoCo's direct format the reference acceleration is (solref[1] v + solref[0] x) / d.
+        per_mass = impedance / added
+        model.pair_solref[pair] = (-stiffness * per_mass, -damping * per_mass)
+        model.pair_solreffriction[pair] = (-1.0, -_FRICTION_RATE / step * impedance)
+        model.pair_solimp[pair] = (impedance, impedance, 0.001, 0.5, 2.0)
 
 
 def effective_leg_mass(model: mujoco.MjModel) -> float:

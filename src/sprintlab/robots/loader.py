@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sprintlab.core.arguments import checked
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import Battery, Gear, PmsmParameters, stack_motors
 from sprintlab.motors.parameters import MOTOR_UNITS
@@ -43,6 +44,7 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(_known_tables()))
 
 
+@checked
 def load_robot(name: str | Path) -> RobotDescription:
     """Load a robot by its name, or by the path of its folder or table.
 

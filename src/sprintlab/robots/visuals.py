@@ -139,28 +139,25 @@ def add_robot_visuals(spec: mujoco.MjSpec, robot: RobotDescription, group: int) 
     dresser = _Dresser(spec, group, robot.mechanics.thigh_length / _DESIGN_THIGH)
     _dress_trunk(dresser, robot)
     for leg in robot.leg_names:
-        _dress_leg(dresser, robot, leg)
-    _add_tracking_views(spec)
+        _dress_hip_and_thigh(dresser, robot, leg)
+        _dress_shank(dresser, robot, leg)
+    _add_tracking_views(spec.body("trunk"))
 
 
-def _add_tracking_views(spec: mujoco.MjSpec) -> None:
+def _add_tracking_views(trunk: mujoco.MjsBody) -> None:
     """Sunlight and cameras that travel with the trunk, so that shadows are sharp all along the track."""
-    trunk, track = spec.body("trunk"), mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
+    track = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM
     sun = trunk.add_light(
         name="sun", pos=(-1.0, -1.5, 4.0), dir=(0.25, 0.37, -1.0), mode=track, castshadow=True
     )
-    sun.type, sun.diffuse, sun.specular = (
-        mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        (0.7, 0.68, 0.64),
-        (0.4, 0.4, 0.4),
-    )
-    trunk.add_camera(name="side", pos=(0.0, -2.2, 0.25), xyaxes=(1, 0, 0, 0, 0.12, 1), mode=track, fovy=40)
-    trunk.add_camera(
-        name="chase", pos=(-2.0, -1.5, 0.75), xyaxes=(0.6, -0.8, 0, 0.22, 0.17, 0.96), mode=track, fovy=40
-    )
-    trunk.add_camera(
-        name="front", pos=(1.7, -1.4, 0.35), xyaxes=(0.64, 0.77, 0, -0.15, 0.12, 0.98), mode=track, fovy=40
-    )
+    sun.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    sun.diffuse, sun.specular = (0.7, 0.68, 0.64), (0.4, 0.4, 0.4)
+    for name, place, axes in (
+        ("side", (0.0, -2.2, 0.25), (1, 0, 0, 0, 0.12, 1)),
+        ("chase", (-2.0, -1.5, 0.75), (0.6, -0.8, 0, 0.22, 0.17, 0.96)),
+        ("front", (1.7, -1.4, 0.35), (0.64, 0.77, 0, -0.15, 0.12, 0.98)),
+    ):
+        trunk.add_camera(name=name, pos=place, xyaxes=axes, mode=track, fovy=40)
 
 
 class _Dresser:
@@ -171,39 +168,31 @@ class _Dresser:
     """
 
     def __init__(self, spec: mujoco.MjSpec, group: int, size: float) -> None:
-        self._spec = spec
-        self._group = group
-        self.size = size
+        self._spec, self._group, self.size = spec, group, size
         self._meshes: set[str] = set()
 
     def mesh(
-        self,
-        body: str,
-        name: str,
-        material: str,
-        sections: Sequence[Section],
-        u: Sequence[float],
-        v: Sequence[float],
+        self, body: str, name: str, material: str, sections: Sequence[Section], down: bool = False
     ) -> None:
-        """Hang a loft on a body."""
+        """Hang a loft on a body: along +x, or ``down`` along -z."""
         if name not in self._meshes:
-            vertices, faces = loft(sections, u, v)
+            vertices, faces = loft(sections, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0) if down else (0.0, 0.0, 1.0))
             mesh = self._spec.add_mesh(name=name, uservert=vertices.ravel(), userface=faces.ravel())
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             self._meshes.add(name)
         self._add(body, material, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
 
-    def has_body(self, name: str) -> bool:
-        """Whether the robot has this body."""
-        return self._spec.body(name) is not None
-
     def cylinder(
         self, body: str, material: str, radius: float, start: Sequence[float], end: Sequence[float]
     ) -> None:
         """Hang a cylinder between two points on a body; its radius is scaled."""
-        radius *= self.size
-        geom = self._add(body, material, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=(radius, 0, 0))
+        size = (radius * self.size, 0, 0)
+        geom = self._add(body, material, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size)
         geom.fromto = (*start, *end)
+
+    def across(self, body: str, material: str, radius: float, near: float, far: float) -> None:
+        """Hang a cylinder on a body's y axis, from ``near`` to ``far`` [m]."""
+        self.cylinder(body, material, radius, (0.0, near, 0.0), (0.0, far, 0.0))
 
     def ellipsoid(
         self, body: str, material: str, center: Sequence[float], half_size: Sequence[float]
@@ -217,153 +206,100 @@ class _Dresser:
         )
 
 
-_ALONG_X = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_DOWN_Z = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+Rows = tuple[tuple[float, float, float, float], ...]
+_TRUNK: dict[str, tuple[str, Rows]] = {
+    # mesh: material, sections along +x: x over the hips' x, z of the centre, half width y, half height z
+    "hull": (_GRAPHITE, (
+        (-1.22, 0.030, 0.012, 0.012), (-1.18, 0.027, 0.045, 0.034), (-0.95, 0.020, 0.062, 0.056),
+        (-0.50, 0.022, 0.066, 0.056), (-0.10, 0.010, 0.074, 0.068), (0.40, -0.004, 0.080, 0.084),
+        (0.80, 0.000, 0.074, 0.082), (1.10, 0.014, 0.056, 0.062), (1.28, 0.032, 0.040, 0.042),
+        (1.33, 0.036, 0.016, 0.016),
+    )),
+    "spine": (_ACCENT, (
+        (-1.14, 0.062, 0.008, 0.006), (-0.50, 0.074, 0.020, 0.010), (0.40, 0.076, 0.022, 0.010),
+        (1.08, 0.070, 0.008, 0.008),
+    )),
+    "head": (_CARBON, (
+        (1.20, 0.050, 0.026, 0.028), (1.32, 0.070, 0.034, 0.036), (1.52, 0.078, 0.036, 0.032),
+        (1.72, 0.070, 0.024, 0.020), (1.80, 0.064, 0.008, 0.008),
+    )),
+    "tail": (_CARBON, (
+        (-1.75, 0.105, 0.003, 0.004), (-1.50, 0.074, 0.008, 0.010), (-1.25, 0.048, 0.014, 0.016),
+        (-1.05, 0.034, 0.020, 0.024),
+    )),
+}  # fmt: skip
+# Sections along -z: z, x of the centre, half depth x, half width y. A z above the joint is a thickness, one
+# below it a share of the link's length.
+_THIGH: Rows = (
+    (0.060, 0.000, 0.012, 0.010), (0.048, 0.000, 0.040, 0.017), (0.000, 0.000, 0.060, 0.019),
+    (-0.25, -0.004, 0.052, 0.020), (-0.60, -0.002, 0.034, 0.018), (-0.92, 0.000, 0.026, 0.016),
+    (-1.06, 0.000, 0.018, 0.012),
+)  # fmt: skip
+_SHIN: Rows = (
+    (0.022, -0.004, 0.014, 0.008), (0.000, -0.006, 0.024, 0.012), (-0.30, -0.022, 0.017, 0.011),
+    (-0.60, -0.020, 0.012, 0.009), (-0.85, -0.008, 0.010, 0.008), (-0.98, 0.000, 0.012, 0.010),
+)  # fmt: skip
+_CLAW = ((0.2, 0.1, 0.30), (0.8, 0.05, 0.26), (1.3, -0.2, 0.17), (1.7, -0.55, 0.04))  # x, z, size over radius
 
 
-def _along_x(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along +x from ``(x, z of centre, half width y, half height z)``; ``size`` scales y and z."""
-    return [Section((x, 0.0, size * z), size * width, size * height) for x, z, width, height in rows]
-
-
-def _down_z(size: float, *rows: tuple[float, float, float, float]) -> list[Section]:
-    """Sections along -z from ``(z, x of centre, half depth x, half width y)``; ``size`` scales x and y."""
-    return [Section((size * x, 0.0, z), size * width, size * depth) for z, x, depth, width in rows]
+def _link_sections(rows: Rows, length: float, size: float) -> list[Section]:
+    return [
+        Section((size * x, 0.0, z * (size if z > 0.0 else length)), size * width, size * depth)
+        for z, x, depth, width in rows
+    ]
 
 
 def _dress_trunk(dresser: _Dresser, robot: RobotDescription) -> None:
-    """Deep chest, narrow waist, a small head that looks ahead, a short tail."""
+    """Deep chest, narrow waist, small head, short tail, and the abduction motors with a ring."""
     hip_x, hip_y, size = robot.mechanics.hip_x, robot.mechanics.hip_y, dresser.size
-    hull = _along_x(
-        size,
-        (-1.22 * hip_x, 0.030, 0.012, 0.012),
-        (-1.18 * hip_x, 0.027, 0.045, 0.034),
-        (-0.95 * hip_x, 0.020, 0.062, 0.056),
-        (-0.50 * hip_x, 0.022, 0.066, 0.056),
-        (-0.10 * hip_x, 0.010, 0.074, 0.068),
-        (0.40 * hip_x, -0.004, 0.080, 0.084),
-        (0.80 * hip_x, 0.000, 0.074, 0.082),
-        (1.10 * hip_x, 0.014, 0.056, 0.062),
-        (1.28 * hip_x, 0.032, 0.040, 0.042),
-        (1.33 * hip_x, 0.036, 0.016, 0.016),
-    )
-    dresser.mesh("trunk", "hull", _GRAPHITE, hull, *_ALONG_X)
-    spine = _along_x(
-        size,
-        (-1.14 * hip_x, 0.062, 0.008, 0.006),
-        (-0.50 * hip_x, 0.074, 0.020, 0.010),
-        (0.40 * hip_x, 0.076, 0.022, 0.010),
-        (1.08 * hip_x, 0.070, 0.008, 0.008),
-    )
-    dresser.mesh("trunk", "spine", _ACCENT, spine, *_ALONG_X)
-    _dress_head_and_tail(dresser, hip_x, size)
-    _dress_shoulders(dresser, hip_x, hip_y, size)
-
-
-def _dress_shoulders(dresser: _Dresser, hip_x: float, hip_y: float, size: float) -> None:
-    """The abduction motors, with a ring."""
-    for front in (-1.0, 1.0):
-        for side in (-1.0, 1.0):
-            x, y = front * hip_x, side * hip_y
-            for material, radius, near, far in (
-                (_METAL, 0.050, 0.085, 0.050),
-                (_ACCENT, 0.051, 0.062, 0.057),
-            ):
-                start, end = (x - front * size * near, y, 0.0), (x - front * size * far, y, 0.0)
-                dresser.cylinder("trunk", material, radius, start, end)
-
-
-def _dress_head_and_tail(dresser: _Dresser, hip_x: float, size: float) -> None:
-    head = _along_x(
-        size,
-        (1.20 * hip_x, 0.050, 0.026, 0.028),
-        (1.32 * hip_x, 0.070, 0.034, 0.036),
-        (1.52 * hip_x, 0.078, 0.036, 0.032),
-        (1.72 * hip_x, 0.070, 0.024, 0.020),
-        (1.80 * hip_x, 0.064, 0.008, 0.008),
-    )
-    dresser.mesh("trunk", "head", _CARBON, head, *_ALONG_X)
+    for name, (material, rows) in _TRUNK.items():
+        sections = [
+            Section((x * hip_x, 0.0, size * z), size * width, size * height) for x, z, width, height in rows
+        ]
+        dresser.mesh("trunk", name, material, sections)
     dresser.ellipsoid(
         "trunk", _GLOW, (1.62 * hip_x, 0.0, 0.083 * size), (0.036 * size, 0.031 * size, 0.009 * size)
     )
-    tail = _along_x(
-        size,
-        (-1.75 * hip_x, 0.105, 0.003, 0.004),
-        (-1.50 * hip_x, 0.074, 0.008, 0.010),
-        (-1.25 * hip_x, 0.048, 0.014, 0.016),
-        (-1.05 * hip_x, 0.034, 0.020, 0.024),
+    for front, side in ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)):
+        x, y = front * hip_x, side * hip_y
+        for material, radius, near, far in ((_METAL, 0.050, 0.085, 0.050), (_ACCENT, 0.051, 0.062, 0.057)):
+            start, end = (x - front * size * near, y, 0.0), (x - front * size * far, y, 0.0)
+            dresser.cylinder("trunk", material, radius, start, end)
+
+
+def _dress_hip_and_thigh(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
+    """Abduction motor along x, hip and knee motor along y on both sides of the leg's plane, a blade."""
+    front, side = (1.0 if leg[0] == "F" else -1.0), (1.0 if leg[1] == "L" else -1.0)
+    offset, size, abad, thigh = (
+        side * robot.mechanics.abad_offset,
+        dresser.size,
+        f"{leg}_abad",
+        f"{leg}_thigh",
     )
-    dresser.mesh("trunk", "tail", _CARBON, tail, *_ALONG_X)
-
-
-def _dress_leg(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
-    side = 1.0 if leg[1] == "L" else -1.0
-    front = 1.0 if leg[0] == "F" else -1.0
-    _dress_hip(dresser, robot, leg, front, side)
-    _dress_thigh(dresser, robot, leg, side)
-    _dress_shank(dresser, robot, leg)
-
-
-def _dress_hip(dresser: _Dresser, robot: RobotDescription, leg: str, front: float, side: float) -> None:
-    """Abduction motor along x and hip motor along y, the latter between abduction axis and leg."""
-    offset, size = robot.mechanics.abad_offset, dresser.size
-    body = f"{leg}_abad"
     ends = (-front * 0.048 * size, 0.0, 0.0), (front * 0.040 * size, 0.0, 0.0)
-    dresser.cylinder(body, _CARBON, 0.046, *ends)
-    dresser.cylinder(body, _METAL, 0.056, (0.0, side * 0.012, 0.0), (0.0, side * 0.54 * offset, 0.0))
-    dresser.cylinder(body, _CARBON, 0.058, (0.0, side * 0.26 * offset, 0.0), (0.0, side * 0.40 * offset, 0.0))
-
-
-def _dress_thigh(dresser: _Dresser, robot: RobotDescription, leg: str, side: float) -> None:
-    """Knee motor coaxial with the hip, and a blade that narrows to the knee."""
-    length, offset, size = robot.mechanics.thigh_length, robot.mechanics.abad_offset, dresser.size
-    body = f"{leg}_thigh"
-    dresser.cylinder(body, _METAL, 0.056, (0.0, -side * 0.43 * offset, 0.0), (0.0, -side * 0.012, 0.0))
-    dresser.cylinder(
-        body, _ACCENT, 0.057, (0.0, -side * 0.26 * offset, 0.0), (0.0, -side * 0.21 * offset, 0.0)
-    )
-    dresser.cylinder(body, _METAL, 0.030, (0.0, 0.0, 0.0), (0.0, side * 0.026 * size, 0.0))
-    blade = _down_z(
-        size,
-        (0.060 * size, 0.000, 0.012, 0.010),
-        (0.048 * size, 0.000, 0.040, 0.017),
-        (0.000, 0.000, 0.060, 0.019),
-        (-0.25 * length, -0.004, 0.052, 0.020),
-        (-0.60 * length, -0.002, 0.034, 0.018),
-        (-0.92 * length, 0.000, 0.026, 0.016),
-        (-1.06 * length, 0.000, 0.018, 0.012),
-    )
-    dresser.mesh(body, "thigh", _GRAPHITE, blade, *_DOWN_Z)
+    dresser.cylinder(abad, _CARBON, 0.046, *ends)
+    dresser.across(abad, _METAL, 0.056, side * 0.012, 0.54 * offset)
+    dresser.across(abad, _CARBON, 0.058, 0.26 * offset, 0.40 * offset)
+    dresser.across(thigh, _METAL, 0.056, -0.43 * offset, -side * 0.012)
+    dresser.across(thigh, _ACCENT, 0.057, -0.26 * offset, -0.21 * offset)
+    dresser.across(thigh, _METAL, 0.030, 0.0, side * 0.026 * size)
+    blade = _link_sections(_THIGH, robot.mechanics.thigh_length, size)
+    dresser.mesh(thigh, "thigh", _GRAPHITE, blade, down=True)
 
 
 def _dress_shank(dresser: _Dresser, robot: RobotDescription, leg: str) -> None:
-    """Knee hub, a bowed carbon shin, and a foot with three claws."""
-    length, radius, size = robot.mechanics.shank_length, robot.foot_radius, dresser.size
-    body = f"{leg}_shank"
-    hub = f"{leg}_knee" if dresser.has_body(f"{leg}_knee") else body
+    """Knee hub, a bowed carbon shin, and a foot with three claws that grip forward and down."""
+    length, radius, size, body = robot.mechanics.shank_length, robot.foot_radius, dresser.size, f"{leg}_shank"
+    hub = body if robot.mechanics.knee_carrier is None else f"{leg}_knee"
     for material, hub_radius, half in ((_METAL, 0.029, 0.020), (_ACCENT, 0.018, 0.023)):
-        dresser.cylinder(hub, material, hub_radius, (0.0, -half * size, 0.0), (0.0, half * size, 0.0))
-    shin = _down_z(
-        size,
-        (0.022 * size, -0.004, 0.014, 0.008),
-        (0.000, -0.006, 0.024, 0.012),
-        (-0.30 * length, -0.022, 0.017, 0.011),
-        (-0.60 * length, -0.020, 0.012, 0.009),
-        (-0.85 * length, -0.008, 0.010, 0.008),
-        (-0.98 * length, 0.000, 0.012, 0.010),
-    )
-    dresser.mesh(body, "shin", _CARBON, shin, *_DOWN_Z)
+        dresser.across(hub, material, hub_radius, -half * size, half * size)
+    dresser.mesh(body, "shin", _CARBON, _link_sections(_SHIN, length, size), down=True)
     dresser.ellipsoid(body, _RUBBER, (0.0, 0.0, -length), (1.0 * radius, 0.75 * radius, 0.98 * radius))
-    for name, y in (("claw_left", 0.45), ("claw_middle", 0.0), ("claw_right", -0.45)):
-        dresser.mesh(
-            body, name, _ACCENT if y == 0.0 else _RUBBER, _claw(length, radius, y * radius), *_ALONG_X
-        )
-
-
-def _claw(length: float, radius: float, y: float) -> list[Section]:
-    """A claw that grips forward and down from the front of the foot."""
-    rows = ((0.2, 0.1, 0.30), (0.8, 0.05, 0.26), (1.3, -0.2, 0.17), (1.7, -0.55, 0.04))
-    return [
-        Section((x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * size * radius, size * radius)
-        for x, z, size in rows
-    ]
+    for name, y in (("claw_left", 0.45 * radius), ("claw_middle", 0.0), ("claw_right", -0.45 * radius)):
+        claw = [
+            Section(
+                (x * radius, y * (1.0 + 0.4 * x), -length + z * radius), 0.8 * half * radius, half * radius
+            )
+            for x, z, half in _CLAW
+        ]
+        dresser.mesh(body, name, _ACCENT if y == 0.0 else _RUBBER, claw)
