@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sprintlab.robots.description import FloatArray, RobotDescription
-from sprintlab.robots.importing.choices import RobotChoices, find_motor
+from sprintlab.robots.importing.choices import JointChoice, RobotChoices, find_motor
 from sprintlab.robots.importing.fit import FittedRobot
 from sprintlab.robots.importing.source import SourceRobot, posed
 from sprintlab.robots.importing.table import peak_joint_torque
@@ -31,73 +31,54 @@ def run_checks(
 ) -> tuple[Check, ...]:
     """Compare the robot that the table describes with the file it came from."""
     inertia, feet = compare_models(source, fitted, robot)
-    low, high = zip(*fitted.ranges.values(), strict=True)
-    return (
-        Check(what="joints", outcome="4 legs of 3 hinges, axes x, y, y", good=True),
-        Check(
-            what="legs alike",
-            outcome=f"lengths and masses differ by at most {fitted.spread:.1%}",
-            good=fitted.spread < 0.01,
-        ),
-        *(Check(what="legs unlike", outcome=words, good=False) for words in fitted.unlike),
-        Check(what="mass", outcome=f"{robot.total_mass:.3f} kg, trunk {fitted.trunk.mass:.3f} kg", good=True),
-        *_corrected(source),
-        Check(what="inertia matrix", outcome=f"differs by at most {inertia:.2%}", good=inertia < 0.02),
-        Check(what="feet", outcome=f"differ by at most {1000.0 * feet:.2f} mm", good=feet < 0.002),
-        Check(
-            what="limits",
-            outcome="; ".join(
-                f"{joint} {a:.2f} to {b:.2f} rad"
-                for joint, a, b in zip(fitted.ranges, low, high, strict=True)
-            ),
-            good=True,
-        ),
-        *_drive_checks(fitted, choices),
-        *_sign_checks(fitted),
-    )
+    ranges = "; ".join(f"{joint} {low:.2f} to {high:.2f} rad" for joint, (low, high) in fitted.ranges.items())
+    alike = f"lengths and masses differ by at most {fitted.spread:.1%}"
+    rows = [
+        ("joints", "4 legs of 3 hinges, axes x, y, y", True),
+        ("legs alike", alike, fitted.spread < 0.01),
+        *(("legs unlike", words, False) for words in fitted.unlike),
+        ("mass", f"{robot.total_mass:.3f} kg, trunk {fitted.trunk.mass:.3f} kg", True),
+    ]
+    if source.corrected:
+        words = f"impossible for a body in the source, raised: {', '.join(source.corrected)}"
+        rows.append(("link inertias", words, False))
+    rows += [
+        ("inertia matrix", f"differs by at most {inertia:.2%}", inertia < 0.02),
+        ("feet", f"differ by at most {1000.0 * feet:.2f} mm", feet < 0.002),
+        ("limits", ranges, True),
+        *(row for joint, choice in choices.joints.items() for row in _drive_rows(joint, choice, fitted)),
+        _sign_row(fitted),
+    ]
+    return tuple(Check(what=what, outcome=outcome, good=good) for what, outcome, good in rows)
 
 
-def _corrected(source: SourceRobot) -> list[Check]:
-    """Links whose inertia was raised because no body can have it."""
-    if not source.corrected:
-        return []
-    words = f"impossible for a body in the source, raised: {', '.join(source.corrected)}"
-    return [Check(what="link inertias", outcome=words, good=False)]
-
-
-def _drive_checks(fitted: FittedRobot, choices: RobotChoices) -> list[Check]:
+def _drive_rows(joint: str, choice: JointChoice, fitted: FittedRobot) -> list[tuple[str, str, bool]]:
     """Peak torque against the effort limit that the source states, rotor inertia against its armature."""
-    checks = []
-    for joint, choice in choices.joints.items():
-        motor, effort, armature = find_motor(choice.motor), fitted.efforts[joint], fitted.armature[joint]
-        torque = peak_joint_torque(choice, motor)
-        words, good = f"{torque:.1f} N m", True
-        if effort is not None:
-            words, good = f"{words}, source {effort:.1f}", abs(torque - effort) < 0.15 * effort
-        reflected = choice.gear_ratio**2 * float(motor.rotor_inertia)
-        words += f"; rotor {reflected:.4f} kg m^2"
-        if armature > 0.0:
-            words, good = (
-                f"{words}, source {armature:.4f}",
-                good and abs(reflected - armature) < 0.3 * armature,
-            )
-        checks.append(Check(what=f"{joint} drive", outcome=words, good=good))
-        if fitted.viscous_friction[joint] == 0.0 and fitted.dry_friction[joint] == 0.0:
-            given = choice.viscous_friction is not None or choice.dry_friction is not None
-            words = "given" if given else "none in the source and none given: real joints have some"
-            checks.append(Check(what=f"{joint} friction", outcome=words, good=given))
-    return checks
+    motor, effort, armature = find_motor(choice.motor), fitted.efforts[joint], fitted.armature[joint]
+    torque, reflected = peak_joint_torque(choice, motor), choice.gear_ratio**2 * float(motor.rotor_inertia)
+    words, good = f"{torque:.1f} N m", True
+    if effort is not None:
+        words, good = f"{words}, source {effort:.1f}", abs(torque - effort) < 0.15 * effort
+    words += f"; rotor {reflected:.4f} kg m^2"
+    if armature > 0.0:
+        good = good and abs(reflected - armature) < 0.3 * armature
+        words = f"{words}, source {armature:.4f}"
+    rows = [(f"{joint} drive", words, good)]
+    if fitted.viscous_friction[joint] == 0.0 and fitted.dry_friction[joint] == 0.0:
+        given = choice.viscous_friction is not None or choice.dry_friction is not None
+        words = "given" if given else "none in the source and none given: real joints have some"
+        rows.append((f"{joint} friction", words, given))
+    return rows
 
 
-def _sign_checks(fitted: FittedRobot) -> list[Check]:
+def _sign_row(fitted: FittedRobot) -> tuple[str, str, bool]:
     """Joints whose angles differ from the source's: a robot's driver must convert them."""
     turned = [
         f"{name} = {'-' if item.sign < 0 else ''}{item.source}{item.offset:+.3f} rad"
         for name, item in fitted.maps.items()
         if item.sign < 0 or abs(item.offset) > 1e-3
     ]
-    words = "; ".join(turned) if turned else "all angles as in the source"
-    return [Check(what="joint angles", outcome=words, good=not turned)]
+    return "joint angles", "; ".join(turned) or "all angles as in the source", not turned
 
 
 def compare_models(source: SourceRobot, fitted: FittedRobot, robot: RobotDescription) -> tuple[float, float]:

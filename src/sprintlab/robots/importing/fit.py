@@ -199,13 +199,9 @@ class _LegPlan:
         joint, wanted = self.leg.joints[index], _AXES[JOINTS_PER_LEG[index]]
         cosine = float(joint.axis @ np.array(wanted))
         if abs(cosine) < _STRAIGHT:
-            axis = ", ".join(f"{value:.2f}" for value in joint.axis)
-            kind = JOINTS_PER_LEG[index]
-            raise _refuse(
-                self._source,
-                f"joint {joint.name} turns about ({axis}); joint {index + 1} of a leg ({kind}) turns about "
-                f"{'x' if index == 0 else 'y'}",
-            )
+            axis, wanted = ", ".join(f"{value:.2f}" for value in joint.axis), "xyy"[index]
+            said = f"joint {index + 1} of a leg ({JOINTS_PER_LEG[index]}) turns about {wanted}"
+            raise _refuse(self._source, f"joint {joint.name} turns about ({axis}); {said}")
         return 1.0 if cosine > 0 else -1.0
 
     def link(self, index: int) -> FittedLink:
@@ -308,13 +304,9 @@ def _unlike(legs: dict[str, SourceLeg]) -> tuple[str, ...]:
         for field in ("effort", "damping", "dry_friction", "armature"):
             values = {name: getattr(leg.joints[index], field) for name, leg in legs.items()}
             if len(set(values.values())) > 1:
-                each = ", ".join(f"{leg} {_shown(value)}" for leg, value in values.items())
-                found.append(f"{joint} {field.replace('_', ' ')}: {each}")
+                each = (f"{leg} {'none' if value is None else f'{value:g}'}" for leg, value in values.items())
+                found.append(f"{joint} {field.replace('_', ' ')}: {', '.join(each)}")
     return tuple(found)
-
-
-def _shown(value: float | None) -> str:
-    return "none" if value is None else f"{value:g}"
 
 
 def _effort(legs: dict[str, SourceLeg], index: int) -> float | None:

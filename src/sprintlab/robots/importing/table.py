@@ -20,6 +20,7 @@ _DAMPING_TIME = 0.03  # s: derivative over proportional gain
 _SOFT_ZONE = 0.08  # rad
 _DEFAULT_KNEE_BEND = 1.2  # rad
 _HEIGHT_SHARE = 0.92  # of the standing height, to run at
+_GIVEN = "given at the import"
 _ACTION_SCALES = {"abad": 0.25, "hip": 0.5, "knee": 0.5}
 
 
@@ -47,12 +48,60 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
     Raises:
         SprintlabError: a motor cannot be found.
     """
+
+    def given(value: Any, unit: str) -> Entry:
+        return Entry(_rounded(value), unit, "as published", source_name)
+
+    def link(part: FittedLink) -> dict[str, Entry]:
+        products = (part.inertia[0, 1], part.inertia[0, 2], part.inertia[1, 2])
+        return {
+            "mass": given(part.mass, "kg"),
+            "center_of_mass": given(part.center, "m"),
+            "inertia": given(np.diag(part.inertia), "kg m^2"),
+            "products_of_inertia": given(products, "kg m^2"),
+        }
+
     motors = {joint: find_motor(choices.joints[joint].motor) for joint in JOINTS_PER_LEG}
+    pose = default_pose(fitted, choices)
+    leg_mass = fitted.abad.mass + fitted.thigh.mass + fitted.shank.mass + fitted.foot_mass
+    standing = fitted.thigh_length * math.cos(pose["hip"]) + fitted.foot_radius
+    standing += fitted.shank_length * math.cos(pose["hip"] + pose["knee"])
+    height = choices.base_height_target or _HEIGHT_SHARE * standing
+    trunk = link(fitted.trunk)
+    del trunk["mass"]  # what the legs leave of the total
     return {
-        **_body_sections(fitted, choices, source_name),
+        "body": {
+            "total_mass": given(fitted.trunk.mass + 4 * leg_mass, "kg"),
+            "base_height_target": _chosen(height, "m", f"standing height {standing:.3f} m"),
+            "bus_voltage": _chosen(choices.bus_voltage, "V", _GIVEN),
+        },
+        "trunk": {
+            **trunk,
+            "half_size": given(fitted.trunk_half_size, "m"),
+            "hip_x": given(fitted.hip_x, "m"),
+            "hip_y": given(fitted.hip_y, "m"),
+        },
+        "abad_link": {**link(fitted.abad), "offset_y": given(fitted.abad_offset, "m")},
+        "thigh": {
+            "length": given(fitted.thigh_length, "m"),
+            **link(fitted.thigh),
+            "collision_radius": given(fitted.radii[0], "m"),
+        },
+        "shank": {
+            "length": given(fitted.shank_length, "m"),
+            **link(fitted.shank),
+            "collision_radius": given(fitted.radii[1], "m"),
+        },
+        "foot": {
+            "mass": given(fitted.foot_mass, "kg"),
+            "radius": given(fitted.foot_radius, "m"),
+            "friction": _chosen(choices.foot_friction, "1", "rubber on a dry floor; assumed"),
+        },
         "soft_stop": _soft_stop(choices, motors),
         **{
-            f"joint.{joint}": _joint_section(fitted, choices, joint, motors[joint], source_name)
+            f"joint.{joint}": _joint_section(
+                fitted, choices.joints[joint], joint, pose[joint], motors[joint], source_name
+            )
             for joint in JOINTS_PER_LEG
         },
         **{
@@ -61,58 +110,8 @@ def robot_table(fitted: FittedRobot, choices: RobotChoices, source_name: str) ->
     }
 
 
-def _body_sections(fitted: FittedRobot, choices: RobotChoices, source_name: str) -> Table:
-    def given(value: Any, unit: str) -> Entry:
-        return Entry(_rounded(value), unit, "as published", source_name)
-
-    def chosen(value: Any, unit: str, basis: str) -> Entry:
-        return Entry(_rounded(value), unit, "chosen", basis)
-
-    legs = (fitted.abad.mass + fitted.thigh.mass + fitted.shank.mass + fitted.foot_mass) * 4
-    standing = _standing_height(fitted, choices)
-    height = choices.base_height_target or _HEIGHT_SHARE * standing
-    return {
-        "body": {
-            "total_mass": given(fitted.trunk.mass + legs, "kg"),
-            "base_height_target": chosen(height, "m", f"standing height {standing:.3f} m"),
-            "bus_voltage": chosen(choices.bus_voltage, "V", "given at the import"),
-        },
-        "trunk": {
-            **_link_entries(fitted.trunk, source_name, with_mass=False),
-            "half_size": given(fitted.trunk_half_size, "m"),
-            "hip_x": given(fitted.hip_x, "m"),
-            "hip_y": given(fitted.hip_y, "m"),
-        },
-        "abad_link": {**_link_entries(fitted.abad, source_name), "offset_y": given(fitted.abad_offset, "m")},
-        "thigh": {
-            "length": given(fitted.thigh_length, "m"),
-            **_link_entries(fitted.thigh, source_name),
-            "collision_radius": given(fitted.radii[0], "m"),
-        },
-        "shank": {
-            "length": given(fitted.shank_length, "m"),
-            **_link_entries(fitted.shank, source_name),
-            "collision_radius": given(fitted.radii[1], "m"),
-        },
-        "foot": {
-            "mass": given(fitted.foot_mass, "kg"),
-            "radius": given(fitted.foot_radius, "m"),
-            "friction": chosen(choices.foot_friction, "1", "rubber on a dry floor; assumed"),
-        },
-    }
-
-
-def _link_entries(link: FittedLink, source_name: str, with_mass: bool = True) -> dict[str, Entry]:
-    inertia = link.inertia
-    products = (inertia[0, 1], inertia[0, 2], inertia[1, 2])
-    values: dict[str, tuple[Any, str]] = {"mass": (link.mass, "kg")} if with_mass else {}
-    values["center_of_mass"] = (link.center, "m")
-    values["inertia"] = (np.diag(inertia), "kg m^2")
-    values["products_of_inertia"] = (products, "kg m^2")
-    return {
-        name: Entry(_rounded(value), unit, "as published", source_name)
-        for name, (value, unit) in values.items()
-    }
+def _chosen(value: Any, unit: str, basis: str) -> Entry:
+    return Entry(_rounded(value), unit, "chosen", basis)
 
 
 def default_pose(fitted: FittedRobot, choices: RobotChoices) -> dict[str, float]:
@@ -120,20 +119,16 @@ def default_pose(fitted: FittedRobot, choices: RobotChoices) -> dict[str, float]
     given = {joint: choices.joints[joint].default_angle for joint in JOINTS_PER_LEG}
     low, high = fitted.ranges["knee"]
     room = 0.1 * (high - low) + _SOFT_ZONE
-    knee = (
-        given["knee"] if given["knee"] is not None else min(max(-_DEFAULT_KNEE_BEND, low + room), high - room)
-    )
+    knee = given["knee"]
+    if knee is None:
+        knee = min(max(-_DEFAULT_KNEE_BEND, low + room), high - room)
     shank, thigh = fitted.shank_length, fitted.thigh_length
     under = math.atan2(-shank * math.sin(knee), thigh + shank * math.cos(knee))
-    hip = given["hip"] if given["hip"] is not None else under
-    return {"abad": given["abad"] or 0.0, "hip": hip, "knee": knee}
-
-
-def _standing_height(fitted: FittedRobot, choices: RobotChoices) -> float:
-    pose = default_pose(fitted, choices)
-    leg = fitted.thigh_length * math.cos(pose["hip"])
-    leg += fitted.shank_length * math.cos(pose["hip"] + pose["knee"])
-    return leg + fitted.foot_radius
+    return {
+        "abad": given["abad"] or 0.0,
+        "hip": under if given["hip"] is None else given["hip"],
+        "knee": knee,
+    }
 
 
 def peak_joint_torque(choice: JointChoice, motor: PmsmParameters) -> float:
@@ -145,39 +140,40 @@ def peak_joint_torque(choice: JointChoice, motor: PmsmParameters) -> float:
 def _soft_stop(choices: RobotChoices, motors: dict[str, PmsmParameters]) -> dict[str, Entry]:
     """A stop that takes the strongest joint's peak torque at twice the zone."""
     torque = max(peak_joint_torque(choices.joints[joint], motors[joint]) for joint in JOINTS_PER_LEG)
-    stiffness = torque / (2.0 * _SOFT_ZONE)
-    basis = "assumed: peak torque at twice the zone"
+    stiffness, unsure = torque / (2.0 * _SOFT_ZONE), "x or / 3"
+    basis, damped = "assumed: peak torque at twice the zone", "assumed: 0.01 s of the stiffness"
     return {
-        "zone": Entry(_SOFT_ZONE, "rad", "x or / 3", "assumed"),
-        "stiffness": Entry(_rounded(stiffness), "N m/rad", "x or / 3", basis),
-        "damping": Entry(
-            _rounded(0.01 * stiffness), "N m s/rad", "x or / 3", "assumed: 0.01 s of the stiffness"
-        ),
+        "zone": Entry(_SOFT_ZONE, "rad", unsure, "assumed"),
+        "stiffness": Entry(_rounded(stiffness), "N m/rad", unsure, basis),
+        "damping": Entry(_rounded(0.01 * stiffness), "N m s/rad", unsure, damped),
     }
 
 
 def _joint_section(
-    fitted: FittedRobot, choices: RobotChoices, joint: str, motor: PmsmParameters, source_name: str
+    fitted: FittedRobot,
+    choice: JointChoice,
+    joint: str,
+    angle: float,
+    motor: PmsmParameters,
+    source_name: str,
 ) -> dict[str, Entry]:
-    choice, pose = choices.joints[joint], default_pose(fitted, choices)
-
-    def pick(given: float | None, derived: float, unit: str, basis: str) -> Entry:
-        if given is not None:
-            return Entry(_rounded(given), unit, "chosen", "given at the import")
-        return Entry(_rounded(derived), unit, "chosen", basis)
-
     stiffness = choice.stiffness or peak_joint_torque(choice, motor) / _STIFFNESS_ERROR
-    return {
-        "default_angle": pick(choice.default_angle, pose[joint], "rad", "bent leg, foot under the hip"),
-        "range": Entry(_rounded(fitted.ranges[joint]), "rad", "as published", source_name),
-        "stiffness": pick(choice.stiffness, stiffness, "N m/rad", "peak torque at 0.45 rad of error"),
-        "damping": pick(choice.damping, _DAMPING_TIME * stiffness, "N m s/rad", "0.03 s of the stiffness"),
-        "action_scale": pick(choice.action_scale, _ACTION_SCALES[joint], "rad", "as for BP2"),
-        "viscous_friction": pick(
-            choice.viscous_friction, fitted.viscous_friction[joint], "N m s/rad", source_name
-        ),
-        "dry_friction": pick(choice.dry_friction, fitted.dry_friction[joint], "N m", source_name),
+    derived = {
+        "default_angle": (angle, "rad", "bent leg, foot under the hip"),
+        "stiffness": (stiffness, "N m/rad", "peak torque at 0.45 rad of error"),
+        "damping": (_DAMPING_TIME * stiffness, "N m s/rad", "0.03 s of the stiffness"),
+        "action_scale": (_ACTION_SCALES[joint], "rad", "as for BP2"),
+        "viscous_friction": (fitted.viscous_friction[joint], "N m s/rad", source_name),
+        "dry_friction": (fitted.dry_friction[joint], "N m", source_name),
     }
+    entries: dict[str, Entry] = {}
+    for name, (value, unit, basis) in derived.items():
+        given = getattr(choice, name)
+        entries[name] = _chosen(value, unit, basis) if given is None else _chosen(given, unit, _GIVEN)
+        if name == "default_angle":
+            limits = _rounded(fitted.ranges[joint])
+            entries["range"] = Entry(limits, "rad", "as published", source_name)
+    return entries
 
 
 def _motor_section(choice: JointChoice, motor: PmsmParameters) -> dict[str, Entry]:
@@ -187,8 +183,8 @@ def _motor_section(choice: JointChoice, motor: PmsmParameters) -> dict[str, Entr
         for name, unit in MOTOR_UNITS.items()
     }
     entries["pole_pairs"] = Entry(int(motor.pole_pairs), "1", "exact", basis)
-    entries["gear_ratio"] = Entry(choice.gear_ratio, "1", "chosen", "given at the import")
-    entries["gear_efficiency"] = Entry(choice.gear_efficiency, "1", "±0.03", "given at the import")
+    entries["gear_ratio"] = Entry(choice.gear_ratio, "1", "chosen", _GIVEN)
+    entries["gear_efficiency"] = Entry(choice.gear_efficiency, "1", "±0.03", _GIVEN)
     return entries
 
 
