@@ -122,42 +122,18 @@ def test_anothers_command_makes_the_next_state_one_of_another_session(ends):
     assert interface.overheard == 2
 
 
-def test_a_state_that_is_not_judged_does_not_hide_another_controller(ends):
-    """The first state after his command may come twice, or be old: it is dropped, and the next must tell."""
-    interface, endpoint = ends
-    endpoint.publish(state_at(100))
-    interface.receive()
-    another_sends(interface, encode_command(command_at(1, 1)))
-    answers = []
-    for moment in (100, 98, 102):
-        endpoint._last = None
-        endpoint.publish(state_at(moment))
-        answers.append(interface.receive())
-    first = answers[0].sequence
-    assert [state.sequence - first for state in answers] == [0, -1, 1]
-    assert all(state.session not in (0, SESSION) for state in answers)
-    for moment in range(104, 150, 2):
-        interface.send(command_at(moment, moment))
-        endpoint.publish(state_at(moment))
-        state = interface.receive()
-    assert state.session == SESSION
+def test_another_controller_stops_a_run(running_on_unitree):
+    rig = running_on_unitree
+    assert rig.run(0.1).mode == "run"
+    another_sends(rig.bus[0], encode_command(rig.ticks[-1].command))
+    rig.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.0021)
+    assert rig.controller.stop_reason == "commands-foreign"
 
 
-def test_another_controller_stops_a_run(running, unitree_loopback, continue_on_unitree):
-    running.bus = unitree_loopback(running.controller.session)
-    continue_on_unitree(running, *running.bus)
-    assert running.run(0.1).mode == "run"
-    another_sends(running.bus[0], encode_command(running.ticks[-1].command))
-    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.0021)
-    assert running.controller.stop_reason == "commands-foreign"
-
-
-def test_commands_without_a_reader_stop_a_run(running, unitree_loopback, continue_on_unitree, monkeypatch):
-    running.bus = interface, endpoint = unitree_loopback(running.controller.session)
-    continue_on_unitree(running, interface, endpoint)
-    monkeypatch.setattr(type(interface), "read_by_robot", property(lambda end: False))
-    running.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.103)
-    assert running.controller.stop_reason == "commands-unanswered"
+def test_commands_without_a_reader_stop_a_run(running_on_unitree, monkeypatch):
+    monkeypatch.setattr(type(running_on_unitree.bus[0]), "read_by_robot", property(lambda end: False))
+    running_on_unitree.run_until(lambda tick: tick.command.mode == JointMode.DAMPING, 0.103)
+    assert running_on_unitree.controller.stop_reason == "commands-unanswered"
 
 
 def test_a_robot_before_its_first_command_is_woken_and_stands_up(make_rig, unitree_loopback):

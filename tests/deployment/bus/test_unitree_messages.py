@@ -155,13 +155,6 @@ def test_a_wanted_velocity_becomes_torque():
     assert received(to_wire("LowCmd_", record)).feedforward_torque[0] == 10.0
 
 
-def test_stiffness_about_no_position_is_refused():
-    record = from_wire("LowCmd_", encode_command(command()))
-    record["motor_cmd"]["q"][0] = 2.146e9
-    with pytest.raises(MessageError, match="target_position"):
-        check_command(received(to_wire("LowCmd_", record)), 12)
-
-
 def test_a_state_comes_back_in_single_precision():
     sent = state()
     tick, back = decode_state(encode_state(sent))

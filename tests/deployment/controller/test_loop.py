@@ -5,9 +5,6 @@ from __future__ import annotations
 import gc
 import itertools
 import os
-import subprocess
-import sys
-import threading
 from collections import Counter
 
 import numpy as np
@@ -237,59 +234,6 @@ def test_the_garbage_collector_stays_out_and_comes_back():
     assert gc.isenabled() and gc.get_freeze_count() == 0
 
 
-BURN = "import os, sys; os.sched_setaffinity(0, {int(sys.argv[1])}); print(flush=True)\nwhile True: pass"
-
-
-@pytest.mark.usefixtures("unlocked_memory")
-def test_priority_keeps_the_steps_of_a_busy_machine(start):
-    """The loop on a core that three other processes keep busy, with the real-time scheduler and without.
-
-    Only skipped steps tell them apart: a step that is made was woken in time either way.
-    """
-    if not hasattr(os, "sched_setaffinity"):
-        pytest.skip("needs Linux")
-    core = min(os.sched_getaffinity(0))
-    with real_time(50) as grant:
-        if grant.priority is None:
-            pytest.skip("real-time priority is not permitted here")
-    command = [sys.executable, "-c", BURN, str(core)]
-    burners = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(3)]
-    late = {}
-    try:
-        for burner in burners:
-            burner.stdout.readline()
-        for priority in (None, 50):
-            controller, bus = start(Sleeper())
-            options = LoopOptions(priority=priority, core=core, duration=0.5)
-            late[priority] = run_loop(controller, bus, options)
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.communicate()
-    assert late[50].skipped / late[50].steps < late[None].skipped / late[None].steps
-
-
-@pytest.mark.usefixtures("unlocked_memory")
-def test_a_priority_that_was_given_from_outside_is_not_lost():
-    """``chrt`` and systemd give more than one may ask for: once put down, it cannot be taken up again."""
-    given = []
-
-    def look():  # a thread of its own has a scheduler of its own
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
-        except OSError:
-            return
-        lacking(10)
-        given.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
-
-    thread = threading.Thread(target=look)
-    thread.start()
-    thread.join()
-    if not given:
-        pytest.skip("real-time priority is not permitted here")
-    assert given == [(os.SCHED_FIFO, 10)]
-
-
 def test_what_a_machine_lacks_is_said_before(monkeypatch, tmp_path):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
@@ -326,29 +270,3 @@ def test_percentiles_are_those_of_the_durations_to_a_microsecond(durations):
         exact = 1e6 * np.percentile(durations, percent, method="inverted_cdf")
         assert exact - 0.1 <= found[f"p{percent:g}"] <= exact + 1.1
     assert found["max"] == pytest.approx(1e6 * max(durations), abs=0.1) and found["count"] == len(durations)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is locked on Linux only")
-@pytest.mark.parametrize(
-    ("limit", "rights", "flags"), [(-1, "0", 3), (8 << 20, "4000", 3), (8 << 20, "3fff", 1)]
-)
-def test_memory_that_is_taken_later_is_locked_only_where_no_limit_refuses_it(
-    monkeypatch, tmp_path, limit, rights, flags
-):
-    """At a limit whoever asks for memory in mid-run gets none: a policy's step would fail."""
-    import resource
-
-    status, asked = tmp_path / "status", []
-    status.write_text(f"Name:\tpython\nCapPrm:\tffff\nCapEff:\t{rights}\n")
-
-    class Library:
-        def mlockall(self, chosen: int) -> int:
-            asked.append(chosen)
-            return 0
-
-    monkeypatch.setattr(realtime, "_STATUS", status)
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
-    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda *_, **__: Library())
-    remarks: list[str] = []
-    assert realtime._lock_memory(remarks) and asked == [flags]
-    assert bool(remarks) == (flags == 1)

@@ -95,15 +95,6 @@ def test_everything_comes_back(path):
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_a_robot_that_has_counted_far_is_logged(path):
-    """MCAP's own numbers of messages have 32 bits, which a robot's states fill in 50 days."""
-    log = McapRunLog(path, FACTS, wait=True)
-    now = tick(1)
-    log.write(msgspec.structs.replace(now, state=msgspec.structs.replace(now.state, sequence=2**64 - 1)))
-    log.close()
-    assert read_log(path).column("states", "sequence").tolist() == [2**64 - 1]
-
-
 def test_other_programs_can_read_every_topic_by_its_schema(path):
     from mcap.reader import make_reader
 
@@ -165,18 +156,6 @@ def test_a_log_survives_the_death_of_its_controller(path):
     assert len(read_log(path).ticks) == 500
 
 
-def test_a_log_goes_on_when_everything_is_asked_to_end(path):
-    """So does the run, which brings the robot down first: a session's end asks both at once."""
-    log = McapRunLog(path, FACTS)
-    log.write(tick(1))
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        os.kill(log._writer.pid, number)
-    time.sleep(0.2)
-    log.write(tick(2))
-    log.close()
-    assert len(read_log(path).ticks) == 2
-
-
 def test_a_log_that_is_cut_off_is_read_up_to_the_cut(path):
     write(path, 3000)
     content = path.read_bytes()
@@ -233,20 +212,6 @@ def test_what_the_writer_cannot_take_is_dropped_and_counted(path):
     record = read_log(path)
     assert len(record.ticks) == 3000 - log.dropped
     assert record.facts["ticks dropped"] == str(log.dropped)
-
-
-def test_a_run_does_not_wait_for_ever_for_its_writer(path, monkeypatch):
-    """Its numbers come after the log is closed; the log is complete when the writer goes on."""
-    monkeypatch.setattr(run_log, "_PATIENCE", 0.2)
-    log = McapRunLog(path, FACTS, wait=True)
-    os.kill(log._writer.pid, signal.SIGSTOP)
-    for number in range(1, 3001):
-        log.write(tick(number))
-    with pytest.raises(LogError, match=f"process {log._writer.pid}, has not ended"):
-        log.close()
-    os.kill(log._writer.pid, signal.SIGCONT)
-    assert log._writer.wait(60.0) == 0
-    assert len(read_log(path).ticks) == 3000 - log.dropped
 
 
 def test_on_a_full_disk_the_log_ends_where_the_disk_did_and_can_be_read(path):

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.deployment.bus.unitree_ends import UnitreeControllerEnd
 from sprintlab.deployment.interface import (
     JointCommand,
@@ -300,21 +299,12 @@ DROPPED = {
     ),
     "NaN joint position": (Fault.STATE_NOT_FINITE, five("joint_position", 4, NAN)),
     "infinite joint velocity": (Fault.STATE_NOT_FINITE, five("joint_velocity", 0, INF)),
-    "NaN torque": (Fault.STATE_NOT_FINITE, five("joint_torque", 11, NAN)),
-    "NaN orientation": (Fault.STATE_NOT_FINITE, five("quaternion", 2, NAN)),
-    "NaN gyro": (Fault.STATE_NOT_FINITE, five("angular_velocity", 1, NAN)),
-    "NaN bus voltage": (Fault.STATE_NOT_FINITE, five("bus_voltage", None, NAN)),
     "encoder glitch": (Fault.STATE_IMPLAUSIBLE, five("joint_position", 1, 2.6)),
-    "encoder far outside": (Fault.STATE_IMPLAUSIBLE, five("joint_position", 2, -40.0)),
     "velocity spike": (Fault.STATE_IMPLAUSIBLE, five("joint_velocity", 5, 1e4)),
-    "gyro spike": (Fault.STATE_IMPLAUSIBLE, five("angular_velocity", 0, 500.0)),
-    "orientation not a rotation": (Fault.STATE_IMPLAUSIBLE, five("quaternion", 0, 0.0)),
-    "negative bus voltage": (Fault.STATE_IMPLAUSIBLE, five("bus_voltage", None, -1.0)),
     "20 ms without a state": (Fault.STATE_LOST, silence(20)),
     "NaN position fix": (Fault.FIX_INVALID, bad_fix(position=np.full(3, NAN))),
     "position fix of 1e308 m": (Fault.FIX_INVALID, bad_fix(position=np.array([1e308, -1e308, 0.0]))),
     "NaN velocity command": (Fault.SOURCE_INVALID, source_becomes(wish(NAN, 0.0, 0.0), times=5)),
-    "infinite yaw rate": (Fault.SOURCE_INVALID, source_becomes(wish(8.0, 0.0, INF), times=5)),
     "velocity command of two numbers": (Fault.SOURCE_INVALID, source_becomes(wish(8.0, 0.0), times=5)),
     "old velocity command": (
         Fault.SOURCE_INVALID,
@@ -349,7 +339,6 @@ STOPPED = {
     "drive gives too much": (Fault.OVERTORQUE, each(with_number("joint_torque", 7, 250.0))),
     "bus voltage too high": (Fault.BUS_HIGH, each(with_number("bus_voltage", None, 80.0))),
     "trunk tilted": (Fault.FALL, each(tilted(75.0))),
-    "trunk upside down": (Fault.FALL, each(tilted(180.0))),
     "knocked over": (Fault.TUMBLE, knock_over),
     "legs folded": (
         Fault.COLLAPSE,
@@ -368,7 +357,6 @@ STOPPED = {
     "answer falls": (Fault.COMMANDS_FOREIGN, each(with_number("command_sequence", None, 1))),
     "robot forgets whom it obeys": (Fault.COMMANDS_FOREIGN, each(with_number("session", None, 0))),
     "every state damaged": (Fault.STATE_STALE, on_the_wire("on_bytes", one_bit)),
-    "states empty": (Fault.STATE_STALE, on_the_wire("on_bytes", lambda content: bytes(len(content)))),
     "every command damaged": (
         Fault.WATCHDOG_EXPIRED,
         on_the_wire("on_command_bytes", one_bit, onset=50),
@@ -379,8 +367,6 @@ STOPPED = {
     ),
     "policy gives NaN": (Fault.POLICY_INVALID, policy_gives(np.full(12, np.nan))),
     "policy gives 1e308": (Fault.POLICY_INVALID, policy_gives(np.full(12, 1e308))),
-    "policy gives infinity": (Fault.POLICY_INVALID, policy_gives(np.full(12, -np.inf))),
-    "policy refuses": (Fault.POLICY_INVALID, policy_gives(InvalidValueError("command", 0, "nothing"))),
     "policy crashes": (Fault.POLICY_INVALID, policy_gives(RuntimeError("out of memory"))),
     "policy gives eleven joints": (Fault.POLICY_INVALID, policy_gives(np.zeros(11))),
     "loop stalls": (Fault.LOOP_STALLED, stall),
