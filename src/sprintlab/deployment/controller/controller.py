@@ -20,19 +20,10 @@ from sprintlab.control import projected_gravity as gravity_in_body
 from sprintlab.control.calibration import given_speed
 from sprintlab.control.pace import braking_time
 from sprintlab.core.errors import ContractMismatchError
+from sprintlab.deployment import safety as checks
+from sprintlab.deployment.controller import modes
 from sprintlab.deployment.controller.course import Course, LastFix
-from sprintlab.deployment.controller.modes import (
-    ACTIVE_MODES,
-    BRAKE_RESERVE,
-    Behaviour,
-    LieDown,
-    Mode,
-    Run,
-    Stand,
-    StandUp,
-    Stop,
-    fastest_joint,
-)
+from sprintlab.deployment.controller.modes import ACTIVE_MODES, Mode
 from sprintlab.deployment.controller.outgoing import CommandWriter
 from sprintlab.deployment.interface import (
     CommandSource,
@@ -47,17 +38,7 @@ from sprintlab.deployment.interface import (
     SourceView,
     new_session,
 )
-from sprintlab.deployment.safety import (
-    BodyMonitor,
-    Fault,
-    Reaction,
-    SafetySettings,
-    SourceMonitor,
-    StateMonitor,
-    VelocityLimiter,
-    VelocityLimits,
-    trunk_tilt,
-)
+from sprintlab.deployment.safety import Fault, Reaction, SafetySettings, VelocityLimits
 from sprintlab.robots import RobotDescription
 
 POLICY_PERIOD_NS = round(1e9 / POLICY_RATE_HZ)
@@ -103,11 +84,11 @@ class Controller:
         self._robot, self._source = robot, source
         self._safety = safety or SafetySettings()
         self._runtime = PolicyRuntime(policy, robot)
-        self._states = StateMonitor(robot, self._safety)
-        self._body = BodyMonitor(robot, self._safety)
+        self._states = checks.StateMonitor(robot, self._safety)
+        self._body = checks.BodyMonitor(robot, self._safety)
         self._commands = CommandWriter(robot, self.session)
-        self._operator = SourceMonitor(self._safety.source_timeout)
-        self._limiter = VelocityLimiter(limits or VelocityLimits())
+        self._operator = checks.SourceMonitor(self._safety.source_timeout)
+        self._limiter = checks.VelocityLimiter(limits or VelocityLimits())
         _check_braking(policy, self._limiter.limits)
         self._velocity = np.zeros(3)
         self._targets: FloatArray = np.array(robot.default_pose)
@@ -120,7 +101,7 @@ class Controller:
         self._faults: list[Fault] = []
         self._run_started = 0.0
         self._override: Request | None = None
-        self._behaviour: Behaviour = Behaviour()
+        self._behaviour: modes.Behaviour = modes.Behaviour()
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
         self.policy_time = 0.0
@@ -284,13 +265,13 @@ class Controller:
         reactions = {fault.response.reaction: fault for fault in reversed(self._faults)}
         if Reaction.STOP in reactions and self.mode in ACTIVE_MODES:
             self._enter_stop(reactions[Reaction.STOP].value)
-        elif Reaction.BRAKE in reactions and isinstance(self._behaviour, Run):
+        elif Reaction.BRAKE in reactions and isinstance(self._behaviour, modes.Run):
             self._behaviour.held = True
             self._behaviour.brake(time)
 
     def _enter_stop(self, reason: str) -> None:
         if self.mode is not Mode.STOP:
-            self._behaviour = Stop(self._safety)
+            self._behaviour = modes.Stop(self._safety)
         self.stop_reason = reason
         self._limiter.reset()
         self._velocity = np.zeros(3)
@@ -338,12 +319,12 @@ class Controller:
         if request == Request.STOP and self.mode in ACTIVE_MODES:
             self._enter_stop("operator")
         behaviour = self._behaviour
-        if request == Request.STAND and isinstance(behaviour, Stand):
+        if request == Request.STAND and isinstance(behaviour, modes.Stand):
             behaviour.held = False
         goal = behaviour.ways.get(request)
         if goal is None:
             return
-        if isinstance(behaviour, Run):
+        if isinstance(behaviour, modes.Run):
             behaviour.brake(time)
         elif self._may_leave(goal, state, time):
             self._enter(goal, state, time)
@@ -360,8 +341,8 @@ class Controller:
 
     def _ready(self, state: RobotState, time: float) -> bool:
         answered = self._commands.has_sent(state) and time - self._answered_at < self._safety.answer_timeout
-        upright = trunk_tilt(state) < self._safety.start_tilt
-        at_rest = fastest_joint(state) < self._safety.start_speed
+        upright = checks.trunk_tilt(state) < self._safety.start_tilt
+        at_rest = modes.fastest_joint(state) < self._safety.start_speed
         return answered and upright and state.status == RobotStatus.READY and at_rest
 
     def _run_policy(self, state: RobotState, time: float) -> None:
@@ -394,18 +375,18 @@ class Controller:
     def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
         before, robot, here = self._behaviour, self._robot, self._commands.bumpless_start
         if mode is Mode.STAND_UP:
-            self._behaviour = StandUp(robot, here(state), time)
+            self._behaviour = modes.StandUp(robot, here(state), time)
         elif mode is Mode.STAND:
-            self._behaviour = Stand(robot, here(state), time, before)
+            self._behaviour = modes.Stand(robot, here(state), time, before)
         elif mode is Mode.LIE_DOWN:
             self._velocity = np.zeros(3)
-            self._behaviour = LieDown(robot, here, state, time, after_run=before.policy_drives)
+            self._behaviour = modes.LieDown(robot, here, state, time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
             limits = self._limiter.limits
-            self._behaviour = Run(limits.forward / limits.braking, self._estimated_speed)
+            self._behaviour = modes.Run(limits.forward / limits.braking, self._estimated_speed)
             self._start_run(state, time)
         else:
-            self._behaviour = Behaviour()
+            self._behaviour = modes.Behaviour()
             if before.mode is Mode.STOP:
                 self._forget_robot()
 
@@ -464,7 +445,7 @@ def _check_braking(policy: Policy, limits: VelocityLimits) -> None:
     calibration, fastest = policy.contract.calibration, limits.forward
     if calibration is not None:  # the command that the network is given falls, and it may be the faster one
         fastest = max(fastest, given_speed(calibration, fastest))
-    taken, longest = braking_time(braking, fastest), limits.forward / limits.braking + BRAKE_RESERVE
+    taken, longest = braking_time(braking, fastest), limits.forward / limits.braking + modes.BRAKE_RESERVE
     if taken > longest:
         raise ContractMismatchError(
             f"the policy's braking ({braking.power:g} W/kg, {braking.deceleration:g} m/s^2) "
