@@ -151,21 +151,6 @@ def test_torch_does_the_same_without_looking_into_a_value(grid) -> None:
     assert meta.shape == tensor.shape
 
 
-def test_bins_that_improve_are_drawn_and_mastered_ones_no_more() -> None:
-    grid = ProgressGrid(**RANGE, stage_steps=1)
-    memory = grid.initial_weights(np.zeros(1))
-
-    def reached(score: float) -> TargetOutcome:
-        same = np.full(1, score)
-        held = np.ones(1, dtype=bool)
-        return TargetOutcome(np.full(1, 2.5), np.zeros(1), same, same, np.full((1, 2), score), held, ~held)
-
-    memory = grid.update(memory, reached(0.4))
-    assert grid.probabilities(memory)[3, 1] == grid.probabilities(memory).max() > 0.9
-    memory = grid.update(memory, reached(0.4))
-    np.testing.assert_allclose(grid.probabilities(memory), 1.0 / 15.0)
-
-
 def test_a_prediction_prefers_what_is_neither_mastered_nor_out_of_reach() -> None:
     grid = PredictionGrid(**RANGE, width=0.3)
     memory = grid.initial_weights(np.zeros(1))
