@@ -152,20 +152,28 @@ def test_a_script_without_a_guard_is_told_so_once(tmp_path):
 
 @pytest.mark.usefixtures("brief_trials")
 def test_the_notebook_runs(tmp_path, monkeypatch, load_script):
+    pytest.importorskip("torch")
     shutil.copytree(ROOT / "examples" / "motors", tmp_path / "motors")
     monkeypatch.chdir(tmp_path)
     notebook = json.loads((ROOT / "examples/quickstart.ipynb").read_text(encoding="utf-8"))
     codes = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert codes[-1]["outputs"], "run tools/run_notebook.py"
-    cells = ["".join(cell["source"]) for cell in codes]
-    full, tiny = "top_speed=3.0, distance=5.0", "top_speed=1.0, distance=0.5"
-    assert sum(full in cell for cell in cells) == 1
+    assert all(cell["outputs"] for cell in codes[1:]), "run tools/run_notebook.py"
+    smaller = {
+        "top_speed=3.0, distance=5.0": "top_speed=1.0, distance=0.5",
+        '{"rewards.progress": 2.0}': '{"rewards.progress": 2.0}, environments=8',
+        "minutes=3": 'iterations=2, device="cpu"',
+    }
+    source = "\n#\n".join("".join(cell["source"]) for cell in codes)
+    for full, tiny in smaller.items():
+        assert source.count(full) == 1
+        source = source.replace(full, tiny)
     executed, names = load_script("tools/run_notebook.py").executed, {}
-    for cell in cells:
-        executed(cell.replace(full, tiny), names)
+    for cell in source.split("\n#\n"):
+        executed(cell, names)
     assert "<pre" in names["race"]._repr_mimebundle_()["text/html"]
     assert "<iframe srcdoc=" in sl.replay([names["page"].parent])._repr_mimebundle_()["text/html"]
-    assert names["settings"].rewards.progress == 0.3
+    assert names["settings"].rewards.progress == 2.0
+    assert names["run"].policy.is_file() and names["run"].to_dict()["iterations"] == 2
 
 
 @pytest.mark.parametrize(

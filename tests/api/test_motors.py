@@ -113,3 +113,8 @@ def test_a_data_sheet_stands_for_its_motor(tmp_path):
 def test_a_file_names_no_bus_so_its_voltage_is_asked_for():
     with pytest.raises(SprintlabError, match="bus_voltage is not given"):
         chosen_motor(str(BENCHES / "maxon-ec-45-flat-70w.toml"))
+
+
+def test_a_policy_is_no_rollout():
+    with pytest.raises(SprintlabError, match="sprintlab race judges a policy"):
+        sl.audit_rollout("policy.onnx", "go1")

@@ -57,8 +57,12 @@ def test_options_alone_are_enough(call, here, monkeypatch):
     ("arguments", "sentence"),
     [
         (("none.xml", *OPTIONS), "cannot read robot model none.xml"),
-        ((GO1 / "go1.xml", *OPTIONS[:-2]), "bus voltage [V] is not given: use --bus-voltage or --choices"),
-        ((GO1 / "go1.xml", *OPTIONS[2:]), "abad motor is not given: use --abad-motor or --choices"),
+        ((GO1 / "go1.xml", *OPTIONS[:-2]), "not given: --bus-voltage; a file of --choices"),
+        ((GO1 / "go1.xml", *OPTIONS[2:]), "not given: --abad-motor; a file"),
+        (
+            (GO1 / "go1.xml", "--abad-gear", 6),
+            "not given: --bus-voltage, --abad-motor, --hip-motor, --hip-gear,",
+        ),
         ((GO1 / "go1.xml", *OPTIONS[:-1], -5), "bus_voltage = -5.0"),
         ((GO1 / "go1.xml", *OPTIONS, "--name", "../x"), "name = '../x'"),
         ((GO1 / "go1.xml", *OPTIONS, "--hip-motor", "none.toml"), "cannot read motor file none.toml"),

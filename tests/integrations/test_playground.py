@@ -6,6 +6,7 @@ here those of MuJoCo C.
 
 import importlib
 import importlib.util
+import inspect
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -102,3 +103,12 @@ def test_the_model_gets_the_rotors_and_loses_its_own_limits(stage):
     assert not model.actuator_forcelimited.any() and not model.dof_damping.any()
     with pytest.raises(InvalidValueError, match="FL_calf_joint"):
         stage.MotorStep(model, motors.ordered(["FL_thigh_joint", "FL_calf_joint"]), 90.0, 1.0)
+
+
+def test_it_is_called_as_playgrounds_own_step(stage):
+    """The signature of ``mjx_env.step`` in Playground 0.2.0, or of the one that is installed."""
+    expected = ["model", "data", "action", "n_substeps"]
+    if importlib.util.find_spec("mujoco_playground") is not None:
+        own = importlib.import_module("mujoco_playground._src.mjx_env").step
+        expected = list(inspect.signature(own).parameters)
+    assert list(inspect.signature(stage.MotorStep.__call__).parameters)[1:] == expected

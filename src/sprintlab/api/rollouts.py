@@ -15,7 +15,7 @@ from sprintlab.api.motors import chosen_motor
 from sprintlab.api.tables import Drawn, in_notebook, plain_table
 from sprintlab.core.arguments import checked
 from sprintlab.core.checks import check_range
-from sprintlab.core.errors import InvalidValueError
+from sprintlab.core.errors import InvalidValueError, SprintlabError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -166,11 +166,16 @@ def read_rollout(path: Path) -> Rollout:
     """A rollout from CSV, NPZ or the log of a run (MCAP), whose joints are its robot's.
 
     Raises:
-        SprintlabError: as ``load_rollout`` and ``read_log``.
+        SprintlabError: a policy file, or as ``load_rollout`` and ``read_log``.
     """
     from sprintlab.evaluation.rollouts import Rollout, load_rollout
     from sprintlab.robots import load_robot, robot_names
 
+    if path.suffix.lower() == ".onnx":
+        raise SprintlabError(
+            f"{path} is a policy, not a rollout: sprintlab race judges a policy of this package; "
+            "record a rollout of any other (docs/check-your-policy.md)"
+        )
     if path.suffix.lower() != ".mcap":
         return load_rollout(path)
     from sprintlab.deployment.log import read_log

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,33 +68,34 @@ class RobotNew:
 
         given = read_choices(self.choices) if self.choices is not None else {}
         tables = {joint: dict(given.get("joints", {}).get(joint, {})) for joint in JOINTS}
+        chosen = {key: value for key, value in given.items() if key != "joints"}
+        options = {"name": self.name, "bus_voltage": self.bus_voltage, "foot_radius": self.foot_radius}
+        chosen |= {key: value for key, value in options.items() if value is not None}
+        chosen.setdefault("name", self.source.stem)
+        open_choices = [] if "bus_voltage" in chosen else [(chosen, "bus_voltage", "--bus-voltage")]
         for joint, table in tables.items():
             for field, option in (("motor", "motor"), ("gear_ratio", "gear")):
                 value = getattr(self, f"{joint}_{option}")
                 if value is not None:
                     table[field] = value
                 elif field not in table:
-                    table[field] = ask(
-                        f"{joint} {field.replace('_', ' ')}", f"--{joint}-{option}", field != "motor"
-                    )
-        chosen = {key: value for key, value in given.items() if key != "joints"}
-        options = {"name": self.name, "bus_voltage": self.bus_voltage, "foot_radius": self.foot_radius}
-        chosen |= {key: value for key, value in options.items() if value is not None}
-        chosen.setdefault("name", self.source.stem)
-        if "bus_voltage" not in chosen:
-            chosen["bus_voltage"] = ask("bus voltage [V]", "--bus-voltage", True)
+                    open_choices.append((table, field, f"--{joint}-{option}"))
+        ask(open_choices)
         return {**chosen, "joints": tables}
 
 
-def ask(what: str, option: str, number: bool) -> Any:
-    """An answer from the terminal.
+def ask(open_choices: Sequence[tuple[dict[str, Any], str, str]]) -> None:
+    """Fill in, from the terminal, what neither options nor the file say: table, key, option of each.
 
     Raises:
-        RobotModelError: there is no terminal to answer; names the option to give.
+        RobotModelError: there is no terminal to answer; names all options to give.
     """
-    if not sys.stdin.isatty():
-        raise RobotModelError(f"{what} is not given: use {option} or --choices")
+    if open_choices and not sys.stdin.isatty():
+        options = ", ".join(option for *_, option in open_choices)
+        raise RobotModelError(f"not given: {options}; a file of --choices can hold them, too")
     from rich.prompt import FloatPrompt, Prompt
 
-    prompt: Any = FloatPrompt if number else Prompt
-    return prompt.ask(what, console=stderr_console())
+    for table, key, option in open_choices:
+        prompt: Any = Prompt if key == "motor" else FloatPrompt
+        what = "bus voltage [V]" if key == "bus_voltage" else option.removeprefix("--").replace("-", " ")
+        table[key] = prompt.ask(what, console=stderr_console())
