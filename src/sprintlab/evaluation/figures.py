@@ -5,6 +5,7 @@ Every function takes plain results and a ``Theme`` and returns a matplotlib ``Fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from sprintlab.core.theme import (
     themed_figure,
 )
 from sprintlab.core.thinning import moving_average, thinned_cloud, thinned_curve
-from sprintlab.evaluation.metrics import copper_losses, joint_power
+from sprintlab.evaluation.metrics import copper_losses, joint_power, stances
 from sprintlab.evaluation.results import SprintResult, Trajectory, TrialResult, require_finite
 from sprintlab.motors import no_load_speed, torque_limits, voltage_infeasible
 from sprintlab.robots import RobotDescription, joint_kind
@@ -60,35 +61,32 @@ def speed_figure(raw: TrialResult, self_paced: TrialResult, theme: Theme = LIGHT
         _draw_speed(axis, trial, theme)
         set_title(axis, title, theme)
         axis.set_ylabel("forward speed [m/s]")
-    axes[-1].set(xlabel="time [s]", xlim=(0.0, max(_last_moment(trial) for trial in (raw, self_paced))))
+    ends = (max(float(recorded(trial).time[-1]), trial.hold_interval[1]) for trial in (raw, self_paced))
+    axes[-1].set(xlabel="time [s]", xlim=(0.0, max(ends)))
     legend_above(axes[0], theme)
     return figure
 
 
 def sprint_figure(raw: SprintResult, self_paced: SprintResult, theme: Theme = LIGHT) -> Figure:
     """Speed over the way run, with the time at every ten metres."""
-    figure, axes = themed_figure(theme, (9.5, 3.9), 1, 1)
-    axis = axes[0]
-    for sprint, name, colour, height in (
-        (raw, "raw", theme.speed, 0.13),
-        (self_paced, "self-paced", theme.second, 0.04),
-    ):
-        way, speed, splits = _way(sprint)
-        axis.plot(way, speed, color=colour, label=f"{name}: {_sprint_label(sprint)}")
-        for distance, moment in splits:
-            axis.text(
-                distance,
-                height,
-                f"{moment:.1f}",
-                color=colour,
-                fontsize=8,
-                ha="center",
-                transform=axis.get_xaxis_transform(),
-            )
-    axis.set(xlim=(0.0, raw.distance), ylim=(0.0, None))
-    axis.set_xticks(np.arange(0.0, raw.distance + 0.5 * _SPLIT, _SPLIT))
+    figure, (axis,) = themed_figure(theme, (9.5, 3.9), 1, 1)
+    looks = ((raw, "raw", theme.speed, 0.13), (self_paced, "self-paced", theme.second, 0.04))
+    splits = np.arange(_SPLIT, raw.distance + 0.5 * _SPLIT, _SPLIT)
+    for sprint, name, colour, height in looks:
+        motion = recorded(sprint.trial)
+        start = int(np.argmax(np.abs(motion.profile_speed) > 1e-9))
+        way, speed = motion.qpos[start:, 0] - motion.qpos[0, 0], motion.velocity[start:, 0]
+        ended = f"{sprint.distance:g} m in {sprint.time:.2f} s"
+        if not sprint.finished:
+            ended = f"stopped after {sprint.trial.metrics.distance:.0f} m"
+        axis.plot(way, speed, color=colour, label=f"{name}: {ended}")
+        for split in splits[splits <= way.max()].tolist():
+            moment = motion.time[start + int(np.argmax(way >= split))] - motion.time[start]
+            place: Any = {"ha": "center", "transform": axis.get_xaxis_transform()}
+            axis.text(split, height, f"{moment:.1f}", color=colour, fontsize=8, **place)
+    axis.set(xlim=(0.0, raw.distance), ylim=(0.0, None), ylabel="forward speed [m/s]")
+    axis.set_xticks([0.0, *splits])
     axis.set_xlabel("way of the base [m]   (numbers above the axis: seconds since the first command)")
-    axis.set_ylabel("forward speed [m/s]")
     legend_above(axis, theme)
     return figure
 
@@ -113,7 +111,7 @@ def torque_speed_figure(trial: TrialResult, robot: RobotDescription, theme: Them
         leg, _, _ = name.rpartition("_")
         axis = axes[kinds.index(kind) * columns + (robot.leg_names.index(leg) if leg else 0)]
         _draw_envelope(axis, curves, joint, theme)
-        _draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
+        draw_cloud(axis, speed[:, joint], trajectory.motor_torque[:, joint], limited[:, joint], theme)
         share = trial.metrics.envelope_share[joint]
         set_title(axis, f"{leg} {JOINT_TITLES[kind]}".strip(), theme)
         axis.set_title(f"{100 * share:.0f} % on limit", loc="right", fontsize=8, color=theme.muted)
@@ -145,7 +143,10 @@ def gait_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGH
     axis.set(ylim=(-0.6, rows[0] + 0.6), xlim=(end - GAIT_WINDOW, end))
     axis.grid(False, axis="y")
     axis.set_xlabel("time [s]")
-    axis.set_title(_gait_title(trial, flight), loc="left", fontsize=9, color=theme.muted)
+    strides, flying = trial.metrics.stride_frequency, 100 * float(np.mean(flight))
+    told = [f"{strides:.1f} strides a second"] if np.isfinite(strides) else []
+    told += [f"{flying:.0f} % of the time in flight (shaded)", "left: share of time on the ground"]
+    axis.set_title(" · ".join(told), loc="left", fontsize=9, color=theme.muted)
     return figure
 
 
@@ -164,7 +165,10 @@ def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
     limit = 1.05 * float(np.abs(trajectory.angular_velocity[:, :2]).max() + 1e-6)
     axes[0].set_ylim(-limit, limit)
     axes[1].set_ylim(-limit, limit)
-    axes[2].plot(*thinned_curve(trajectory.time, _cumulative_cost(trajectory)), color=theme.foreground)
+    squares = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
+    steps = 0.5 * (squares[1:] + squares[:-1]) * np.diff(trajectory.time)
+    cost = np.concatenate(([0.0], np.cumsum(steps)))
+    axes[2].plot(*thinned_curve(trajectory.time, cost), color=theme.foreground)
     axes[2].set(ylabel="J so far [rad²/s]", xlabel="time [s]", ylim=(0.0, None))
     for axis in axes:
         _shade_hold(axis, trial, theme)
@@ -175,12 +179,15 @@ def rates_figure(trial: TrialResult, theme: Theme = LIGHT) -> Figure:
 def power_figure(trial: TrialResult, robot: RobotDescription, theme: Theme = LIGHT) -> Figure:
     """Mechanical power and copper loss: over time, and by joint during the hold."""
     trajectory = recorded(trial)
-    mechanical, copper = joint_powers(trajectory, robot)
+    mechanical, copper = joint_power(trajectory), copper_losses(trajectory, robot)
     figure = empty_figure(theme, (9.5, 6.4))
     over_time, by_joint = figure.subplots(2, 1, height_ratios=(1.25, 1.0))
     _draw_power(over_time, trajectory, mechanical.sum(axis=1), copper.sum(axis=1), theme)
     _shade_hold(over_time, trial, theme)
-    _draw_power_by_joint(by_joint, trial, trajectory, mechanical, copper, robot, theme)
+    begin, end = trial.hold_interval
+    held = (trajectory.time >= begin) & (trajectory.time <= end)
+    held = held if held.any() else ~held
+    _draw_power_by_joint(by_joint, held, mechanical, copper, robot.joint_names, theme)
     for axis in (over_time, by_joint):
         style_axis(axis, theme)
         legend_above(axis, theme)
@@ -197,16 +204,7 @@ def on_envelope(trajectory: Trajectory, robot: RobotDescription) -> Array:
     return touched & moving[:, None]
 
 
-def joint_powers(trajectory: Trajectory, robot: RobotDescription) -> tuple[Array, Array]:
-    """Power delivered to each joint and copper loss of each motor, ``(T, joints)`` each [W]."""
-    return joint_power(trajectory), copper_losses(trajectory, robot)
-
-
 # --- drawing ---------------------------------------------------------------------------------------------
-
-
-def _last_moment(trial: TrialResult) -> float:
-    return max(float(recorded(trial).time[-1]), trial.hold_interval[1])
 
 
 def _shade_hold(axis: Axes, trial: TrialResult, theme: Theme) -> None:
@@ -218,7 +216,7 @@ def _shade_hold(axis: Axes, trial: TrialResult, theme: Theme) -> None:
 def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
     trajectory = recorded(trial)
     time, end = trajectory.time, trial.hold_interval[1]
-    axis.axvspan(*trial.hold_interval, color=theme.shade, zorder=0, linewidth=0)
+    _shade_hold(axis, trial, theme)
     axis.plot(
         time, trajectory.profile_speed, color=theme.muted, linewidth=1.0, linestyle=":", label="profile"
     )
@@ -240,30 +238,8 @@ def _draw_speed(axis: Axes, trial: TrialResult, theme: Theme) -> None:
             ha="center",
         )
     if trial.fall_time is not None:
-        axis.axvline(trial.fall_time, color=theme.on_limit, linewidth=1.2, linestyle="--")
         label = f"fell: {trial.fall_reason} "
         axis.text(trial.fall_time, 0.5, label, color=theme.on_limit, fontsize=9, ha="right")
-
-
-def _way(sprint: SprintResult) -> tuple[Array, Array, list[tuple[float, float]]]:
-    """Way and speed from the first non-zero command, and the moment each split was passed."""
-    trajectory = recorded(sprint.trial)
-    moving = np.abs(trajectory.profile_speed) > 1e-9
-    start = int(np.argmax(moving)) if moving.any() else 0
-    way = trajectory.qpos[start:, 0] - trajectory.qpos[0, 0]
-    moments = trajectory.time[start:] - trajectory.time[start]
-    splits = []
-    for distance in np.arange(_SPLIT, sprint.distance + 0.5 * _SPLIT, _SPLIT):
-        passed = way >= distance
-        if passed.any():
-            splits.append((float(distance), float(moments[int(np.argmax(passed))])))
-    return way, trajectory.velocity[start:, 0], splits
-
-
-def _sprint_label(sprint: SprintResult) -> str:
-    if sprint.finished:
-        return f"{sprint.distance:g} m in {sprint.time:.2f} s"
-    return f"stopped after {sprint.trial.metrics.distance:.0f} m"
 
 
 def _envelope_curves(robot: RobotDescription, speed: Array) -> dict[str, Any]:
@@ -292,7 +268,8 @@ def _draw_envelope(axis: Axes, curves: dict[str, Any], joint: int, theme: Theme)
         axis.plot(speed, limit, color=theme.foreground, linewidth=1.1, zorder=3)
 
 
-def _draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
+def draw_cloud(axis: Axes, speed: Array, torque: Array, limited: Array, theme: Theme) -> None:
+    """Samples ``(T,)`` of one joint: speeds [rad/s], torques [N m], those on their limit in red."""
     for mask, colour, size in ((~limited, theme.inside, 1.6), (limited, theme.on_limit, 2.4)):
         axis.scatter(
             *thinned_cloud(speed[mask], torque[mask]),
@@ -322,27 +299,8 @@ def _spans(time: Array, mask: Array) -> list[tuple[float, float]]:
     """Start and width of every run of true values."""
     if len(time) < 2:
         return []
-    edges = np.diff(np.concatenate(([0], mask.astype(int), [0])))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     step = float(time[1] - time[0])
-    return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in zip(starts, ends, strict=True)]
-
-
-def _gait_title(trial: TrialResult, flight: Array) -> str:
-    """Stride frequency and flight share; what is not defined is left out."""
-    parts = []
-    if np.isfinite(trial.metrics.stride_frequency):
-        parts.append(f"{trial.metrics.stride_frequency:.1f} strides a second")
-    parts.append(f"{100 * float(np.mean(flight)):.0f} % of the time in flight (shaded)")
-    parts.append("left: share of time on the ground")
-    return " · ".join(parts)
-
-
-def _cumulative_cost(trajectory: Trajectory) -> Array:
-    """J up to each sample [rad^2/s], trapezoidal."""
-    squares = (trajectory.angular_velocity[:, :2] ** 2).sum(axis=1)
-    steps = 0.5 * (squares[1:] + squares[:-1]) * np.diff(trajectory.time)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    return [(float(time[a]), float(time[b - 1] - time[a]) + step) for a, b in stances(mask).tolist()]
 
 
 def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: Array, theme: Theme) -> None:
@@ -359,24 +317,16 @@ def _draw_power(axis: Axes, trajectory: Trajectory, mechanical: Array, copper: A
 
 
 def _draw_power_by_joint(
-    axis: Axes,
-    trial: TrialResult,
-    trajectory: Trajectory,
-    mechanical: Array,
-    copper: Array,
-    robot: RobotDescription,
-    theme: Theme,
+    axis: Axes, held: Array, mechanical: Array, copper: Array, names: Sequence[str], theme: Theme
 ) -> None:
-    held = (trajectory.time >= trial.hold_interval[0]) & (trajectory.time <= trial.hold_interval[1])
-    if not held.any():
-        held = np.ones(len(trajectory.time), dtype=bool)
-    place = np.arange(len(robot.joint_names))
-    bars = ((np.clip(mechanical, 0, None), -0.27, theme.speed, "mechanical, driving"),)
-    bars += ((np.clip(mechanical, None, 0), -0.27, theme.muted, "mechanical, braking"),)
-    bars += ((copper, 0.13, theme.second, "copper loss"),)
-    for values, offset, colour, label in bars:
-        width = 0.38 if offset < 0 else 0.3
-        axis.bar(place + offset + 0.07, values[held].mean(axis=0), width, color=colour, label=label)
-    axis.set_xticks(place, [name.replace("_", "\n") for name in robot.joint_names])
+    """Bars of the means over the samples ``held``."""
+    place = np.arange(len(names))
+    for values, offset, width, colour, label in (
+        (np.clip(mechanical, 0, None), -0.2, 0.38, theme.speed, "mechanical, driving"),
+        (np.clip(mechanical, None, 0), -0.2, 0.38, theme.muted, "mechanical, braking"),
+        (copper, 0.2, 0.3, theme.second, "copper loss"),
+    ):
+        axis.bar(place + offset, values[held].mean(axis=0), width, color=colour, label=label)
+    axis.set_xticks(place, [name.replace("_", "\n") for name in names])
     axis.axhline(0.0, color=theme.muted, linewidth=0.6)
     axis.set_ylabel("mean during the hold [W]")

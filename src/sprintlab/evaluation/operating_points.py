@@ -11,13 +11,12 @@ import numpy as np
 
 from sprintlab.core.archives import named_floats, read_arrays
 from sprintlab.core.array_types import FloatArray
+from sprintlab.core.checks import check_finite
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 
 _MARGIN = 1e-3  # share of the peak torque by which a sample may exceed an envelope: rounding
 _NEAR = 0.01  # share of the peak torque within which a sample sits on the envelope
-_MOST_SAMPLES = 2_000_000  # an hour of two joints at 250 Hz; each is asked for six envelopes
-_LARGEST = 1e12
 _NEEDED = ("joint_velocity", "joint_torque")
 
 
@@ -39,24 +38,19 @@ class OperatingPoints:
         ``at_limit`` is the share within 1 % of the peak torque of what the drive can deliver; ``beyond``
         holds, for each envelope, the share outside it.
         """
-        margin = _MARGIN * drive.peak_torque
-        beyond: dict[str, float] = {}
-        for name in envelope_names():
-            lower, upper = joint_limits(drive, self.speed, name)
-            outside = (self.torque > upper + margin) | (self.torque < lower - margin)
-            beyond[name] = float(np.mean(outside))
+        margin, near = _MARGIN * drive.peak_torque, _NEAR * drive.peak_torque
+        limits = {name: joint_limits(drive, self.speed, name) for name in envelope_names()}
+        lower, upper = limits[SATURATED]
         return {
             "samples": len(self.speed),
             "speed_ratio": float(np.abs(self.speed).max()) / drive.no_load_speed,
             "torque_ratio": float(np.abs(self.torque).max()) / drive.peak_torque,
-            "at_limit": self._at_limit(drive),
-            "beyond": beyond,
+            "at_limit": float(np.mean((self.torque >= upper - near) | (self.torque <= lower + near))),
+            "beyond": {
+                name: float(np.mean((self.torque > high + margin) | (self.torque < low - margin)))
+                for name, (low, high) in limits.items()
+            },
         }
-
-    def _at_limit(self, drive: JointDrive) -> float:
-        lower, upper = joint_limits(drive, self.speed, SATURATED)
-        reach = _NEAR * drive.peak_torque
-        return float(np.mean((self.torque >= upper - reach) | (self.torque <= lower + reach)))
 
 
 def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
@@ -67,7 +61,7 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         joints: columns to take, together.
 
     Raises:
-        SprintlabError: the file cannot be read, or holds no such arrays, too many samples or too large ones.
+        SprintlabError: the file cannot be read, or holds no such arrays.
         InvalidValueError: no joint was chosen, or a value is not finite.
     """
     wanted = f"no recorded trajectory: it must be the trajectory.npz of a race, with {' and '.join(_NEEDED)}"
@@ -80,10 +74,5 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
     if not joints:
         raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
     speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
-    if not (np.isfinite(speed).all() and np.isfinite(torque).all()):
-        raise InvalidValueError(str(path), "NaN", "the trajectory must be finite")
-    if len(speed) > _MOST_SAMPLES:
-        raise SprintlabError(f"{path} holds more than {_MOST_SAMPLES} samples of these joints")
-    if max(np.abs(speed).max(), np.abs(torque).max()) > _LARGEST:
-        raise SprintlabError(f"{path} is no recorded trajectory: a number is beyond {_LARGEST:g}")
+    check_finite(str(path), np.concatenate((speed, torque)))
     return OperatingPoints(speed=speed, torque=torque)

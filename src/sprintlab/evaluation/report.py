@@ -166,34 +166,39 @@ def planned_figures(result: RaceResult, robot: RobotDescription) -> Iterator[Pla
         "stays open, the robot has run out of motor or of grip. Below, the command waits for the robot.",
         lambda theme: figures.speed_figure(raw, paced, theme),
     )
+    yield from trial_figures(raw, robot)
+
+
+def trial_figures(trial: TrialResult, robot: RobotDescription) -> Iterator[PlannedFigure]:
+    """What motors, feet and trunk did in one trial."""
     yield (
         "torque_speed",
         "Torque and speed of every motor over its envelope",
         "Filled: what the motor can really give. Red samples sit on the limit. Look at the upper right "
         "corner: samples between the dashed line and the filled area would be allowed by a model without "
         "d-axis voltage, and do not exist here.",
-        lambda theme: figures.torque_speed_figure(raw, robot, theme),
+        lambda theme: figures.torque_speed_figure(trial, robot, theme),
     )
     yield (
         "gait",
         "Gait",
         "Feet on the ground during the last second of the hold, front legs on top. A fast gait shows short "
         "bars and wide shaded flights; a crawling one shows bars that overlap.",
-        lambda theme: figures.gait_figure(raw, robot, theme),
+        lambda theme: figures.gait_figure(trial, robot, theme),
     )
     yield (
         "base_rates",
-        "How quiet the trunk stays",
+        "Roll and pitch of the trunk",
         "Roll and pitch rates of the trunk, and the cost J that sums their squares. A straight rise of J "
         "means a steady gait; a jump marks the moment that nearly went wrong.",
-        lambda theme: figures.rates_figure(raw, theme),
+        lambda theme: figures.rates_figure(trial, theme),
     )
     yield (
         "power",
         "Where the power goes",
         "Mechanical power drives the legs, copper loss only heats the windings. Look at which joints burn "
         "more than they deliver.",
-        lambda theme: figures.power_figure(raw, robot, theme),
+        lambda theme: figures.power_figure(trial, robot, theme),
     )
 
 

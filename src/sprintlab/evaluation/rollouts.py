@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sprintlab.core.archives import read_arrays
-from sprintlab.core.array_types import FloatArray
+from sprintlab.core.array_types import Array, FloatArray
 from sprintlab.core.checks import check_finite
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.core.reading import read_bytes
@@ -19,6 +18,7 @@ from sprintlab.robots.joint_motors import check_unique
 LARGEST_CSV = 256 << 20
 """Largest rollout in CSV that is read [bytes]."""
 _TABLES = ("joint_velocity", "joint_torque", "base_velocity", "foot_contact", "foot_velocity")
+_NAMES = ("joint_names", "foot_names")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,32 +102,50 @@ def load_rollout(path: str | Path) -> Rollout:
     """
     path = Path(path)
     if path.suffix.lower() == ".npz":
-        found = read_arrays(path, ("time", *_TABLES, "joint_names", "foot_names"), wanted="no rollout (NPZ)")
-        names = {
-            name: tuple(map(str, found.pop(name).ravel()))
-            for name in ("joint_names", "foot_names")
-            if name in found
-        }
-        return _rollout(found, **names)
-    if path.suffix.lower() == ".csv":
-        return _from_csv(path)
-    raise SprintlabError(f"{path}: a rollout is a .csv, .npz or .mcap file")
-
-
-def _rollout(
-    arrays: Mapping[str, Any], joint_names: tuple[str, ...] = (), foot_names: tuple[str, ...] = ()
-) -> Rollout:
-    needed = ("time", "joint_velocity", "joint_torque")
-    if missing := [name for name in needed if name not in arrays]:
-        given = ", ".join(sorted(arrays)) or "none"
+        found = read_arrays(path, ("time", *_TABLES, *_NAMES), wanted="no rollout (NPZ)")
+        names = {name: tuple(map(str, found.pop(name).ravel())) for name in _NAMES if name in found}
+    elif path.suffix.lower() == ".csv":
+        found, names = _csv_tables(path)
+    else:
+        raise SprintlabError(f"{path}: a rollout is a .csv, .npz or .mcap file")
+    if missing := [name for name in ("time", "joint_velocity", "joint_torque") if name not in found]:
+        given = ", ".join(sorted(found)) or "none"
         raise InvalidValueError("columns", given, f"{' and '.join(missing)} must be among them")
-    if texts := [name for name, values in arrays.items() if np.asarray(values).dtype.kind not in "biuf"]:
+    if texts := [name for name, values in found.items() if values.dtype.kind not in "biuf"]:
         raise InvalidValueError(texts[0], "text", "numbers only")
-    numbers: dict[str, Any] = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
-    return Rollout(joint_names=joint_names, foot_names=foot_names, **numbers)
+    numbers: dict[str, Any] = {name: values.astype(float) for name, values in found.items()}
+    return Rollout(**numbers, **names)
 
 
-def _from_csv(path: Path) -> Rollout:
+def _csv_tables(path: Path) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
+    """Tables by name, and the names of joints and feet."""
+    columns = _csv_columns(path)
+    tables = {
+        table: {
+            head.removeprefix(f"{table}_"): at for head, at in columns.items() if head.startswith(f"{table}_")
+        }
+        for table in _TABLES
+    }
+    velocity, torque = tables["joint_velocity"], tables["joint_torque"]
+    if velocity and torque and set(velocity) != set(torque):
+        allowed = f"the names of joint_velocity: {', '.join(velocity)}"
+        raise InvalidValueError("joint_torque", ", ".join(torque), allowed)
+    tables["joint_torque"] = {name: torque[name] for name in velocity if name in torque}
+    feet, moving = tuple(tables["foot_contact"]), tables["foot_velocity"]
+    ways = [f"{foot}_{axis}" for foot in feet for axis in "xy"]
+    if moving and not (ways and set(ways) <= set(moving)):
+        raise SprintlabError(f"{path}: foot_velocity needs columns _x and _y for every foot of foot_contact")
+    tables["foot_velocity"] = {way: moving[way] for way in ways if moving}
+    arrays = {name: np.stack(list(found.values()), axis=1) for name, found in tables.items() if found}
+    arrays |= {"time": columns["time"]} if "time" in columns else {}
+    if moving:
+        arrays["foot_velocity"] = arrays["foot_velocity"].reshape(-1, len(feet), 2)
+    named = all(not name.isdigit() for name in velocity)
+    return arrays, {"joint_names": tuple(velocity) if named else (), "foot_names": feet}
+
+
+def _csv_columns(path: Path) -> dict[str, FloatArray]:
+    """Columns of a table of numbers by their names in its first line."""
     lines = read_bytes(path, LARGEST_CSV, what="rollout").decode("utf-8-sig", "replace").splitlines()
     if len(lines) < 3:
         raise SprintlabError(f"{path} holds no header and two samples")
@@ -139,37 +157,4 @@ def _from_csv(path: Path) -> Rollout:
     if table.shape[1] != len(header) or len(set(header)) < len(header):
         names = f"{len(header)} names, {len(set(header))} of them different"
         raise SprintlabError(f"{path}: {names}, over {table.shape[1]} columns")
-    columns = dict(zip(header, table.T, strict=True))
-    tables = {
-        name: {
-            head.removeprefix(f"{name}_"): at for head, at in columns.items() if head.startswith(f"{name}_")
-        }
-        for name in _TABLES
-    }
-    joints = _same_names(tables, "joint_velocity", "joint_torque")
-    arrays = {name: np.stack(list(found.values()), axis=1) for name, found in tables.items() if found}
-    arrays |= {"time": columns["time"]} if "time" in columns else {}
-    feet = tuple(tables["foot_contact"])
-    if "foot_velocity" in arrays:
-        arrays["foot_velocity"] = _foot_velocity(path, tables["foot_velocity"], feet)
-    named = all(not name.isdigit() for name in joints)
-    return _rollout(arrays, joint_names=joints if named else (), foot_names=feet)
-
-
-def _same_names(tables: dict[str, dict[str, FloatArray]], first: str, second: str) -> tuple[str, ...]:
-    """Bring the second table's columns into the order of the first's; returns the names."""
-    one, other = tables[first], tables[second]
-    if one and other and set(one) != set(other):
-        raise InvalidValueError(second, ", ".join(other), f"the names of {first}: {', '.join(one)}")
-    tables[second] = {name: other[name] for name in one if name in other}
-    return tuple(one)
-
-
-def _foot_velocity(path: Path, found: dict[str, FloatArray], feet: Sequence[str]) -> FloatArray:
-    """``(T, feet, 2)`` from columns named ``FL_x``, ``FL_y``, in the feet's order."""
-    try:
-        return np.stack([np.stack([found[f"{f}_{axis}"] for axis in "xy"], axis=-1) for f in feet], axis=1)
-    except (KeyError, ValueError) as error:
-        raise SprintlabError(
-            f"{path}: foot_velocity needs columns _x and _y for every foot of foot_contact"
-        ) from error
+    return dict(zip(header, table.T, strict=True))

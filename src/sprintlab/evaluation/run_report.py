@@ -22,8 +22,15 @@ from sprintlab.core.thinning import moving_average, thinned_curve
 from sprintlab.evaluation import figures
 from sprintlab.evaluation.metrics import trial_metrics
 from sprintlab.evaluation.quantities import number
-from sprintlab.evaluation.report import Picture, PlannedFigure, draw_pictures, embedded, page_template
-from sprintlab.evaluation.results import QUANTITIES, Trajectory, TrialResult, quantity_numbers
+from sprintlab.evaluation.report import (
+    Picture,
+    PlannedFigure,
+    draw_pictures,
+    embedded,
+    page_template,
+    trial_figures,
+)
+from sprintlab.evaluation.results import QUANTITIES, TrialResult, quantity_numbers
 from sprintlab.evaluation.trial import Course, TrialRequest, run_course
 from sprintlab.plant import BaseState
 from sprintlab.robots import RobotDescription
@@ -99,39 +106,23 @@ def simulate_commands(
     return replace(trial, metrics=metrics, hold_interval=hold)
 
 
-def sampled_speed(trajectory: Trajectory, time: FloatArray) -> FloatArray:
-    """Forward speed of a trajectory at given times, mean of 0.1 s as a receiver sees it [m/s]."""
-    smooth = moving_average(trajectory.velocity[:, 0], trajectory.time, 0.1)
-    return np.interp(time, trajectory.time, smooth)
-
-
 def comparison_figure(run: TrackRun, simulation: TrialResult | None, theme: Theme = LIGHT) -> Figure:
     """Command, measured speed and simulated speed over time; way over time below."""
-    figure, axes = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
-    speed, way = axes
+    figure, (speed, way) = themed_figure(theme, (9.5, 6.4), 2, 1, sharex=True)
     command = thinned_curve(run.command_time, run.command[:, 0])
     speed.plot(*command, color=theme.command, linewidth=1.2, label="command")
     if simulation is not None:
         motion = figures.recorded(simulation)
         smooth = moving_average(motion.velocity[:, 0], motion.time, 0.1)
-        simulated = thinned_curve(motion.time, smooth)
-        speed.plot(*simulated, color=theme.second, linewidth=1.4, label="simulation, 0.1 s mean")
-        simulated = thinned_curve(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0])
-        way.plot(*simulated, color=theme.second, linewidth=1.4)
-    speed.plot(
-        *thinned_curve(run.fix_time, run.fix_speed),
-        color=theme.speed,
-        marker="o",
-        markersize=3.0,
-        linewidth=0.9,
-        label="robot, position receiver",
-    )
-    fixes = thinned_curve(run.fix_time, run.fix_way)
-    way.plot(*fixes, color=theme.speed, marker="o", markersize=3.0, linewidth=0.9)
+        look: dict[str, Any] = {"color": theme.second, "linewidth": 1.4}
+        speed.plot(*thinned_curve(motion.time, smooth), label="simulation, 0.1 s mean", **look)
+        way.plot(*thinned_curve(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0]), **look)
+    look = {"color": theme.speed, "marker": "o", "markersize": 3.0, "linewidth": 0.9}
+    speed.plot(*thinned_curve(run.fix_time, run.fix_speed), label="robot, position receiver", **look)
+    way.plot(*thinned_curve(run.fix_time, run.fix_way), **look)
     way.axhline(run.distance, color=theme.muted, linewidth=0.8, linestyle=":")
-    speed.set_ylabel("forward speed [m/s]")
+    speed.set(ylabel="forward speed [m/s]", xlim=(0.0, float(run.command_time[-1])))
     way.set(ylabel="way [m]", xlabel="time since the policy took over [s]")
-    speed.set_xlim(0.0, float(run.command_time[-1]))
     legend_above(speed, theme)
     return figure
 
@@ -151,6 +142,7 @@ def make_run_pictures(
 
 
 def _plan(run: TrackRun, simulation: TrialResult | None, robot: RobotDescription) -> Iterator[PlannedFigure]:
+    """The run beside its simulation; the gait is the simulation's, since a robot does not measure its own."""
     yield (
         "comparison",
         "Robot and simulation" if simulation else "The run",
@@ -158,50 +150,24 @@ def _plan(run: TrackRun, simulation: TrialResult | None, robot: RobotDescription
         "was given, so a gap between the two is the gap between robot and model.",
         lambda theme: comparison_figure(run, simulation, theme),
     )
-    yield (
-        "torque_speed",
-        "Torque and speed of every motor over its envelope",
-        "From the currents and encoders of the robot. Filled: what the motor can give at the nominal bus; "
-        "red samples sit on the limit that the measured bus voltage allows.",
-        lambda theme: figures.torque_speed_figure(run.trial, robot, theme),
-    )
-    yield (
-        "base_rates",
-        "How quiet the trunk stays",
-        "Roll and pitch rates of the trunk, and the cost J that sums their squares.",
-        lambda theme: figures.rates_figure(run.trial, theme),
-    )
-    yield (
-        "power",
-        "Where the power goes",
-        "Mechanical power drives the legs, copper loss only heats the windings.",
-        lambda theme: figures.power_figure(run.trial, robot, theme),
-    )
+    yield from (figure for figure in trial_figures(run.trial, robot) if figure[0] != "gait")
     if simulation is not None:
-        yield (
-            "gait",
-            "Gait in simulation",
-            "Feet on the ground during the last second of the simulated run at these commands; the robot's "
-            "own contacts are not measured.",
-            lambda theme: figures.gait_figure(simulation, robot, theme),
-        )
+        for name, title, caption, draw in trial_figures(simulation, robot):
+            if name == "gait":
+                yield name, f"{title} in simulation", caption, draw
 
 
 def run_numbers(run: TrackRun, simulation: TrialResult | None) -> dict[str, Any]:
     """The numbers of the report, JSON-ready; what is not known is null."""
-    numbers: dict[str, Any] = {
-        "distance_m": run.distance,
-        "time_over_distance_s": run.time_over_distance,
-        **_metric_numbers(run.trial),
-        "peak_speed_m_s": run.fix_speed.max(),
-        "simulation": None,
-    }
-    if simulation is not None:
-        numbers["simulation"] = {
-            **_metric_numbers(simulation),
-            **_comparison(run, figures.recorded(simulation)),
+    return json_ready(
+        {
+            "distance_m": run.distance,
+            "time_over_distance_s": run.time_over_distance,
+            **_metric_numbers(run.trial),
+            "peak_speed_m_s": run.fix_speed.max(),
+            "simulation": simulation and {**_metric_numbers(simulation), **_comparison(run, simulation)},
         }
-    return json_ready(numbers)
+    )
 
 
 def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
@@ -212,11 +178,16 @@ def _metric_numbers(trial: TrialResult) -> dict[str, Any]:
     }
 
 
-def _comparison(run: TrackRun, motion: Trajectory) -> dict[str, Any]:
-    """The simulation's time over the distance; robot minus simulation at the receiver's moments."""
+def _comparison(run: TrackRun, simulation: TrialResult) -> dict[str, Any]:
+    """The simulation's time over the distance; robot minus simulation at the receiver's moments.
+
+    The simulated speed is a mean of 0.1 s, as a receiver sees it.
+    """
+    motion = figures.recorded(simulation)
     finish = finish_time(motion.time, motion.qpos[:, 0] - motion.qpos[0, 0], run.distance)
     inside = (run.fix_time >= motion.time[0]) & (run.fix_time <= motion.time[-1])
-    gap = run.fix_speed[inside] - sampled_speed(motion, run.fix_time[inside])
+    smooth = moving_average(motion.velocity[:, 0], motion.time, 0.1)
+    gap = run.fix_speed[inside] - np.interp(run.fix_time[inside], motion.time, smooth)
     return {
         "time_over_distance_s": finish - command_start(motion.time, motion.command[:, 0]),
         "speed_difference_rms_m_s": np.sqrt(np.mean(gap**2)),
