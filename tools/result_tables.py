@@ -39,6 +39,7 @@ def tables() -> dict[str, str]:
         "policies": policies(races, engines, sprints),
         "audit": audit_lines(races),
         "robustness": robustness(sprints),
+        "besides": besides(RESULTS / DEFAULT_POLICY),
         "second_engine": second_engine(engines),
     }
 
@@ -159,6 +160,36 @@ def second_engine(engines: Sequence[Row]) -> str:
         )
         rows.append(cells)
     return _table(head, rows)
+
+
+def besides(folder: Path) -> str:
+    """What the default policy does besides running straight: laps, turns, slopes and rough ground."""
+    lap, warm, ground, turning = (
+        json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        for name in ("lap", "lap-battery", "ground", "turning")
+    )
+    rows = [
+        (f"400 m, asked for {lap['top_speed_command_m_s']:g} m/s", _lap(lap)),
+        ("the same on a battery with windings that warm up", _lap(warm)),
+        (
+            "yaw rate, turns of up to half of what friction allows",
+            f"at least {100 * turning['least_gain_up_to_half_of_friction']:.0f} % of the command, {turning['falls']} falls",
+        ),
+    ]
+    names = {"uphill": "5 % uphill", "downhill": "5 % downhill", "rough": "rough ground of 2 cm"}
+    for trials in ground["grounds"][1:]:
+        change = f"{100 * trials['change']:+.0f} % of the speed held on level ground"
+        what = f"{names[trials['ground']]}, asked for {ground['top_speed_command_m_s']:g} m/s"
+        rows.append((what, f"{change}, {trials['upright']} of {trials['trials']} upright"))
+    return _table(("", "measured"), rows)
+
+
+def _lap(lap: Row) -> str:
+    if not lap["finished"]:
+        return f"falls ({lap['fall_reason']})"
+    heat = lap["hottest_winding_degC"]
+    parts = [f"{number(lap['time_s'])} s", "in its lane" if lap["lane_kept"] else "left its lane"]
+    return ", ".join([*parts, *([f"hottest winding {heat:.0f} degC"] if heat else [])])
 
 
 def realism(race: Row, engines: Sequence[Row], sprint: Row) -> list[tuple[str, float]]:

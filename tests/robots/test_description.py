@@ -177,3 +177,8 @@ def test_wrong_shapes_and_values_are_refused(bp2):
         replace(bp2, dry_friction=-np.ones(12))
     with pytest.raises(InvalidValueError, match="bus_voltage"):
         replace(bp2, bus_voltage=0.0)
+
+
+def test_a_model_file_is_no_robot_and_the_message_says_what_makes_one():
+    with pytest.raises(RobotModelError, match="sprintlab robot new makes one of it"):
+        load_robot("a1.urdf")

@@ -85,9 +85,11 @@ def robot_table_path(name: str | Path) -> Path:
     """The parameter table that a robot's name or path stands for; see ``load_robot``.
 
     Raises:
-        RobotModelError: a name that no robot has.
+        RobotModelError: a name that no robot has, or a model file, of which `robot new` makes a robot.
     """
     path = Path(name)
+    if path.suffix in (".urdf", ".xml"):
+        raise RobotModelError(f"{name} is a model, not a robot's table: sprintlab robot new makes one of it")
     if str(name).endswith(".toml"):
         return path
     if isinstance(name, Path) or any(sign in name for sign in (os.sep, os.altsep or os.sep)):
