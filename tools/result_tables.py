@@ -168,12 +168,13 @@ def besides(folder: Path) -> str:
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         for name in ("lap", "lap-battery", "ground", "turning")
     )
+    gain = turning["least_gain_up_to_half_of_friction"]
     rows = [
         (f"400 m, asked for {lap['top_speed_command_m_s']:g} m/s", _lap(lap)),
         ("the same on a battery with windings that warm up", _lap(warm)),
         (
             "yaw rate, turns of up to half of what friction allows",
-            f"at least {100 * turning['least_gain_up_to_half_of_friction']:.0f} % of the command, {turning['falls']} falls",
+            f"at least {100 * gain:.0f} % of the command, {turning['falls']} falls",
         ),
     ]
     names = {"uphill": "5 % uphill", "downhill": "5 % downhill", "rough": "rough ground of 2 cm"}
