@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 from tests.short_trials import BRIEF, COARSE, shorten_trials
 
-from sprintlab.core.errors import ContractMismatchError, InvalidValueError
+from sprintlab.core.errors import ContractMismatchError, InvalidValueError, SprintlabError
+from sprintlab.evaluation import race as race_module
 from sprintlab.evaluation.clock import CLOCKS
 from sprintlab.evaluation.disturbances import PolicyClock
 from sprintlab.evaluation.protocol import ProtocolSettings
@@ -63,7 +64,15 @@ def test_the_race_keeps_what_the_report_draws(race):
 
 
 @pytest.mark.usefixtures("brief_trials")
-def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot):
+def test_no_top_speed_is_searched_for_a_policy_that_stands_still(standing_policy, robot):
+    coarse = replace(SHORT, plant=COARSE)
+    with pytest.raises(SprintlabError, match="does not run"):
+        evaluate_race(standing_policy, robot, distance=0.05, settings=coarse, workers=1)
+
+
+@pytest.mark.usefixtures("brief_trials")
+def test_without_a_top_speed_it_is_searched_and_said(standing_policy, robot, monkeypatch):
+    monkeypatch.setattr(race_module, "require_a_runner", lambda *_: None)
     coarse = replace(SHORT, plant=COARSE)
     result = evaluate_race(standing_policy, robot, distance=0.05, settings=coarse, workers=1)
     assert result.top_speed == 0.5

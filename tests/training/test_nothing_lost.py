@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -154,7 +155,7 @@ def test_a_request_to_stop_saves_first(tmp_path: Path, number: int, status: int)
         return main(command)
 
     child = start(begin, errors=said)
-    while not (said.exists() and "it 2 " in said.read_text()):
+    while not (said.exists() and "iteration 1," in said.read_text()):
         time.sleep(0.02)
     assert not (tmp_path / "checkpoint.pt").exists()  # nothing is saved by itself
     os.kill(child, number)
@@ -255,8 +256,8 @@ def test_a_diverged_update_is_taken_back_and_reported(tmp_path: Path, monkeypatc
                 kept.update({name: value.clone() for name, value in self.learner.actor.state_dict().items()})
                 advance = self.environment.advance
 
-                def poisoned() -> None:
-                    advance()
+                def poisoned(**given: Any) -> None:
+                    advance(**given)
                     self.environment.reward[0] = float("nan")
 
                 self.environment.advance = poisoned

@@ -7,7 +7,6 @@ import io
 import itertools
 import os
 import re
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -72,7 +71,7 @@ def run_training(arguments: Sequence[str]) -> int:
 
     checkpoint = train(options)
     if os.environ.get("RANK", "0") == "0":  # of several processes, one speaks
-        print(next_steps(checkpoint), file=sys.stderr)
+        _tell(checkpoint.parent, options.robot or options.settings.robot)
     return 0
 
 
@@ -134,14 +133,18 @@ def public_text(text: str) -> str:
     return "\n".join(line.rstrip() for line in text.split("\n"))
 
 
-def next_steps(checkpoint: Path) -> str:
-    """What to do with a training that has ended, as lines to copy."""
-    policy = checkpoint.with_name("policy.onnx")
-    return (
-        f"policy: {policy}\n"
-        f"next: sprintlab learning {shlex.quote(str(checkpoint.parent))}\n"
-        f"      sprintlab race {shlex.quote(str(policy))}"
+def _tell(folder: Path, robot: str) -> None:
+    """What the training reached, and the next command."""
+    from rich.console import Console
+
+    from sprintlab.api.reached import what_was_reached
+
+    console = Console(stderr=True, highlight=False)
+    console.print(
+        f"policy: {folder / 'policy.onnx'}; three trials in the plant tell what it reached", soft_wrap=True
     )
+    for part in what_was_reached(folder, robot):
+        console.print(part, soft_wrap=isinstance(part, str), markup=not isinstance(part, str))
 
 
 def method_as_option(arguments: Sequence[str]) -> list[str]:

@@ -19,6 +19,7 @@ from sprintlab.evaluation.protocol import (
     run_speed,
     step_size_requests,
 )
+from sprintlab.evaluation.reached import require_a_runner
 from sprintlab.evaluation.results import (
     AuditReport,
     EngineResult,
@@ -65,7 +66,8 @@ def evaluate_race(
         progress: called with what is being done and the share of it that is done; ``None`` where unknown.
 
     Raises:
-        SprintlabError: the second engine is not installed.
+        SprintlabError: the second engine is not installed, or the policy does not run where its top speed is
+            to be found.
         PolicyFileError: the file is no policy.
         ContractMismatchError: the policy was made for another robot.
         SimulationError: the simulation left the realm of finite numbers.
@@ -80,6 +82,7 @@ def evaluate_race(
         notes = settings.plant.remarks
         if top_speed is None:
             progress("searching for the top speed", None)
+            require_a_runner(pool, settings.start)
             top_speed = find_top_speed(pool, settings)
             notes += (f"top speed {top_speed:g} m/s found by a search with single trials",)
         second = None

@@ -1,0 +1,81 @@
+"""What a training says at its end: speed and audit in the plant, and the command to type next."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import RenderableType
+from rich.table import Table
+
+from sprintlab.core.errors import SimulationError, SprintlabError
+from sprintlab.core.reading import read_rows
+
+if TYPE_CHECKING:
+    from sprintlab.evaluation.reached import Reached
+
+_LOG_LIMIT = 64 << 20
+_SLOWEST = 1.0
+
+
+def what_was_reached(folder: Path, robot: str | Path) -> Iterator[RenderableType]:
+    """Run a few trials of a training's policy in the plant, and say what came of them.
+
+    Args:
+        folder: of the run, with its log and its policy.
+        robot: that was trained: name, folder or table.
+
+    Raises:
+        SprintlabError: the log cannot be read, or the simulation failed.
+    """
+    from sprintlab.evaluation.reached import reached_speed
+    from sprintlab.robots import load_robot
+
+    policy, speed = folder / "policy.onnx", asked_speed(read_rows(folder / "log.jsonl", _LOG_LIMIT))
+    try:
+        found = reached_speed(policy, load_robot(robot), speed)
+    except SimulationError:
+        raise
+    except SprintlabError as error:
+        yield str(error)
+        yield f"next: sprintlab train --resume --output {shlex.quote(str(folder))}"
+        return
+    yield from _told(found)
+    yield f"next: sprintlab race {shlex.quote(str(policy))} --top-speed {found.speed.top_speed:g}"
+
+
+def asked_speed(log: Sequence[Mapping[str, float]]) -> float:
+    """The speed [m/s] to ask a policy for: that at which it did best in an exam, else about what it runs."""
+    exams = [row for row in log if "exam/held" in row]
+    kept = [
+        (row[f"exam/{group}/held"], row[f"exam/{group}/asked"])
+        for row in exams
+        for group in ("top", "middle", "low")
+        if not row[f"exam/{group}/limits_failed"]
+    ]
+    if kept:
+        return round(4.0 * max(kept)[1]) / 4.0
+    speed = exams[-1]["exam/low/held"] if exams else log[-1]["speed_p95"] if log else _SLOWEST
+    return max(_SLOWEST, float(round(speed)))
+
+
+def _told(found: Reached) -> Iterator[RenderableType]:
+    """The speed, and every line of the audit."""
+    from sprintlab.evaluation.report_text import audit_limit, audit_measured, audit_verdict
+
+    speed = found.speed
+    yield (
+        f"reached {speed.running_speed:.2f} m/s in the plant, asked for {speed.top_speed:g} "
+        f"({len(speed.completed)} trials); audit {audit_verdict(found.audit)}"
+    )
+    table = Table(box=None, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column("audit")
+    table.add_column("measured: median of the trials", justify="right")
+    table.add_column("limit", justify="right")
+    for item in found.audit.items:
+        verdict = "[green]pass[/]" if item.passed else "[bold red]FAIL[/]"
+        table.add_row(verdict, item.name, audit_measured(item), audit_limit(item))
+    yield table

@@ -1,0 +1,88 @@
+"""What a training has reached: a few trials in the plant; and whether a policy runs at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from sprintlab.core.errors import SprintlabError
+from sprintlab.evaluation.audit import audit_trials
+from sprintlab.evaluation.pool import TrialPool
+from sprintlab.evaluation.protocol import ProtocolSettings, run_speed
+from sprintlab.evaluation.results import AuditReport, SpeedResult, TrialResult
+from sprintlab.evaluation.trial import TrialRequest
+from sprintlab.robots import RobotDescription
+
+TRIALS = 3
+"""Seeded trials per speed."""
+TRIED = 4
+"""Speeds that are tried, each 1 m/s below the last."""
+LEAST_SHARE = 0.5
+"""A policy that holds less than this share of the slowest speed does not run."""
+_HOLD = 2.0
+
+
+class Trials(Protocol):
+    """What runs trials: ``TrialPool``."""
+
+    def trials(self, requests: list[TrialRequest]) -> list[TrialResult]:
+        """Results in the order of the requests."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """The highest of the tried speeds whose trials all completed.
+
+    Attributes:
+        speed: its trials.
+        audit: of them.
+    """
+
+    speed: SpeedResult
+    audit: AuditReport
+
+
+def require_a_runner(pool: Trials, speed: float) -> None:
+    """Refuse a policy that cannot be judged, by one short trial.
+
+    Args:
+        pool: of the policy.
+        speed: asked for [m/s]: a slow one.
+
+    Raises:
+        SprintlabError: it falls, or stands still.
+    """
+    trial = pool.trials([TrialRequest(top_speed=speed, hold=_HOLD)])[0]
+    if trial.fall_reason:
+        raise SprintlabError(
+            f"the policy does not stay on its feet: asked for {speed:g} m/s it falls after "
+            f"{trial.fall_time or 0.0:.1f} s ({trial.fall_reason}); it needs more training"
+        )
+    if not trial.metrics.held_speed >= LEAST_SHARE * speed:
+        raise SprintlabError(
+            f"the policy does not run: asked for {speed:g} m/s it holds {trial.metrics.held_speed:.2f} m/s; "
+            "it needs more training"
+        )
+
+
+def reached_speed(
+    policy: Path, robot: RobotDescription, top_speed: float, workers: int | None = None
+) -> Reached:
+    """Run the seeded trials at a speed [m/s], and at lower ones until all of a speed complete.
+
+    Raises:
+        SprintlabError: the policy does not run, or no speed completes.
+        SimulationError: the simulation left the realm of finite numbers.
+    """
+    settings = ProtocolSettings(trials=TRIALS, required=TRIALS)
+    with TrialPool(policy, robot, workers) as pool:
+        require_a_runner(pool, settings.start)
+        speeds = [top_speed - step for step in range(TRIED) if top_speed - step >= settings.start]
+        for speed in speeds:
+            found = run_speed(pool, speed, self_paced=False, settings=settings)
+            if found.passed:
+                return Reached(speed=found, audit=audit_trials([trial.metrics for trial in found.trials]))
+    asked = ", ".join(f"{speed:.1f}" for speed in speeds)
+    raise SprintlabError(f"the policy runs at 1 m/s; asked for {asked} m/s it falls or does not come to rest")
