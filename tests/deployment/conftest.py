@@ -54,7 +54,6 @@ class StraightSource:
         yaw_rate = float(heading_command(view.heading, view.lateral_offset, self.speed))
         return OperatorCommand(
             sequence=self.sequence,
-            timestamp=0,
             velocity=np.array([self.speed, 0.0, yaw_rate]),
             request=usual if self.request is None else self.request,
         )

@@ -75,91 +75,51 @@ class Request(enum.IntEnum):
 
 
 class RobotState(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """What the robot measures, published at 1 kHz.
+    """What the robot measures, published at 1 kHz."""
 
-    Attributes:
-        sequence: rises by one with every message.
-        timestamp: robot's monotonic clock when measured [ns].
-        joint_position: motor encoders, joint side [rad] ``(joints,)``.
-        joint_velocity: [rad/s] ``(joints,)``.
-        joint_torque: estimated from the currents, joint side [N m] ``(joints,)``.
-        quaternion: body to world, w, x, y, z ``(4,)``.
-        angular_velocity: body frame [rad/s] ``(3,)``.
-        bus_voltage: [V].
-        command_sequence: number of the last accepted command; 0 before the first.
-        status: ``RobotStatus`` flags.
-        session: number of the controller that sent the last accepted command; 0 before the first.
-    """
-
-    sequence: int
-    timestamp: int
-    joint_position: FloatArray
-    joint_velocity: FloatArray
-    joint_torque: FloatArray
-    quaternion: FloatArray
-    angular_velocity: FloatArray
-    bus_voltage: float
-    command_sequence: int = 0
-    status: int = 0
-    session: int = 0
+    sequence: int  # rises by one with every message
+    timestamp: int  # robot's monotonic clock when measured [ns]
+    joint_position: FloatArray  # motor encoders, joint side [rad] ``(joints,)``
+    joint_velocity: FloatArray  # [rad/s] ``(joints,)``
+    joint_torque: FloatArray  # estimated from the currents, joint side [N m] ``(joints,)``
+    quaternion: FloatArray  # body to world, w, x, y, z ``(4,)``
+    angular_velocity: FloatArray  # body frame [rad/s] ``(3,)``
+    bus_voltage: float  # [V]
+    command_sequence: int = 0  # number of the last accepted command; 0 before the first
+    status: int = 0  # ``RobotStatus`` flags
+    session: int = 0  # number of the controller that sent the last accepted command; 0 before the first
 
 
 class JointCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """What the joints shall do until the next command, sent at 1 kHz.
+    """What the joints shall do until the next command, sent at 1 kHz."""
 
-    Attributes:
-        sequence: rises by one with every message; the first is 1.
-        timestamp: controller's monotonic clock when sent [ns].
-        mode: ``JointMode``.
-        target_position: [rad] ``(joints,)``.
-        stiffness: [N m/rad] ``(joints,)``, not negative.
-        damping: [N m s/rad] ``(joints,)``, not negative.
-        feedforward_torque: joint side [N m] ``(joints,)``.
-        state_sequence: number of the state that the command answers.
-        session: the controller's number, drawn once at random, 64 bits. It tells controllers apart;
-            it is no secret.
-    """
-
-    sequence: int
-    timestamp: int
+    sequence: int  # rises by one with every message; the first is 1
+    timestamp: int  # controller's monotonic clock when sent [ns]
     mode: JointMode
-    target_position: FloatArray
-    stiffness: FloatArray
-    damping: FloatArray
-    feedforward_torque: FloatArray
-    state_sequence: int = 0
+    target_position: FloatArray  # [rad] ``(joints,)``
+    stiffness: FloatArray  # [N m/rad] ``(joints,)``, not negative
+    damping: FloatArray  # [N m s/rad] ``(joints,)``, not negative
+    feedforward_torque: FloatArray  # joint side [N m] ``(joints,)``
+    state_sequence: int = 0  # number of the state that the command answers
+    # the controller's number, drawn once at random, 64 bits. It tells controllers apart; it is no secret
     session: int = 0
 
 
 class PositionFix(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """Where the robot is on the track (RTK-like receiver, or motion capture), typically at 10 Hz.
+    """Where the robot is on the track (RTK-like receiver, or motion capture), typically at 10 Hz."""
 
-    Attributes:
-        sequence: rises by one with every message.
-        timestamp: robot's monotonic clock [ns].
-        position: world frame [m] ``(3,)``.
-        velocity: world frame [m/s] ``(3,)``.
-    """
-
-    sequence: int
-    timestamp: int
-    position: FloatArray
-    velocity: FloatArray
+    sequence: int  # rises by one with every message
+    timestamp: int  # robot's monotonic clock [ns]
+    position: FloatArray  # world frame [m] ``(3,)``
+    velocity: FloatArray  # world frame [m/s] ``(3,)``
 
 
 class OperatorCommand(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """What a command source wants.
+    """What a command source wants."""
 
-    Attributes:
-        sequence: rises by one whenever the source is alive; a frozen sequence counts as a lost source.
-        timestamp: the source's monotonic clock [ns].
-        velocity: forward, sideways speed [m/s], yaw rate [rad/s] ``(3,)``.
-        request: ``Request``; obeyed as soon as the robot is fit for it, while the source repeats it.
-    """
-
-    sequence: int
-    timestamp: int
-    velocity: FloatArray
+    sequence: int  # rises by one whenever the source is alive; a frozen sequence counts as a lost source
+    velocity: FloatArray  # forward, sideways speed [m/s], yaw rate [rad/s] ``(3,)``
+    # ``Request``; obeyed as soon as the robot is fit for it, while the source repeats it
     request: Request = Request.NONE
 
 
@@ -233,28 +193,17 @@ def check_command(command: JointCommand, joints: int) -> None:
 
 
 class SourceView(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the controller tells a command source at each policy step.
+    """What the controller tells a command source at each policy step."""
 
-    Attributes:
-        time: controller's clock since its start [s].
-        running_time: since the policy took over [s]; None unless in ``run``.
-        mode: name of the controller's mode (``passive``, ``stand-up``, ``stand``, ``run``, ``lie-down``,
-            ``stop``).
-        state: the last accepted state.
-        fix: the last position fix, if the robot has a receiver.
-        heading: yaw relative to the heading at the start of ``run`` [rad].
-        lateral_offset: to the left of the line along which ``run`` started [m]; 0 without fixes.
-        forward_speed: along that line's heading [m/s]; None without fixes.
-    """
-
-    time: float
-    running_time: float | None
+    time: float  # controller's clock since its start [s]
+    running_time: float | None  # since the policy took over [s]; None unless in ``run``
+    # name of the controller's mode (``passive``, ``stand-up``, ``stand``, ``run``, ``lie-down``, ``stop``)
     mode: str
-    state: RobotState
-    fix: PositionFix | None
-    heading: float
-    lateral_offset: float
-    forward_speed: float | None
+    state: RobotState  # the last accepted state
+    fix: PositionFix | None  # the last position fix, if the robot has a receiver
+    heading: float  # yaw relative to the heading at the start of ``run`` [rad]
+    lateral_offset: float  # to the left of the line along which ``run`` started [m]; 0 without fixes
+    forward_speed: float | None  # along that line's heading [m/s]; None without fixes
 
 
 class CommandSource(Protocol):
@@ -270,32 +219,19 @@ class CommandSource(Protocol):
 
 
 class ControlTick(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """What happened in one 1 kHz step of the controller: what a log keeps.
+    """What happened in one 1 kHz step of the controller: what a log keeps."""
 
-    Attributes:
-        time: controller's clock since its start [s].
-        mode: name of the controller's mode, see ``SourceView.mode``.
-        state: the last accepted state; None before the first.
-        command: the command that was sent.
-        velocity: commanded velocity that the policy was given: forward, sideways [m/s], yaw rate [rad/s]
-            ``(3,)``.
-        targets: joint targets before the safety layer [rad] ``(joints,)``.
-        policy_step: whether the policy ran in this step.
-        fix: a position fix that came in this step.
-        faults: names of faults noticed in this step.
-        compute_time: from the wake-up to the command [s].
-    """
-
-    time: float
-    mode: str
-    state: RobotState | None
-    command: JointCommand
+    time: float  # controller's clock since its start [s]
+    mode: str  # name of the controller's mode, see ``SourceView.mode``
+    state: RobotState | None  # the last accepted state; None before the first
+    command: JointCommand  # the command that was sent
+    # commanded velocity that the policy was given: forward, sideways [m/s], yaw rate [rad/s] ``(3,)``
     velocity: FloatArray
-    targets: FloatArray
-    policy_step: bool
-    fix: PositionFix | None
-    faults: tuple[str, ...]
-    compute_time: float
+    targets: FloatArray  # joint targets before the safety layer [rad] ``(joints,)``
+    policy_step: bool  # whether the policy ran in this step
+    fix: PositionFix | None  # a position fix that came in this step
+    faults: tuple[str, ...]  # names of faults noticed in this step
+    compute_time: float  # from the wake-up to the command [s]
 
 
 class RunLog(Protocol):

@@ -80,7 +80,7 @@ class Riser(Sleeper):
     def read(self, view):
         self.sequence += 1
         request = Request.STAND if view.mode == "passive" else Request.NONE
-        return OperatorCommand(sequence=self.sequence, timestamp=0, velocity=np.zeros(3), request=request)
+        return OperatorCommand(sequence=self.sequence, velocity=np.zeros(3), request=request)
 
 
 class Log:

@@ -38,7 +38,7 @@ class Operator:
         self.sequence += 1
         self.view = view
         velocity = np.array([self.speed, 0.0, 0.0])
-        return OperatorCommand(sequence=self.sequence, timestamp=0, velocity=velocity, request=self.request)
+        return OperatorCommand(sequence=self.sequence, velocity=velocity, request=self.request)
 
     def close(self):
         pass

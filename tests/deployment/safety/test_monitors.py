@@ -90,7 +90,7 @@ def test_persistence_needs_an_unbroken_condition():
 
 def say(sequence: int, speed: float, request: Request = Request.NONE) -> OperatorCommand:
     velocity = np.array([speed, 0.0, 0.0])
-    return OperatorCommand(sequence=sequence, timestamp=0, velocity=velocity, request=request)
+    return OperatorCommand(sequence=sequence, velocity=velocity, request=request)
 
 
 def test_a_source_is_lost_when_it_says_nothing_new():

@@ -25,17 +25,11 @@ class BusError(SprintlabError):
 
 
 class BusAddress(NamedTuple):
-    """A parsed address.
+    """A parsed address."""
 
-    Attributes:
-        carrier: ``"shm"`` or ``"unitree"``.
-        name: the robot's name.
-        place: what follows ``@``; empty if nothing does.
-    """
-
-    carrier: str
-    name: str
-    place: str
+    carrier: str  # ``"shm"`` or ``"unitree"``
+    name: str  # the robot's name
+    place: str  # what follows ``@``; empty if nothing does
 
 
 def parse_address(address: str) -> BusAddress:

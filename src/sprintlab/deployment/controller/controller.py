@@ -95,13 +95,13 @@ class Controller:
         self._course = Course(0.0)
         self._late: deque[bool] = deque(maxlen=_LATE_WINDOW)
         self._start: int | None = None
-        self._now = self._next_policy = 0
+        self._now, self._time, self._next_policy = 0, 0.0, 0
         self._answer, self._answered_at = 0, -math.inf
         self._fix = LastFix(self._safety.fix_timeout)
         self._faults: list[Fault] = []
         self._run_started = 0.0
         self._override: Request | None = None
-        self._behaviour: modes.Behaviour = modes.Behaviour()
+        self._behaviour = modes.Behaviour()
         self.fault_counts: Counter[Fault] = Counter()
         self.stop_reason = ""
         self.policy_time = 0.0
@@ -159,20 +159,20 @@ class Controller:
         begin = clock.perf_counter_ns()
         self._faults = []
         self._watch_loop(now)
-        time = self._time
         for state in states:
-            self._take_state(state, time)
-        self._take_fix(fix, time)
-        self._watch_link(time)
-        self._react(time)
+            self._take_state(state)
+        if fix is not None and not self._fix.take(fix, self._time):
+            self._note(Fault.FIX_INVALID)
+        self._watch_link()
+        self._react()
         policy_step = now >= self._next_policy
         if policy_step:
-            self._policy_period(now, time)
-            self._react(time)
-        self._advance_mode(time)
+            self._policy_period(now)
+            self._react()
+        self._advance_mode()
         command = self._command(now)
         return ControlTick(
-            time=time,
+            time=self._time,
             mode=self.mode.value,
             state=self._states.last,
             command=command,
@@ -195,7 +195,7 @@ class Controller:
             self._body.check(still, 0.0, carried=True)
             self._states.accept(still, 0.0)
             self._limiter.advance(self._velocity, 0.0)
-            self._view(still, 0.0)
+            self._view(still)
             heading_command(0.0, 0.0, 0.0)
         self._runtime.reset()
         self._forget_robot()
@@ -213,38 +213,34 @@ class Controller:
         if passed <= -self._safety.stall_time:  # its own time goes on, or no silence would ever be too long
             self._start += now - self._now
             self._next_policy = now
-        self._now = now
+        self._now, self._time = now, (now - self._start) * 1e-9
         if abs(passed) >= self._safety.stall_time and self.mode in ACTIVE_MODES:
             self._note(Fault.LOOP_STALLED)
 
-    def _take_state(self, state: RobotState, time: float) -> None:
-        faults = self._states.accept(state, time)
+    def _take_state(self, state: RobotState) -> None:
+        faults = self._states.accept(state, self._time)
         self._note(*faults)
         if self._states.last is not state:
             return
-        self._take_answer(state, time)
-        self._note(*self._body.check(state, time, carried=self._behaviour.carried))
+        self._take_answer(state)
+        self._note(*self._body.check(state, self._time, carried=self._behaviour.carried))
 
-    def _take_answer(self, state: RobotState, time: float) -> None:
+    def _take_answer(self, state: RobotState) -> None:
         """Which command the robot obeys: one of ours, later than the one before, or another controller's."""
         if not self._commands.has_sent(state) or state.command_sequence < self._answer:
             if self.mode in ACTIVE_MODES:
                 self._note(Fault.COMMANDS_FOREIGN)
         elif state.command_sequence > self._answer:
-            self._answer, self._answered_at = state.command_sequence, time
+            self._answer, self._answered_at = state.command_sequence, self._time
 
-    def _take_fix(self, fix: PositionFix | None, time: float) -> None:
-        if fix is not None and not self._fix.take(fix, time):
-            self._note(Fault.FIX_INVALID)
-
-    def _watch_link(self, time: float) -> None:
+    def _watch_link(self) -> None:
         if self.mode not in ACTIVE_MODES:
-            if self.mode is Mode.PASSIVE and self._states.stale(time):
+            if self.mode is Mode.PASSIVE and self._states.stale(self._time):
                 self._forget_robot()
             return
-        if self._states.stale(time):
+        if self._states.stale(self._time):
             self._note(Fault.STATE_STALE)
-        elif time - self._answered_at >= self._safety.answer_timeout - 1e-9:
+        elif self._time - self._answered_at >= self._safety.answer_timeout - 1e-9:
             self._note(Fault.COMMANDS_UNANSWERED)
         if self._states.last is not None and self._states.last.status & RobotStatus.WATCHDOG_EXPIRED:
             self._note(Fault.WATCHDOG_EXPIRED)
@@ -258,7 +254,7 @@ class Controller:
 
     # ---- reactions -----------------------------------------------------------------------------------
 
-    def _react(self, time: float) -> None:
+    def _react(self) -> None:
         """Follow the gravest reaction to the faults of this step."""
         if not self._faults:
             return
@@ -267,7 +263,7 @@ class Controller:
             self._enter_stop(reactions[Reaction.STOP].value)
         elif Reaction.BRAKE in reactions and isinstance(self._behaviour, modes.Run):
             self._behaviour.held = True
-            self._behaviour.brake(time)
+            self._behaviour.brake(self._time)
 
     def _enter_stop(self, reason: str) -> None:
         if self.mode is not Mode.STOP:
@@ -278,7 +274,7 @@ class Controller:
 
     # ---- 50 Hz ---------------------------------------------------------------------------------------
 
-    def _policy_period(self, now: int, time: float) -> None:
+    def _policy_period(self, now: int) -> None:
         behind = now - self._next_policy
         self._next_policy = (self._next_policy if behind < POLICY_PERIOD_NS else now) + POLICY_PERIOD_NS
         state = self._states.last
@@ -287,26 +283,26 @@ class Controller:
         self._late.append(behind * 1e-9 > self._safety.late_step)
         if self.mode is Mode.RUN and sum(self._late) >= self._safety.late_steps and not self.braking:
             self._note(Fault.POLICY_LATE)
-        request, faults = self._operator.accept(self._read_source(state, time), time)
+        request, faults = self._operator.accept(self._read_source(state), self._time)
         self._note(*faults)
         wanted = request if request == Request.STOP else self._override or request
-        self._obey(wanted, state, time)
+        self._obey(wanted, state)
         if self._behaviour.policy_drives:
-            self._run_policy(state, time)
+            self._run_policy(state)
 
-    def _read_source(self, state: RobotState, time: float) -> OperatorCommand | None:
+    def _read_source(self, state: RobotState) -> OperatorCommand | None:
         try:
-            return self._source.read(self._view(state, time))
+            return self._source.read(self._view(state))
         except Exception:  # whatever breaks in a device must not break the loop
             self._note(Fault.SOURCE_INVALID)
             return None
 
-    def _view(self, state: RobotState, time: float) -> SourceView:
-        fix = self._fix.fresh(time)
+    def _view(self, state: RobotState) -> SourceView:
+        fix = self._fix.fresh(self._time)
         offset, speed = self._course.offset_and_speed(fix)
         return SourceView(
-            time=time,
-            running_time=time - self._run_started if self.mode is Mode.RUN else None,
+            time=self._time,
+            running_time=self._time - self._run_started if self.mode is Mode.RUN else None,
             mode=self.mode.value,
             state=state,
             fix=fix,
@@ -315,7 +311,7 @@ class Controller:
             forward_speed=speed,
         )
 
-    def _obey(self, request: Request, state: RobotState, time: float) -> None:
+    def _obey(self, request: Request, state: RobotState) -> None:
         if request == Request.STOP and self.mode in ACTIVE_MODES:
             self._enter_stop("operator")
         behaviour = self._behaviour
@@ -325,40 +321,41 @@ class Controller:
         if goal is None:
             return
         if isinstance(behaviour, modes.Run):
-            behaviour.brake(time)
-        elif self._may_leave(goal, state, time):
-            self._enter(goal, state, time)
+            behaviour.brake(self._time)
+        elif self._may_leave(goal, state):
+            self._enter(goal, state)
 
-    def _may_leave(self, goal: Mode, state: RobotState, time: float) -> bool:
+    def _may_leave(self, goal: Mode, state: RobotState) -> bool:
         """Whether the robot is fit for ``goal``; an unfit robot stays where it is."""
         if self.mode is Mode.PASSIVE:
-            return self._ready(state, time)
-        if self.mode is Mode.STOP and self._states.stale(time):
+            return self._ready(state)
+        if self.mode is Mode.STOP and self._states.stale(self._time):
             return True
-        if goal is Mode.RUN and self._operator.lost(time):
+        if goal is Mode.RUN and self._operator.lost(self._time):
             return False
-        return self._behaviour.may_leave(goal, time)
+        return self._behaviour.may_leave(goal, self._time)
 
-    def _ready(self, state: RobotState, time: float) -> bool:
-        answered = self._commands.has_sent(state) and time - self._answered_at < self._safety.answer_timeout
-        upright = checks.trunk_tilt(state) < self._safety.start_tilt
-        at_rest = modes.fastest_joint(state) < self._safety.start_speed
+    def _ready(self, state: RobotState) -> bool:
+        safety, silence = self._safety, self._time - self._answered_at
+        answered = self._commands.has_sent(state) and silence < safety.answer_timeout
+        upright = checks.trunk_tilt(state) < safety.start_tilt
+        at_rest = modes.fastest_joint(state) < safety.start_speed
         return answered and upright and state.status == RobotStatus.READY and at_rest
 
-    def _run_policy(self, state: RobotState, time: float) -> None:
+    def _run_policy(self, state: RobotState) -> None:
         dt = POLICY_PERIOD_NS * 1e-9
-        if self.mode is Mode.RUN and self._operator.lost(time) and not self.braking:
+        if self.mode is Mode.RUN and self._operator.lost(self._time) and not self.braking:
             self._note(Fault.SOURCE_LOST)
-            self._react(time)
+            self._react()
         if self._behaviour.brakes:
-            offset, _ = self._course.offset_and_speed(self._fix.fresh(time))
+            offset, _ = self._course.offset_and_speed(self._fix.fresh(self._time))
             heading = self._course.relative_heading(state)
             yaw_rate = float(heading_command(heading, offset, float(self._velocity[0])))
             self._velocity = self._limiter.brake(dt, yaw_rate)
         else:
             self._velocity = self._limiter.advance(self._operator.velocity, dt)
         if self.moving_since is None and self._velocity[0] != 0.0:
-            self.moving_since = time - self._run_started
+            self.moving_since = self._time - self._run_started
         begin = clock.perf_counter_ns()
         try:
             targets = np.asarray(self._runtime.step(_measurement(state), self._velocity), dtype=np.float64)
@@ -372,19 +369,19 @@ class Controller:
 
     # ---- modes ---------------------------------------------------------------------------------------
 
-    def _enter(self, mode: Mode, state: RobotState, time: float) -> None:
+    def _enter(self, mode: Mode, state: RobotState) -> None:
         before, robot, here = self._behaviour, self._robot, self._commands.bumpless_start
         if mode is Mode.STAND_UP:
-            self._behaviour = modes.StandUp(robot, here(state), time)
+            self._behaviour = modes.StandUp(robot, here(state), self._time)
         elif mode is Mode.STAND:
-            self._behaviour = modes.Stand(robot, here(state), time, before)
+            self._behaviour = modes.Stand(robot, here(state), self._time, before)
         elif mode is Mode.LIE_DOWN:
             self._velocity = np.zeros(3)
-            self._behaviour = modes.LieDown(robot, here, state, time, after_run=before.policy_drives)
+            self._behaviour = modes.LieDown(robot, here, state, self._time, after_run=before.policy_drives)
         elif mode is Mode.RUN:
             limits = self._limiter.limits
             self._behaviour = modes.Run(limits.forward / limits.braking, self._estimated_speed)
-            self._start_run(state, time)
+            self._start_run(state)
         else:
             self._behaviour = modes.Behaviour()
             if before.mode is Mode.STOP:
@@ -395,27 +392,27 @@ class Controller:
         estimate = self._runtime.last_estimate
         return None if estimate is None else float(np.hypot(estimate[0], estimate[1]))
 
-    def _start_run(self, state: RobotState, time: float) -> None:
+    def _start_run(self, state: RobotState) -> None:
         self._runtime.reset()
         self._limiter.reset()
         self._late.clear()
         self._course = Course(float(heading_angle(state.quaternion)))
-        self._run_started, self.moving_since = time, None
+        self._run_started, self.moving_since = self._time, None
 
-    def _advance_mode(self, time: float) -> None:
+    def _advance_mode(self) -> None:
         """Leave a mode that has done its work, and move the targets of those without a policy."""
         state = self._states.last
         if state is None:
             return
-        outcome = self._behaviour.advance(state, time, self._velocity)
+        outcome = self._behaviour.advance(state, self._time, self._velocity)
         if isinstance(outcome, Mode):
-            self._enter(outcome, state, time)
+            self._enter(outcome, state)
         elif outcome is not None:
             self._note(outcome)
-            self._react(time)
+            self._react()
         behaviour = self._behaviour
         if behaviour.motion is not None and not behaviour.policy_drives:
-            self._targets = behaviour.motion.target(time)
+            self._targets = behaviour.motion.target(self._time)
 
     # ---- what goes out -------------------------------------------------------------------------------
 
@@ -430,11 +427,6 @@ class Controller:
             self._note(Fault.POLICY_INVALID)
             self._enter_stop(Fault.POLICY_INVALID.value)
         return self._commands.damping(now, state, stale=self._states.stale(self._time))
-
-    @property
-    def _time(self) -> float:
-        """Time of this step since the controller's start [s]."""
-        return (self._now - (self._start or 0)) * 1e-9
 
 
 def _check_braking(policy: Policy, limits: VelocityLimits) -> None:

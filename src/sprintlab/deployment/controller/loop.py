@@ -34,24 +34,19 @@ _POLL = 2e-5  # s between two looks at the bus in lock-step
 class LoopOptions:
     """How the loop runs and when it ends.
 
-    Attributes:
-        lock_step: take time from the robot's states and answer each: a simulated robot then waits for the
-            controller, and the result does not depend on the machine's load.
-        priority: priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler.
-        core: processor core on which the loop stays; None for any.
-        duration: end after this time [s], in order; None for no end.
-        attended: an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end.
-        patience: time to wait for the robot's first state, or for another controller to leave it [s].
-
     Raises:
         InvalidValueError: a field is out of range.
     """
 
+    # take time from the robot's states and answer each: a simulated robot then waits for the controller, and
+    # the result does not depend on the machine's load
     lock_step: bool = False
-    priority: int | None = 50
-    core: int | None = None
-    duration: float | None = None
+    priority: int | None = 50  # priority under SCHED_FIFO, 1 to 99; None keeps the normal scheduler
+    core: int | None = None  # processor core on which the loop stays; None for any
+    duration: float | None = None  # end after this time [s], in order; None for no end
+    # an operator is there: the loop goes on in ``passive`` and ``stop`` until told to end
     attended: bool = False
+    # time to wait for the robot's first state, or for another controller to leave it [s]
     patience: float = 10.0
 
     def __post_init__(self) -> None:
@@ -66,33 +61,23 @@ class LoopOptions:
 
 @dataclass(kw_only=True)
 class LoopReport:
-    """What the loop measured.
+    """What the loop measured."""
 
-    Attributes:
-        grant: scheduler and memory as the operating system granted them; None in lock-step.
-        steps: number of steps of the loop.
-        policy_steps: number of steps of the policy.
-        deadline_misses: steps that ended after the next one was due.
-        skipped: periods passed over to catch up.
-        wake_up: lateness of each step's beginning.
-        compute: from taking the robot's states to the command.
-        policy: the policy alone, observation to joint targets.
-        refused: messages that the bus could not decode, counted by the reason.
-        duration: by the controller's clock [s].
-        end: why the loop ended.
-    """
-
+    # scheduler and memory as the operating system granted them; None in lock-step
     grant: RealTimeGrant | None = None
-    steps: int = 0
-    policy_steps: int = 0
-    deadline_misses: int = 0
-    skipped: int = 0
-    wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)
+    steps: int = 0  # number of steps of the loop
+    policy_steps: int = 0  # number of steps of the policy
+    deadline_misses: int = 0  # steps that ended after the next one was due
+    skipped: int = 0  # periods passed over to catch up
+    wake_up: LatencyHistogram = field(default_factory=LatencyHistogram)  # lateness of each step's beginning
+    # from taking the robot's states to the command
     compute: LatencyHistogram = field(default_factory=LatencyHistogram)
+    # the policy alone, observation to joint targets
     policy: LatencyHistogram = field(default_factory=LatencyHistogram)
+    # messages that the bus could not decode, counted by the reason
     refused: dict[str, int] = field(default_factory=dict)
-    duration: float = 0.0
-    end: str = ""
+    duration: float = 0.0  # by the controller's clock [s]
+    end: str = ""  # why the loop ended
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form; durations in microseconds."""

@@ -89,19 +89,12 @@ def sink_motion(
 
 
 class FootKey(NamedTuple):
-    """Where the feet are at the end of a phase, and what they carry.
+    """Where the feet are at the end of a phase, and what they carry."""
 
-    Attributes:
-        feet: from the trunk's middle [m] ``(4, 3)``.
-        loads: vertical forces [N] ``(4,)``.
-        duration: time of the phase that ends here [s].
-        airborne: legs that are lifted meanwhile.
-    """
-
-    feet: FloatArray
-    loads: FloatArray
-    duration: float
-    airborne: tuple[int, ...] = ()
+    feet: FloatArray  # from the trunk's middle [m] ``(4, 3)``
+    loads: FloatArray  # vertical forces [N] ``(4,)``
+    duration: float  # time of the phase that ends here [s]
+    airborne: tuple[int, ...] = ()  # legs that are lifted meanwhile
 
 
 class FootMotion:

@@ -22,17 +22,12 @@ _DEFAULT_SLACK = 50_000  # ns
 
 @dataclass(frozen=True, kw_only=True)
 class RealTimeGrant:
-    """What was granted.
+    """What was granted."""
 
-    Attributes:
-        memory_locked: no page of the process can be swapped out.
-        priority: priority under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for.
-        remarks: missing privileges in words: refused, or not set up on this machine.
-    """
-
-    memory_locked: bool
+    memory_locked: bool  # no page of the process can be swapped out
+    # priority under the real-time scheduler (SCHED_FIFO); None if not permitted or not asked for
     priority: int | None
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # missing privileges in words: refused, or not set up on this machine
 
 
 @contextmanager

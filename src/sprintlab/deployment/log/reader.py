@@ -25,14 +25,10 @@ _MAGIC = b"\x89MCAP0\r\n"  # at both ends of a whole file
 
 @dataclass(frozen=True, kw_only=True)
 class Messages:
-    """Messages of one topic.
+    """Messages of one topic."""
 
-    Attributes:
-        time: when each was noted, by the controller's clock [s] ``(n,)``.
-        columns: name of a field to its values ``(n,)`` or ``(n, k)``; ``faults`` as tuples of names.
-    """
-
-    time: FloatArray
+    time: FloatArray  # when each was noted, by the controller's clock [s] ``(n,)``
+    # name of a field to its values ``(n,)`` or ``(n, k)``; ``faults`` as tuples of names
     columns: dict[str, NDArray[Any]]
 
     def __len__(self) -> int:
@@ -41,24 +37,16 @@ class Messages:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """A log in memory. Times are of the controller's clock [s].
+    """A log in memory. Times are of the controller's clock [s]."""
 
-    Attributes:
-        facts: notes about the run; ``robot`` is always there, ``ticks dropped`` unless the
-            controller did not come to its end.
-        contract: the policy's contract, JSON.
-        states: the accepted states; their time is when each was accepted.
-        commands: the commands that were sent.
-        fixes: the position fixes.
-        ticks: mode, targets, faults and times of each control step, one per command.
-    """
-
+    # notes about the run; ``robot`` is always there, ``ticks dropped`` unless the controller did not come to
+    # its end
     facts: dict[str, str]
-    contract: str
-    states: Messages
-    commands: Messages
-    fixes: Messages
-    ticks: Messages
+    contract: str  # the policy's contract, JSON
+    states: Messages  # the accepted states; their time is when each was accepted
+    commands: Messages  # the commands that were sent
+    fixes: Messages  # the position fixes
+    ticks: Messages  # mode, targets, faults and times of each control step, one per command
 
     @property
     def state_time(self) -> FloatArray:

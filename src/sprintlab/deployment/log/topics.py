@@ -21,17 +21,11 @@ class LogError(SprintlabError):
 
 
 class LogFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What a log says of its run.
+    """What a log says of its run."""
 
-    Attributes:
-        robot: name of the robot.
-        contract: the policy's contract, JSON.
-        facts: anything else worth keeping: command line, date, policy file, bus.
-    """
-
-    robot: str
-    contract: str
-    facts: dict[str, str] = {}
+    robot: str  # name of the robot
+    contract: str  # the policy's contract, JSON
+    facts: dict[str, str] = {}  # anything else worth keeping: command line, date, policy file, bus
 
 
 class TickRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,17 +19,11 @@ class Reaction(str, Enum):
 
 
 class Response(NamedTuple):
-    """The reaction to a fault.
+    """The reaction to a fault."""
 
-    Attributes:
-        reaction: the controller's reaction.
-        within: greatest time from the fault's onset to the first command that shows the reaction [s].
-        meaning: the fault in words.
-    """
-
-    reaction: Reaction
-    within: float
-    meaning: str
+    reaction: Reaction  # the controller's reaction
+    within: float  # greatest time from the fault's onset to the first command that shows the reaction [s]
+    meaning: str  # the fault in words
 
 
 _D, _B, _S = Reaction

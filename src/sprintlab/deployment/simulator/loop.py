@@ -23,35 +23,21 @@ _POLL = 2e-5  # s between two looks at the bus in lock-step
 
 @dataclass(kw_only=True)
 class SimulatorReport:
-    """What happened to the simulated robot.
+    """What happened to the simulated robot."""
 
-    Attributes:
-        simulated_time: [s].
-        distance: position along x at the end [m].
-        greatest_distance: greatest position along x [m].
-        finish_times: simulated time at which each metre mark of ``marks`` was passed [s].
-        top_speed: highest mean speed along x over half a second [m/s].
-        fall_reason: empty if the robot did not fall.
-        commands_accepted: by the robot.
-        commands_dropped: by the robot, or by the bus, which could not decode them.
-        drop_reasons: the same, counted by the reason.
-        watchdog_trips: number of times the robot's watchdog took over.
-        late_steps: steps that began more than one step late (real time only).
-        given_up: clock time that the simulation could not make up for [s] (real time only).
-    """
-
-    simulated_time: float = 0.0
-    distance: float = 0.0
-    greatest_distance: float = 0.0
+    simulated_time: float = 0.0  # [s]
+    distance: float = 0.0  # position along x at the end [m]
+    greatest_distance: float = 0.0  # greatest position along x [m]
+    # simulated time at which each metre mark of ``marks`` was passed [s]
     finish_times: dict[float, float] = field(default_factory=dict)
-    top_speed: float = 0.0
-    fall_reason: str = ""
-    commands_accepted: int = 0
-    commands_dropped: int = 0
-    drop_reasons: dict[str, int] = field(default_factory=dict)
-    watchdog_trips: int = 0
-    late_steps: int = 0
-    given_up: float = 0.0
+    top_speed: float = 0.0  # highest mean speed along x over half a second [m/s]
+    fall_reason: str = ""  # empty if the robot did not fall
+    commands_accepted: int = 0  # by the robot
+    commands_dropped: int = 0  # by the robot, or by the bus, which could not decode them
+    drop_reasons: dict[str, int] = field(default_factory=dict)  # the same, counted by the reason
+    watchdog_trips: int = 0  # number of times the robot's watchdog took over
+    late_steps: int = 0  # steps that began more than one step late (real time only)
+    given_up: float = 0.0  # clock time that the simulation could not make up for [s] (real time only)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""

@@ -14,18 +14,13 @@ from sprintlab.plant import PlantOptions, TrialSettings
 class LinkOptions:
     """One direction of a link.
 
-    Attributes:
-        delay: every message takes at least this long [s], 0 to 1.
-        jitter: and up to this much longer, drawn evenly for each message [s], 0 to 1.
-        loss: share of messages that never arrive, 0 to 1.
-
     Raises:
         InvalidValueError: a field is outside its range.
     """
 
-    delay: float = 0.0
-    jitter: float = 0.0
-    loss: float = 0.0
+    delay: float = 0.0  # every message takes at least this long [s], 0 to 1
+    jitter: float = 0.0  # and up to this much longer, drawn evenly for each message [s], 0 to 1
+    loss: float = 0.0  # share of messages that never arrive, 0 to 1
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -73,30 +68,22 @@ TYPICAL_NOISE = SensorNoise(
 class SimulatorOptions:
     """The robot behind the bus.
 
-    Attributes:
-        plant: physics and motors.
-        trial: friction, payload, initial joint noise.
-        to_controller: the link that carries states and position fixes.
-        to_robot: the link that carries commands.
-        noise: noise of the sensors.
-        start: ``"lying"``: sunk to the ground with damped joints; ``"standing"``: in the default pose.
-        fix_rate: position fixes a second [Hz], 0 for none.
-        watchdog_timeout: without a command for this long, the robot damps its joints by itself [s].
-        seed: seed of noise and links.
-
     Raises:
         InvalidValueError: a field is outside its range.
     """
 
-    plant: PlantOptions = field(default_factory=PlantOptions)
-    trial: TrialSettings = field(default_factory=TrialSettings)
+    plant: PlantOptions = field(default_factory=PlantOptions)  # physics and motors
+    trial: TrialSettings = field(default_factory=TrialSettings)  # friction, payload, initial joint noise
+    # the link that carries states and position fixes
     to_controller: LinkOptions = field(default_factory=LinkOptions)
-    to_robot: LinkOptions = field(default_factory=LinkOptions)
-    noise: SensorNoise = field(default_factory=SensorNoise)
+    to_robot: LinkOptions = field(default_factory=LinkOptions)  # the link that carries commands
+    noise: SensorNoise = field(default_factory=SensorNoise)  # noise of the sensors
+    # ``"lying"``: sunk to the ground with damped joints; ``"standing"``: in the default pose
     start: str = "lying"
-    fix_rate: float = 10.0
+    fix_rate: float = 10.0  # position fixes a second [Hz], 0 for none
+    # without a command for this long, the robot damps its joints by itself [s]
     watchdog_timeout: float = WATCHDOG_TIMEOUT
-    seed: int = 0
+    seed: int = 0  # seed of noise and links
 
     def __post_init__(self) -> None:
         check_choice("simulator.start", self.start, ("lying", "standing"))
@@ -112,23 +99,17 @@ class SimulatorOptions:
 class PaceOptions:
     """How fast simulated time passes, and when it ends.
 
-    Attributes:
-        speed_factor: simulated seconds per second of the clock; 1 is real time.
-        lock_step: pass one step for each answer of the controller instead, however long that takes. The
-            result then does not depend on the machine's load.
-        duration: end after this much simulated time [s]; ``None`` for no end.
-        end_with_controller: end when a controller that was there has left.
-        patience: in lock-step, give up when no answer has come for this long [s].
-
     Raises:
         InvalidValueError: a field is not positive.
     """
 
-    speed_factor: float = 1.0
+    speed_factor: float = 1.0  # simulated seconds per second of the clock; 1 is real time
+    # pass one step for each answer of the controller instead, however long that takes. The result then does
+    # not depend on the machine's load
     lock_step: bool = False
-    duration: float | None = None
-    end_with_controller: bool = False
-    patience: float = 30.0
+    duration: float | None = None  # end after this much simulated time [s]; ``None`` for no end
+    end_with_controller: bool = False  # end when a controller that was there has left
+    patience: float = 30.0  # in lock-step, give up when no answer has come for this long [s]
 
     def __post_init__(self) -> None:
         check_range("speed_factor", self.speed_factor, 0.01, 100.0)

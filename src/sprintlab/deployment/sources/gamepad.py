@@ -10,8 +10,7 @@ import numpy as np
 from sprintlab.core.checks import check_positive
 from sprintlab.core.joystick import DEFAULT_DEVICE, Joystick, JoystickError, StickMapping
 from sprintlab.deployment.interface import FloatArray, OperatorCommand, Request, SourceView
-from sprintlab.deployment.sources.operator import OperatorSource
-from sprintlab.deployment.sources.slew import SourceError
+from sprintlab.deployment.sources.base import OperatorSource, SourceError
 
 SWITCH = 5
 """Number of the dead-man switch, the right shoulder button."""

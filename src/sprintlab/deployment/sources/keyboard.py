@@ -14,8 +14,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_positive
 from sprintlab.deployment.interface import FloatArray, Request
-from sprintlab.deployment.sources.operator import OperatorSource
-from sprintlab.deployment.sources.slew import SourceError
+from sprintlab.deployment.sources.base import OperatorSource, SourceError
 
 _REQUESTS = {
     "t": Request.STAND,

@@ -16,8 +16,7 @@ import numpy as np
 from sprintlab.core.errors import SprintlabError
 from sprintlab.core.reading import parse_toml, read_text, table_number
 from sprintlab.deployment.interface import FloatArray, SourceView
-from sprintlab.deployment.sources.script import ScriptedSource
-from sprintlab.deployment.sources.slew import Slewed, SourceError
+from sprintlab.deployment.sources.base import ScriptedSource, Slewed, SourceError
 
 COLUMNS = ("forward", "sideways", "yaw_rate")
 _LARGEST_FILE = 4 << 20  # bytes

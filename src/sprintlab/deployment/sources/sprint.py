@@ -9,8 +9,7 @@ import numpy as np
 from sprintlab.commands import SprintProfile, heading_angle, heading_command, self_paced
 from sprintlab.core.checks import check_positive
 from sprintlab.deployment.interface import FloatArray, SourceView
-from sprintlab.deployment.sources.script import ScriptedSource
-from sprintlab.deployment.sources.slew import RATES
+from sprintlab.deployment.sources.base import RATES, ScriptedSource
 
 
 class SprintSource(ScriptedSource):
