@@ -21,11 +21,11 @@ def test_policy_infers_what_its_matrix_says(write_policy, contract, weights):
     loaded = load_policy(write_policy())
     assert loaded.contract == contract
     observation = np.random.default_rng(1).normal(size=(7, 225)).astype(np.float32)
-    action = loaded.infer(observation)
+    action = loaded.decide(observation).action
     assert action.dtype == np.float32
     np.testing.assert_allclose(action, observation @ weights, rtol=1e-4, atol=1e-4)
     with pytest.raises(InvalidValueError, match="225"):
-        loaded.infer(observation[:, :45])
+        loaded.decide(observation[:, :45])
 
 
 def test_file_that_is_no_onnx(tmp_path):

@@ -141,7 +141,7 @@ def test_an_export_is_a_policy_for_this_robot(checkpoint: Path, tmp_path: Path) 
     check_contract(policy.contract, load_robot("bp2"))
     assert policy.contract.training.iterations == 2
     assert policy.contract.training.config_hash == SETTINGS.digest()
-    actions = policy.infer(np.zeros((3, 450), dtype=np.float32))
+    actions = policy.decide(np.zeros((3, 450), dtype=np.float32)).action
     assert actions.shape == (3, 12)
     assert np.isfinite(actions).all()
 

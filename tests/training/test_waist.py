@@ -32,7 +32,7 @@ def test_a_robot_with_a_waist_trains_exports_and_races(tmp_path) -> None:
     )
     policy = load_policy(export(checkpoint, tmp_path / "policy.onnx"))
     assert policy.contract.joint_names[-1] == "waist" and len(policy.contract.joint_names) == 13
-    assert policy.infer(np.zeros((1, 10 * 48), dtype=np.float32)).shape == (1, 13)
+    assert policy.decide(np.zeros((1, 10 * 48), dtype=np.float32)).action.shape == (1, 13)
 
     policy = tmp_path / "policy.onnx"
     result = race(policy, top_speed=0.5, distance=0.05, trials=1, workers=1)

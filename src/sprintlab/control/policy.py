@@ -94,15 +94,6 @@ class Policy:
         """Whether the network estimates the state of the body and wants its last estimate back."""
         return self.contract.filters.estimate_cutoff_hz is not None
 
-    def infer(self, observation: FloatArray) -> FloatArray:
-        """Actions ``(batch, joints)`` float32 for network inputs ``(batch, H * 45)``, from a zero estimate.
-
-        Raises:
-            InvalidValueError: the input has another shape.
-            PolicyFileError: the network fails on it.
-        """
-        return self.decide(observation).action
-
     def decide(self, observation: FloatArray, previous_estimate: FloatArray | None = None) -> Decision:
         """Actions and estimates for network inputs.
 

@@ -88,7 +88,9 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is Mapping:
         return isinstance(value, Mapping) and all(_fits(key, inner[0]) for key in cast("Any", value))
     if origin in (Sequence, tuple):
-        return _is_list(value) and all(_fits(one, inner[0]) for one in value)
+        array = getattr(value, "ndim", 0) > 0  # NumPy itself is too heavy to be imported for every command
+        listed = array or (isinstance(value, Sequence) and not isinstance(value, str | bytes))
+        return listed and all(_fits(one, inner[0]) for one in value)
     if origin is Callable:
         return callable(value)
     if hint is bool:
@@ -99,12 +101,6 @@ def _fits(value: Any, hint: Any) -> bool:
         number: Any = Integral if hint is int else Real
         return type(value) is not bool and isinstance(value, number) and bool(abs(value) < math.inf)
     return not isinstance(hint, type) or isinstance(value, hint)
-
-
-def _is_list(value: Any) -> bool:
-    if hasattr(value, "ndim"):  # an array; NumPy itself is too heavy to be imported for every command
-        return bool(value.ndim)
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _described(hint: Any) -> str:

@@ -204,10 +204,10 @@ class BlindRecorder:
     """Records nothing."""
 
     def sample(self, data: mujoco.MjData, drive: DriveOutput, targets: FloatArray) -> None:
-        """Look away."""
+        """Do nothing."""
 
     def watch_step(self, data: mujoco.MjData) -> None:
-        """Look away."""
+        """Do nothing."""
 
 
 class JointDrive(Protocol):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import SprintlabError, printable
-from sprintlab.core.reading import JSON_LIMIT, read_json
+from sprintlab.core.reading import read_json
 from sprintlab.motors import Gear, copper_loss, desaturate, shaft_torque
 from sprintlab.robots import RobotDescription
 from sprintlab.speed_limit.leg import GRAVITY, FloatArray, PlanarLink
@@ -24,8 +23,6 @@ Progress = Callable[[str, float | None], None]
 
 _WITHOUT_CEILING = 2.0  # times the limit: how far to look for the next limit when one is taken away
 _RESULT_NAMES = ("result.json", "evaluation.json")
-_DEEPEST = 8  # folders within folders in which results are looked for
-_MOST_RESULTS = 16 << 20  # bytes of all of them: ``results`` of a working folder is read without being named
 _FULL = 0.98  # a drive works at its limit when it gives more than this share of what it can
 
 LIMITS_TO_LIFT: dict[str, tuple[str, ...]] = {
@@ -342,52 +339,20 @@ def _speeds(runner: Runner) -> FloatArray:
 def trained_speeds(folder: Path, robot: str) -> tuple[TrainedSpeed, ...]:
     """Held speeds of a robot's policies below a folder, fastest first.
 
-    Read from the files that ``sprintlab race`` (``result.json``) and the study
-    (``evaluation.json``) leave, up to eight folders deep; a file that is neither is passed over. Of several
-    results of one policy the fastest counts.
-
-    Raises:
-        SprintlabError: the files have more than 16 MB together.
+    Read from the files that ``sprintlab race`` (``result.json``) and the study (``evaluation.json``) leave; a
+    file that is neither is passed over. Of several results of one policy the fastest counts.
     """
-    found = []
-    for path in _result_files(folder):
+    best: dict[str, TrainedSpeed] = {}
+    for path in sorted(path for name in _RESULT_NAMES for path in folder.rglob(name)):
         try:
             result = read_json(path)
-            ours = isinstance(result, dict) and result.get("robot") == robot
-            speed = _held_speed(result) if ours else None
+            speed = _held_speed(result) if result.get("robot") == robot else None
         except (SprintlabError, AttributeError, TypeError):
             continue
-        if speed is not None:
-            policy = printable(result.get("policy", result.get("method")), 100)
-            found.append(TrainedSpeed(policy=policy, speed=speed, source=str(path)))
-    best = {item.policy: item for item in sorted(found, key=lambda item: item.speed)}
+        policy = printable(result.get("policy", result.get("method")), 100)
+        if speed is not None and (policy not in best or speed >= best[policy].speed):
+            best[policy] = TrainedSpeed(policy=policy, speed=speed, source=str(path))
     return tuple(sorted(best.values(), key=lambda item: -item.speed))
-
-
-def _result_files(folder: Path) -> list[Path]:
-    """Where results are, sorted; links to folders are not followed. Raises as ``trained_speeds``."""
-    found, places = dict[Path, int](), [str(folder)]
-    for _ in range(_DEEPEST + 1):  # Path.rglob would call itself for each folder within a folder
-        entries = [entry for place in places for entry in _entries(place)]
-        for path in (entry.path for entry in entries if entry.name in _RESULT_NAMES):
-            if os.path.isfile(path) and (size := os.path.getsize(path)) <= JSON_LIMIT:
-                found[Path(path)] = size
-        places = [entry.path for entry in entries if entry.is_dir(follow_symlinks=False)]
-    if sum(found.values()) > _MOST_RESULTS:
-        raise SprintlabError(
-            f"{folder} holds more than {_MOST_RESULTS >> 20} MB of results, the most that is read: "
-            "name a folder within it"
-        )
-    return sorted(found)
-
-
-def _entries(folder: str) -> list[os.DirEntry[str]]:
-    """What is in a folder; nothing where it cannot be read."""
-    try:
-        with os.scandir(folder) as entries:
-            return list(entries)
-    except OSError:
-        return []
 
 
 def _held_speed(result: dict[str, Any]) -> float | None:
