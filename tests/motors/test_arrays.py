@@ -14,7 +14,6 @@ from sprintlab.motors import (
     desaturate,
     drive_torque,
     electrical_power,
-    motor_like,
     no_load_speed,
     saturate,
     stack_motors,
@@ -95,16 +94,3 @@ def test_stacked_motors_give_each_joint_its_own_limits(surrogate):
         one_lower, one_upper = torque_limits(motor, speeds[:, column], 60.0)
         np.testing.assert_array_equal(lower[:, column], one_lower)
         np.testing.assert_array_equal(upper[:, column], one_upper)
-
-
-def test_motor_like_moves_every_field(surrogate, torch):
-    stacked = stack_motors([surrogate] * 12)
-    reference = torch.zeros(3, dtype=torch.float32)
-    moved = motor_like(stacked, reference)
-    assert moved.peak_torque.dtype == torch.float32
-    assert moved.stator_resistance.shape == (12,)
-    speeds = torch.linspace(-200, 200, 12)
-    for one, other in zip(
-        torque_limits(moved, speeds, 60.0), torque_limits(stacked, speeds, 60.0), strict=True
-    ):
-        torch.testing.assert_close(one, other)

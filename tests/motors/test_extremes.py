@@ -1,5 +1,7 @@
 """Three thousand motors from all corners of what is possible, against bisection of the dq equations."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,6 @@ from sprintlab.motors import (
     torque_limits,
     voltage_infeasible,
 )
-from sprintlab.motors.parameters import motor_like
 
 COUNT = 3000
 LIMITED = [model for model in MOTOR_MODELS if model != "square"]
@@ -135,7 +136,8 @@ def test_no_torque_fits_beyond_its_critical_speed(corners, model, share):
 @pytest.mark.parametrize("model", MOTOR_MODELS)
 def test_single_precision_stays_finite_and_ordered(corners, model, torch):
     motor, speed, bus = corners
-    single = motor_like(motor, torch.zeros(1))
+    columns = {field.name: getattr(motor, field.name) for field in dataclasses.fields(motor)}
+    single = PmsmParameters(**{name: torch.as_tensor(value).float() for name, value in columns.items()})
     lower, upper = torque_limits(
         single, torch.tensor(speed, dtype=torch.float32), torch.tensor(bus, dtype=torch.float32), model
     )

@@ -9,14 +9,12 @@ from hypothesis.extra.numpy import arrays
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
     MOTOR_MODELS,
-    PmsmParameters,
     PreparedDrive,
     critical_speed,
     drive,
     drive_torque,
     envelope,
     prepared,
-    prepared_torque_limits,
     torque_limits,
     voltage_infeasible,
 )
@@ -77,11 +75,3 @@ def test_a_model_without_a_fast_form_has_the_torque_of_the_general_law(monkeypat
     np.testing.assert_allclose(given.motor_torque, ROBOT.motors.peak_torque / 2)
     expected = drive_torque(ROBOT.motors, ROBOT.gear, asked, still, 60.0, "half")
     np.testing.assert_allclose(given.torque, expected.torque)
-
-
-@given(motor=st.from_type(PmsmParameters), speed=arrays(float, 5, elements=st.floats(-2e3, 2e3)))
-def test_prepared_limits_are_the_same_to_the_last_bit(motor, speed):
-    for bus in (0.0, 60.0):
-        np.testing.assert_array_equal(
-            prepared_torque_limits(motor)(speed, bus), torque_limits(motor, speed, bus)
-        )

@@ -17,7 +17,6 @@ from sprintlab.motors.envelope import MOTOR_MODELS as MOTOR_MODELS
 from sprintlab.motors.envelope import MotorModel as MotorModel
 from sprintlab.motors.envelope import critical_speed as critical_speed
 from sprintlab.motors.envelope import no_load_speed as no_load_speed
-from sprintlab.motors.envelope import prepared_torque_limits as prepared_torque_limits
 from sprintlab.motors.envelope import torque_limits as torque_limits
 from sprintlab.motors.envelope import voltage_infeasible as voltage_infeasible
 from sprintlab.motors.files import SupplyFile as SupplyFile
@@ -37,7 +36,6 @@ from sprintlab.motors.gear import reflected_inertia as reflected_inertia
 from sprintlab.motors.gear import shaft_torque as shaft_torque
 from sprintlab.motors.parameters import MotorValues as MotorValues
 from sprintlab.motors.parameters import PmsmParameters as PmsmParameters
-from sprintlab.motors.parameters import motor_like as motor_like
 from sprintlab.motors.parameters import single as single
 from sprintlab.motors.parameters import stack_motors as stack_motors
 from sprintlab.motors.power import copper_loss as copper_loss

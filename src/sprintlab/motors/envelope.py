@@ -11,11 +11,7 @@ straight torque-speed line; the same as L = 0), ``square`` drops the voltage lim
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
-
-import numpy as np
 
 from sprintlab.core.checks import check_choice
 from sprintlab.motors.arrays import Array, as_arrays
@@ -25,7 +21,7 @@ from sprintlab.motors.flux_weakening import (
     flux_weakening_limits,
 )
 from sprintlab.motors.parameters import PmsmParameters
-from sprintlab.motors.voltage import VOLTAGE_UTILIZATION, phase_voltage_limit
+from sprintlab.motors.voltage import phase_voltage_limit
 
 MotorModel = Literal["refined", "simplified-dc", "square", "flux-weakening"]
 MOTOR_MODELS: tuple[MotorModel, ...] = ("refined", "simplified-dc", "square", "flux-weakening")
@@ -74,31 +70,8 @@ def torque_limits(
     if model == "flux-weakening":
         return flux_weakening_limits(motor, speed, bus_voltage)
     xp, interval, peak = _voltage_interval(motor, speed, bus_voltage, model)
-    return _limits(xp, interval, peak)
-
-
-def prepared_torque_limits(motor: PmsmParameters) -> Callable[[Array, float], tuple[Array, Array]]:
-    """``torque_limits`` of the refined model for loops in NumPy that ask for one motor again and again.
-
-    Returns:
-        ``(speed, bus_voltage) -> (lower, upper)``: speed a NumPy array of float64 [rad/s], bus voltage a
-        number not below zero [V], not looked into; the same bits as ``torque_limits``.
-    """
-    xp, values = as_arrays(
-        motor.pole_pairs,
-        motor.stator_resistance,
-        motor.q_axis_inductance,
-        motor.flux_linkage,
-        motor.peak_torque,
-        np.zeros(()),
-    )
-    windings, peak, nothing = _Windings.of(*values[:4]), *values[4:]
-
-    def limits(speed: Array, bus_voltage: float) -> tuple[Array, Array]:
-        voltage = bus_voltage * (VOLTAGE_UTILIZATION / math.sqrt(3.0))
-        return _limits(xp, _solved(xp, windings, speed, voltage, nothing), peak)
-
-    return limits
+    lower, upper = interval.middle - interval.half_width, interval.middle + interval.half_width
+    return xp.minimum(xp.maximum(lower, -peak), peak), xp.minimum(xp.maximum(upper, -peak), peak)
 
 
 def voltage_infeasible(
@@ -203,46 +176,14 @@ def _voltage_interval(
         motor.peak_torque,
         phase_voltage_limit(bus_voltage),
     )
-    windings = _Windings.of(pole_pairs, resistance, inductance, flux)
-    return xp, _solved(xp, windings, speed, voltage, xp.zeros_like(flux)), peak
-
-
-class _Windings(NamedTuple):
-    """What the voltage limit knows of a motor, arrays of one library."""
-
-    pole_pairs: Array
-    resistance: Array
-    squared_resistance: Array
-    inductance: Array
-    flux: Array
-    torque_constant: Array
-
-    @classmethod
-    def of(cls, pole_pairs: Array, resistance: Array, inductance: Array, flux: Array) -> _Windings:
-        return cls(pole_pairs, resistance, resistance**2, inductance, flux, 1.5 * pole_pairs * flux)
-
-
-def _solved(xp: Any, windings: _Windings, speed: Array, voltage: Array, nothing: Array) -> _VoltageInterval:
-    """The voltage limit solved for the torque; ``nothing`` is a zero of the same library."""
-    electrical_speed = windings.pole_pairs * speed
-    reactance = electrical_speed * windings.inductance
-    impedance = xp.sqrt(windings.squared_resistance + reactance**2)
+    electrical_speed = pole_pairs * speed
+    reactance = electrical_speed * inductance
+    impedance = xp.sqrt(resistance**2 + reactance**2)
     # Z^2 V^2 - w^4 L^2 psi^2 as a product: a difference of fourth powers would lose digits in float32.
     voltage_across = impedance * voltage
-    reactive_emf = xp.abs(electrical_speed * reactance * windings.flux)
+    reactive_emf = xp.abs(electrical_speed * reactance * flux)
     slack = voltage_across - reactive_emf
-    root = xp.sqrt(xp.maximum(slack, nothing) * (voltage_across + reactive_emf))
-    torque_per_ohm_volt = windings.torque_constant / impedance**2
-    middle = -torque_per_ohm_volt * windings.resistance * electrical_speed * windings.flux
-    return _VoltageInterval(middle, torque_per_ohm_volt * root, -slack)
-
-
-def _limits(xp: Any, interval: _VoltageInterval, peak: Array) -> tuple[Array, Array]:
-    """Both ends of the interval, within the peak torque."""
-    lower = interval.middle - interval.half_width
-    upper = interval.middle + interval.half_width
-    return _clip(xp, lower, peak), _clip(xp, upper, peak)
-
-
-def _clip(xp: Any, torque: Array, peak: Array) -> Array:
-    return xp.minimum(xp.maximum(torque, -peak), peak)
+    root = xp.sqrt(xp.maximum(slack, xp.zeros_like(flux)) * (voltage_across + reactive_emf))
+    torque_per_ohm_volt = 1.5 * pole_pairs * flux / impedance**2
+    middle = -torque_per_ohm_volt * resistance * electrical_speed * flux
+    return xp, _VoltageInterval(middle, torque_per_ohm_volt * root, -slack), peak

@@ -133,16 +133,6 @@ def single(parts: Any, index: int = 0) -> Any:
     )
 
 
-def motor_like(motor: PmsmParameters, reference: Array) -> PmsmParameters:
-    """The same motor with every field in the library, floating type and device of ``reference``.
-
-    Do it once before a loop on an accelerator: NumPy fields would be copied there in every call.
-    """
-    names = [field.name for field in fields(motor)]
-    _, values = as_arrays(reference, *(getattr(motor, name) for name in names))
-    return PmsmParameters(**dict(zip(names, values[1:], strict=True)))
-
-
 def _check_whole(name: str, value: Any) -> None:
     remainder = value % 1
     if not bool((remainder == 0).all() if hasattr(remainder, "all") else remainder == 0):

@@ -14,7 +14,7 @@ from sprintlab.deployment.interface import (
     RobotState,
     within_bounds,
 )
-from sprintlab.motors import prepared_torque_limits
+from sprintlab.motors import PreparedDrive
 from sprintlab.robots import RobotDescription
 
 
@@ -46,14 +46,14 @@ class CommandGuard:
     """
 
     def __init__(self, robot: RobotDescription) -> None:
-        self._limits = prepared_torque_limits(robot.motors)
+        self._drive = PreparedDrive(robot.motors, robot.gear, robot.bus_voltage)
         self._ratio = np.asarray(robot.gear.ratio)
         self._stiffness, self._damping = np.array(robot.stiffness), np.array(robot.damping)
         self._lower, self._upper = np.ascontiguousarray(robot.position_limits.T)
         self._zone = robot.soft_stop.zone
         self._highest_voltage = 1.25 * robot.bus_voltage
         acceleration = np.asarray(robot.motors.peak_torque) / np.asarray(robot.motors.rotor_inertia)
-        self._band = acceleration * _BAND
+        self._band = acceleration / self._ratio * _BAND
 
     def torque_interval(self, state: RobotState, age: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Least and greatest joint torque [N m] ``(joints,)`` that may be asked for.
@@ -72,10 +72,11 @@ class CommandGuard:
     def _envelope(self, state: RobotState, age: float) -> tuple[FloatArray, FloatArray]:
         """Joint torques [N m] ``(joints,)`` the motors allow at the speeds within reach in ``age`` [s]."""
         voltage = min(max(state.bus_voltage, 0.0), self._highest_voltage)
-        speed = state.joint_velocity * self._ratio
+        velocity = state.joint_velocity
         if age > 0.0:
-            speed = speed + age * self._band
-        lower, upper = self._limits(speed, voltage)
+            velocity = velocity + age * self._band
+        self._drive.set_bus_voltage(voltage)
+        lower, upper = self._drive.limits(velocity)
         if age > 0.0:
             lower, upper = lower.min(axis=0), upper.max(axis=0)
         return lower * self._ratio, upper * self._ratio
