@@ -7,10 +7,8 @@ A motor file is one table ``[motor]`` with the fields of ``PmsmParameters``; a s
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
-from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import numpy as np
 import tomli_w
@@ -22,7 +20,7 @@ from sprintlab.motors.battery import Battery
 from sprintlab.motors.parameters import PmsmParameters
 from sprintlab.motors.thermal import HousedHeat, I2tLimit, WindingHeat
 
-_FIELDS = {field.name: field for field in fields(PmsmParameters)}
+_TABLES = ("battery", "heat", "i2t")
 
 
 def load_motor(path: str | os.PathLike[str]) -> PmsmParameters:
@@ -36,12 +34,14 @@ def load_motor(path: str | os.PathLike[str]) -> PmsmParameters:
         InvalidValueError: a field is unknown, missing, or holds an impossible value; the field is named
             with its file.
     """
-    table = _motor_table(Path(path))
+    document = read_toml(path, what="motor file")
+    if set(document) != {"motor"} or not isinstance(document["motor"], dict):
+        raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [motor]")
     try:
-        _check_names(table)
-        return PmsmParameters(**{name: _from_toml(value) for name, value in table.items()})
+        return _built(PmsmParameters, "motor", document["motor"])
     except InvalidValueError as error:
-        raise InvalidValueError(f"{path}: motor.{error.field}", error.value, error.allowed) from error
+        field = error.field if error.field.startswith("motor.") else f"motor.{error.field}"
+        raise InvalidValueError(f"{path}: {field}", error.value, error.allowed) from error
 
 
 def save_motor(motor: PmsmParameters, path: str | os.PathLike[str]) -> None:
@@ -50,39 +50,7 @@ def save_motor(motor: PmsmParameters, path: str | os.PathLike[str]) -> None:
     Raises:
         SprintlabError: the file cannot be written; nothing is left behind.
     """
-    table = {name: _to_toml(name, getattr(motor, name)) for name in _FIELDS}
-    atomic_write_text(path, tomli_w.dumps({"motor": table}))
-
-
-def _motor_table(path: Path) -> Mapping[str, Any]:
-    """The one table of the file."""
-    document = read_toml(path, what="motor file")
-    if set(document) != {"motor"} or not isinstance(document["motor"], dict):
-        raise InvalidValueError(f"{path}", sorted(document), "must hold exactly one table, [motor]")
-    return cast("Mapping[str, Any]", document["motor"])
-
-
-def _check_names(table: Mapping[str, Any]) -> None:
-    """Refuse fields that a motor does not have, and motors that lack a field."""
-    for name, value in table.items():
-        if name not in _FIELDS:
-            raise InvalidValueError(name, value, "unknown field; choose among " + ", ".join(_FIELDS))
-    for name, field in _FIELDS.items():
-        if name not in table and field.default is MISSING:
-            raise InvalidValueError(name, None, "the field is missing")
-
-
-def _from_toml(value: Any) -> Any:
-    return np.asarray(cast("list[Any]", value)) if isinstance(value, list) else value
-
-
-def _to_toml(name: str, value: Any) -> Any:
-    numbers = np.asarray(value, dtype=float)
-    return (numbers.astype(int) if name == "pole_pairs" else numbers).tolist()
-
-
-_Table = TypeVar("_Table", Battery, WindingHeat, I2tLimit)
-_TABLES = ("battery", "heat", "i2t")
+    atomic_write_text(path, tomli_w.dumps({"motor": table_of(motor)}))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,11 +74,17 @@ def load_supply(path: str | os.PathLike[str]) -> SupplyFile:
         raise InvalidValueError(
             f"{path}", sorted(document), "must hold the tables [battery], [heat] and [i2t], or some of them"
         )
-    return SupplyFile(
-        battery=_built(Battery, path, "battery", document.get("battery")),
-        heat=_built(_heat_kind(document.get("heat")), path, "heat", document.get("heat")),
-        i2t=_built(I2tLimit, path, "i2t", document.get("i2t")),
+    # Two thermal nodes where the table speaks of a housing.
+    heat = document.get("heat")
+    housed = isinstance(heat, dict) and any(
+        key.startswith("housing_") for key in cast("dict[str, Any]", heat)
     )
+    kinds = {"battery": Battery, "heat": HousedHeat if housed else WindingHeat, "i2t": I2tLimit}
+    try:
+        parts = {name: _built(kinds[name], name, table) for name, table in document.items()}
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+    return SupplyFile(**dict.fromkeys(_TABLES) | parts)
 
 
 def save_supply(supply: SupplyFile, path: str | os.PathLike[str]) -> None:
@@ -124,42 +98,33 @@ def save_supply(supply: SupplyFile, path: str | os.PathLike[str]) -> None:
     atomic_write_text(path, tomli_w.dumps(tables))
 
 
-def table_of(part: Battery | WindingHeat | I2tLimit) -> dict[str, Any]:
+def table_of(part: PmsmParameters | Battery | WindingHeat | I2tLimit) -> dict[str, Any]:
     """The fields that are set, as numbers and lists of numbers."""
     values = {item.name: getattr(part, item.name) for item in fields(part)}
-    return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
+    found = {name: np.asarray(value) for name, value in values.items() if value is not None}
+    return {
+        name: (value.astype(int) if name == "pole_pairs" else value).tolist() for name, value in found.items()
+    }
 
 
-def _heat_kind(table: Any) -> type[WindingHeat]:
-    """Two nodes where the table speaks of a housing."""
-    keys = cast("dict[str, Any]", table) if isinstance(table, dict) else {}
-    return HousedHeat if any(key.startswith("housing_") for key in keys) else WindingHeat
-
-
-def _built(kind: type[_Table], path: object, name: str, table: Any) -> _Table | None:
-    """One table as its dataclass."""
-    if table is None:
-        return None
+def _built(kind: Any, name: str, table: Any) -> Any:
+    """A table of a file as its dataclass; a list is a table of a battery, or one number a motor."""
+    known = {item.name: item for item in fields(kind)}
     if not isinstance(table, dict):
-        raise InvalidValueError(f"{path}: {name}", table, "must be a table")
+        raise InvalidValueError(name, table, "must be a table")
     values = cast("dict[str, Any]", table)
-    known = {item.name for item in fields(kind)}
     for field, value in values.items():
         if field not in known:
-            raise InvalidValueError(
-                f"{path}: {name}.{field}", value, "choose among " + ", ".join(sorted(known))
-            )
+            raise InvalidValueError(f"{name}.{field}", value, "unknown; choose among " + ", ".join(known))
+    for field, item in known.items():
+        if field not in values and item.default is MISSING:
+            raise InvalidValueError(f"{name}.{field}", None, "the field is missing")
+    several: Any = tuple if kind is Battery else np.asarray
     try:
-        return kind(**{field: _value(kind, value) for field, value in values.items()})
-    except InvalidValueError as error:
-        raise InvalidValueError(f"{path}: {error.field}", error.value, error.allowed) from error
+        return kind(
+            **{name: several(value) if isinstance(value, list) else value for name, value in values.items()}
+        )
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidValueError(f"{path}: {name}", values, "give numbers and lists of numbers") from error
-
-
-def _value(kind: type[Battery] | type[WindingHeat] | type[I2tLimit], value: Any) -> Any:
-    """A list is a table of a battery, or one number a motor."""
-    if not isinstance(value, list):
-        return value
-    numbers = cast("list[Any]", value)
-    return tuple(numbers) if kind is Battery else np.asarray(numbers, dtype=float)
+        if isinstance(error, InvalidValueError):
+            raise
+        raise InvalidValueError(name, values, "give numbers and lists of numbers") from error
