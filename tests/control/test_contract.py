@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import msgspec
 import pytest
@@ -8,12 +7,9 @@ from hypothesis import strategies as st
 
 from sprintlab.control import (
     ESTIMATE_TERMS,
-    LowPass,
-    ObservationLayout,
     check_contract,
     decode_contract,
     encode_contract,
-    make_contract,
 )
 from sprintlab.control.contract import MotorTable
 from sprintlab.core.errors import ContractMismatchError, InvalidValueError, PolicyFileError
@@ -85,33 +81,10 @@ def test_every_mismatch_is_refused_by_name(contract, robot, change, field):
     assert str(caught.value).startswith(f"{field} differs: ")
 
 
-def test_a_contract_with_an_estimator_names_its_terms_and_filter(robot, contract):
-    made = make_contract(
-        robot,
-        layout=ObservationLayout(),
-        training=contract.training,
-        software={},
-        proprioception_filter=LowPass(),
-        estimate_filter=LowPass(cutoff_hz=3.0),
-    )
-    check_contract(made, robot)
-    assert [(term.name, term.size) for term in made.estimate] == [
-        ("body_velocity", 3),
-        ("base_height", 1),
-        ("foot_contact", 4),
-    ]
-    assert made.filters.estimate_cutoff_hz == 3.0
-
-
 def test_a_file_that_does_not_tell_limits_and_estimate_is_read(contract, robot):
     data = json.loads(encode_contract(contract))
     del data["position_limits"], data["estimate"]
     check_contract(decode_contract(json.dumps(data)), robot)
-
-
-def test_a_heavier_robot_is_another_robot(contract, robot):
-    with pytest.raises(ContractMismatchError, match="robot_fingerprint"):
-        check_contract(contract, replace(robot, total_mass=robot.total_mass + 1.0))
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,12 @@ import numpy as np
 import pytest
 
 from sprintlab.control import (
-    MEASURED_TERMS,
     ObservationLayout,
-    Proprioception,
     fill_history,
-    join_proprioception,
     network_input,
     observation_frame,
     projected_gravity,
     push_history,
-    split_proprioception,
     update_history,
 )
 from sprintlab.core.errors import InvalidValueError
@@ -104,22 +100,3 @@ def test_on_a_slope_the_gravity_direction_is_that_of_the_true_vertical(torch):
 def test_impossible_layouts_are_refused(settings):
     with pytest.raises(InvalidValueError):
         ObservationLayout(**settings)
-
-
-def test_sizes_follow_from_the_number_of_joints():
-    """Thirteen joints: contract, frame and proprioception grow with them."""
-    observation = ObservationLayout(history_length=3).for_joints(13)
-    assert (observation.frame_size, observation.input_size, observation.measured_size) == (48, 144, 32)
-    parts = {
-        name: np.full((2, observation.place(name).stop - observation.place(name).start), value)
-        for value, name in enumerate(("angular_velocity", "projected_gravity", "command"), 1)
-    }
-    parts |= {name: np.ones((2, 13)) for name in ("joint_position", "joint_velocity", "previous_action")}
-    frame = observation_frame(observation.layout, **parts)
-    assert frame.shape == (2, 48)
-    scales = np.concatenate([term.scales for term in observation.terms])
-    place = observation.place("command")
-    np.testing.assert_allclose(frame[:, place] / scales[place], 3.0)
-    measured = join_proprioception(Proprioception(*(parts[term.name] for term in MEASURED_TERMS)))
-    again = split_proprioception(measured)
-    assert [part.shape[-1] for part in again] == [3, 3, 13, 13]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sprintlab.control import Measurement, PolicyRuntime
-from sprintlab.control.pace import PaceContract, braking_time, limit_braking, limit_lead
+from sprintlab.control.pace import PaceContract, limit_braking, limit_lead
 from sprintlab.core.errors import InvalidValueError
 
 LIMITS = PaceContract(power=30.0, deceleration=5.0)
@@ -75,15 +75,3 @@ def test_the_command_runs_ahead_by_no_more_than_the_lead(
 ) -> None:
     assert limit_lead(PaceContract(lead=3.0), estimated, asked) == expected
     assert limit_lead(PaceContract(), estimated, asked) == asked
-
-
-@pytest.mark.parametrize("speed", [0.0, 0.05, 3.0, 12.0])
-@pytest.mark.parametrize(("power", "deceleration"), [(30.0, 5.0), (1.0, 50.0), (1000.0, 0.5)])
-def test_the_time_to_rest_is_that_of_the_limited_command(
-    speed: float, power: float, deceleration: float
-) -> None:
-    limits, rate = PaceContract(power=power, deceleration=deceleration), 1000.0
-    steps, command = 0, speed
-    while command > 0.0:
-        steps, command = steps + 1, limit_braking(limits, command, 0.0, rate)
-    assert braking_time(limits, speed) == pytest.approx(steps / rate, rel=0.01, abs=0.1)

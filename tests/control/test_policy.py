@@ -40,21 +40,6 @@ def test_foreign_onnx_without_a_contract(write_policy):
         load_policy(write_policy(metadata={"author": "somebody"}))
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"matrix": np.zeros((45, 12), np.float32)}, "input must be observation"),
-        ({"matrix": np.zeros((225, 8), np.float32)}, "output must be action"),
-        ({"names": ("state", "action")}, "input must be observation"),
-        ({"names": ("observation", "torque")}, "output must be action"),
-        ({"batch": 1}, "input must be observation"),
-    ],
-)
-def test_network_of_another_shape_or_name(write_policy, changes, words):
-    with pytest.raises(PolicyFileError, match=words):
-        load_policy(write_policy(**changes))
-
-
 def test_runtime_equals_the_loop_written_out(write_policy, contract, robot, weights):
     generator = np.random.default_rng(2)
     runtime = PolicyRuntime(load_policy(write_policy()), robot)
@@ -108,16 +93,3 @@ def test_shipped_policy_is_found_by_name_or_the_names_are_told(tmp_path, monkeyp
     (tmp_path / "canter.onnx").write_bytes(b"")
     with pytest.raises(PolicyFileError, match="there is: canter, sprint"):
         shipped_policy("gallop")
-
-
-def test_the_shipped_policy_estimates_without_a_look_at_the_command():
-    shipped = load_policy(shipped_policy())
-    random = np.random.default_rng(3)
-    history = random.normal(scale=0.3, size=(4, shipped.layout.history_length, 45)).astype(np.float32)
-    commanded, turned = history.copy(), history.copy()
-    commanded[:, :, 6:9] += 1.0
-    turned[:, :, 0:3] += 1.0
-    plain, other, spun = (shipped.decide(each.reshape(4, -1)) for each in (history, commanded, turned))
-    np.testing.assert_array_equal(other.estimate, plain.estimate)
-    assert np.abs(other.action - plain.action).max() > 0.01
-    assert np.abs(spun.estimate - plain.estimate).max() > 0.001

@@ -7,7 +7,6 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError
 from sprintlab.motors import (
-    critical_speed,
     joint_torque,
     library_motors,
     load_library_motor,
@@ -32,14 +31,6 @@ def test_every_number_has_a_source_and_an_estimate_says_so(name):
         assert not value.source.startswith("not published") or value.estimated
     electrical = ("stator_resistance", "q_axis_inductance", "flux_linkage", "peak_torque")
     assert not {f"motor.{field}" for field in electrical} & set(actuator.estimated)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_each_motor_runs_on_its_bus(name):
-    actuator = load_library_motor(name)
-    top = float(no_load_speed(actuator.motor, actuator.bus_voltage))
-    corner = float(critical_speed(actuator.motor, actuator.motor.peak_torque, actuator.bus_voltage))
-    assert 0.1 * top < corner < top
 
 
 @pytest.mark.parametrize(

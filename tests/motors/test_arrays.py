@@ -69,14 +69,6 @@ def test_single_precision_stays_single_precision_and_close(name, surrogate, torc
         np.testing.assert_allclose(other.numpy(), one, rtol=2e-5, atol=2e-4)
 
 
-def test_whole_numbers_are_calculated_as_real_numbers(surrogate, torch):
-    whole = torque_limits(surrogate, np.array([200]), 60)
-    assert whole == torque_limits(surrogate, np.array([200.0]), 60.0)
-    assert torque_limits(surrogate, torch.tensor([200]), 60)[1].item() == pytest.approx(
-        whole[1].item(), rel=1e-5
-    )
-
-
 def test_stacked_motors_give_each_joint_its_own_limits(surrogate):
     weak = PmsmParameters(
         pole_pairs=21,

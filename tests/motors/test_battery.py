@@ -51,16 +51,6 @@ def test_a_load_takes_out_what_the_source_gives_less_the_loss_inside(battery, ch
         assert source - voltage == pytest.approx(resistance * current, abs=1e-6 * source)
 
 
-def test_what_the_battery_does_not_take_back_is_burnt():
-    battery = Battery(internal_resistance=0.1, regeneration_limit=10.0)
-    voltage = loaded_voltage(battery, 0.5, -5000.0)
-    assert voltage == pytest.approx(float(open_circuit_voltage(battery, 0.5)) + 1.0)
-    assert battery_current(battery, voltage, -5000.0) == -10.0
-    none = Battery(regeneration_limit=0.0)
-    assert loaded_voltage(none, 0.5, -5000.0) == open_circuit_voltage(none, 0.5)
-    assert battery_current(none, 50.0, -5000.0) == 0.0
-
-
 def joint_powers(motor, desired, velocity, bus, model="refined"):
     output = drive_torque(motor, GEAR, desired, velocity, bus, model)
     return electrical_power(motor, output.motor_torque, 6.0 * velocity, output.direct_current)
@@ -123,16 +113,6 @@ def test_every_battery_finds_its_voltage_whatever_the_power_does(torch, cells, r
         return scale * (bus / source) ** power + np.where(bus > place * source, leap, 0.0)
 
     solved_both_ways(battery, charge, power_at, torch)
-
-
-def test_a_guess_changes_the_way_and_not_the_answer(surrogate):
-    def power_at(bus):
-        return joint_powers(surrogate, np.full(12, 300.0), np.full(12, 30.0), float(bus)).sum()
-
-    answers = [
-        float(shared_bus_voltage(Battery(), 0.8, power_at, guess)) for guess in (None, 10.0, 45.0, 90.0)
-    ]
-    assert np.ptp(answers) < 1e-3
 
 
 def test_nothing_looks_into_a_tensor(torch):

@@ -174,21 +174,6 @@ def far_reaching_motor(seed):
     return motor, random.uniform(24.0, 80.0)
 
 
-@pytest.mark.parametrize("seed", range(300, 304))
-def test_mtpv_is_the_highest_torque_of_the_voltage(seed):
-    motor, bus = far_reaching_motor(seed)
-    speed = 4.0 * float(no_load_speed(motor, bus))
-    top = mtpv_currents(motor, speed, bus)
-    bound = float(torque_limits(motor, speed, bus, "flux-weakening")[1])
-    assert bound == pytest.approx(motor.torque_constant * float(top.quadrature), rel=1e-9)
-    best = []
-    for share in (0.94, 0.98, 1.02, 1.06):
-        currents = [share * top.direct + 1j * height * top.quadrature for height in (0.94, 0.98, 1.04)]
-        best.append(crossing(*settled(motor, speed, bus, currents), phase_voltage_limit(bus)))
-    assert max(best) == pytest.approx(bound, rel=0.01)
-    assert max(best) > max(best[0], best[-1]) * 1.002
-
-
 @pytest.mark.parametrize("seed", range(400, 420))
 def test_loci(seed):
     """MTPA and MTPV of motulator's own tables, which leave the resistance out."""

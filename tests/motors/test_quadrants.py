@@ -54,17 +54,3 @@ def test_the_gear_passes_all_on_at_rest_and_turns_smoothly():
     assert torque[0] == pytest.approx(18.0 / 0.9, rel=1e-3)
     assert np.abs(np.diff(torque)).max() < 0.002
     np.testing.assert_allclose(shaft_torque(gear, torque, velocity), 3.0)
-
-
-def test_the_loss_is_stable_at_a_kilohertz(robot):
-    """A motor that holds its peak torque against a spring comes to rest, with explicit 1 kHz steps."""
-    inertia = float(robot.armature[2])
-    joint = Gear(ratio=float(robot.gear.ratio[2]), efficiency=float(robot.gear.efficiency[2]))
-    peak, stiffness, angle, velocity = float(robot.motors.peak_torque[2]), 160.0, 0.0, 0.0
-    rest = peak * joint.ratio / stiffness
-    for _ in range(3000):
-        torque = float(joint_torque(joint, np.array(peak), np.array(velocity)))
-        velocity += 0.001 * (torque - stiffness * angle - 0.5 * velocity) / inertia
-        angle += 0.001 * velocity
-    assert abs(velocity) < 1e-6
-    assert angle == pytest.approx(rest, rel=1e-3)

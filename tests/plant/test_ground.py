@@ -96,28 +96,6 @@ def test_who_runs_off_the_field_has_fallen(robot):
     assert plant.fall_reason == "left the rough ground"
 
 
-def test_the_ground_is_named_in_the_remarks():
-    (slope,) = PlantOptions(ground=Ground(slope=-0.05)).remarks
-    assert slope == "ground: 5 % downhill"
-    (rough,) = PlantOptions(ground=ROUGH).remarks
-    assert "2 cm" in rough and "seed 3" in rough
-
-
-@pytest.mark.parametrize(
-    ("values", "field"),
-    [
-        ({"slope": 0.5}, "ground.slope"),
-        ({"slope": math.nan}, "ground.slope"),
-        ({"roughness": -0.01}, "ground.roughness"),
-        ({"roughness": 0.2}, "ground.roughness"),
-        ({"seed": -1}, "ground.seed"),
-    ],
-)
-def test_bad_grounds_are_refused(values, field):
-    with pytest.raises(InvalidValueError, match=field.replace(".", r"\.")):
-        Ground(**values)
-
-
 @pytest.mark.parametrize("ground", [Ground(slope=0.05), ROUGH])
 def test_the_second_engine_knows_no_other_ground(ground):
     with pytest.raises(InvalidValueError, match=r"plant\.ground .*level and even"):

@@ -160,15 +160,6 @@ def standing_targets():
     return np.asarray(ROBOT.default_pose, dtype=float)
 
 
-def test_a_robot_that_stands_heats_its_knees(standing_targets):
-    limit = I2tLimit(continuous_current=10.0, time_constant=0.5)
-    plant = Plant(ROBOT, PlantOptions(i2t=limit), TrialSettings())
-    plant.advance(standing_targets, 200, BlindRecorder())
-    level = plant.supply.i2t_level
-    assert 0.0 < level[::3].max() < level[2::3].min() <= 1.0
-    assert [remark.split()[0] for remark in plant.options.remarks] == ["drives"]
-
-
 def test_the_heat_of_another_number_of_motors_is_refused():
     with pytest.raises(InvalidValueError, match=r"heat\.heat_capacity = '5 numbers'"):
         SuppliedDrive(ROBOT, 60.0, heat=WindingHeat(heat_capacity=np.full(5, 100.0)))

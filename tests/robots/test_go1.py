@@ -12,11 +12,6 @@ def go1():
     return load_robot("go1")
 
 
-def test_the_knee_has_a_gear_of_its_own(go1):
-    np.testing.assert_allclose(go1.gear.ratio, np.tile([6.0, 6.0, 9.0], 4))
-    np.testing.assert_allclose(go1.armature, np.tile([1.118e-4 * 36, 1.118e-4 * 36, 1.118e-4 * 81], 4))
-
-
 @pytest.mark.parametrize(("joint", "torque", "speed"), [(0, 23.7, 30.1), (1, 23.7, 30.1), (2, 35.55, 20.06)])
 def test_torque_and_speed_are_those_published(go1, joint, torque, speed):
     """Peak torque at a slow turn; almost nothing left at the published no-load speed."""

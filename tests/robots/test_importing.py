@@ -1,6 +1,5 @@
 import re
 import runpy
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from sprintlab.robots.importing import (
     read_choices,
     read_source,
 )
-from sprintlab.robots.importing.compiling import possible_inertias
 
 GO1 = Path(__file__).parents[2] / "examples" / "go1"
 MOTOR = str(GO1 / "motor.toml")
@@ -188,12 +186,6 @@ def test_what_is_no_such_quadruped_is_refused(edited, tmp_path, changes, message
     assert not (tmp_path / "robots" / "mine").exists()
 
 
-def test_a_robot_is_not_written_over(tmp_path):
-    (tmp_path / "mine").mkdir()
-    with pytest.raises(RobotModelError, match="mine exists"):
-        import_robot(GO1 / "go1.xml", choices(), tmp_path)
-
-
 def test_motors_come_from_files_robots_and_the_library():
     assert find_motor(MOTOR).peak_torque == 4.62
     assert find_motor("bp2:knee").peak_torque == 15.0
@@ -209,28 +201,6 @@ def test_motors_come_from_files_robots_and_the_library():
 def test_bad_choices_are_refused(fields, name):
     with pytest.raises(InvalidValueError, match=name):
         choices(**fields)
-
-
-@pytest.mark.parametrize(
-    ("field", "line"),
-    [
-        ("name", "name = 5"),
-        ("foot_radius", 'foot_radius = "1"'),
-        ("motor", "joint.hip.motor = 1979-05-27"),
-        ("motor", "joint.hip.motor = []"),
-        ("default_angle", 'joint.hip.default_angle = "bent"'),
-        ("default_angle", "joint.hip.default_angle = inf"),
-    ],
-)
-def test_a_choice_of_another_kind_is_refused_by_name(tmp_path, field, line):
-    names = ("abad", "hip", "knee")
-    lines = ['name = "dog"', "bus_voltage = 24", *(f'joint.{name}.motor = "bp2:hip"' for name in names)]
-    lines += [f"joint.{name}.gear_ratio = 6" for name in names]
-    kept = [other for other in lines if other.split()[0] != line.split()[0]]
-    path = tmp_path / "choices.toml"
-    path.write_text("\n".join([*kept, line]), encoding="utf-8")
-    with pytest.raises(InvalidValueError, match=f"{field} = .* is not allowed"):
-        make_choices(read_choices(path), str(path))
 
 
 def test_an_unknown_choice_is_named(tmp_path):
@@ -281,14 +251,3 @@ def test_a_urdfs_impossible_inertia_is_raised_and_told(urdf, tmp_path):
     outcomes = {check.what: check for check in made.checks}
     assert not outcomes["link inertias"].good and outcomes["link inertias"].outcome.endswith(": camera")
     assert made.robot.mechanics.trunk.mass == pytest.approx(6.1)
-
-
-def test_the_least_is_added_to_an_impossible_inertia():
-    text = """<robot name="r"><link name="flat"><inertial><mass value="1"/>
-      <inertia ixx="1" iyy="1" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="fine">
-      <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="2"/></inertial></link></robot>"""
-    root = ElementTree.fromstring(text)
-    assert possible_inertias(root) == ("flat",)
-    raised = root.find("link/inertial/inertia")
-    assert [float(raised.get(name)) for name in ("ixx", "iyy", "izz")] == pytest.approx([1.5, 1.5, 3.0])
-    assert possible_inertias(root) == ()

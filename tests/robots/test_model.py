@@ -6,7 +6,7 @@ import pytest
 
 from sprintlab.core.errors import InvalidValueError, RobotModelError
 from sprintlab.motors import drive_torque
-from sprintlab.robots import Link, ModelOptions, build_model, load_robot, soft_stop_torque, table
+from sprintlab.robots import Link, ModelOptions, build_model, load_robot, table
 
 PLANT = ModelOptions(collisions="full", contact_time_constant=0.002)
 
@@ -134,17 +134,6 @@ def test_shank_and_foot_are_one_body_with_their_common_inertia(bp2, plant):
     assert inertia[1, 1] + body.mass[0] * body.ipos[2] ** 2 == pytest.approx(about_knee, rel=1e-9)
 
 
-def test_feet_collisions_are_the_feet_on_the_floor_only(bp2):
-    model = build_model(bp2)
-    data = standing(model)
-    position, _ = joint_addresses(model, bp2.joint_names)
-    data.qpos[position] = np.random.default_rng(0).uniform(*bp2.position_limits.T)
-    data.qpos[2] = -1.0
-    mujoco.mj_forward(model, data)
-    pairs = {frozenset((model.geom(int(c.geom1)).name, model.geom(int(c.geom2)).name)) for c in data.contact}
-    assert pairs == {frozenset(("floor", f"{leg}_foot")) for leg in bp2.leg_names}
-
-
 def test_the_feet_have_friction_and_a_contact_of_their_own(bp2, plant):
     data = standing(plant)
     data.qpos[2] -= 0.005
@@ -212,24 +201,6 @@ def test_the_knee_springs_give_way_under_the_robot(bp2, plant):
     torque = data.qfrc_actuator[knee]
     assert (np.abs(data.qpos[spring]) > 0.01).all()
     np.testing.assert_allclose(np.abs(800.0 * data.qpos[spring]), np.abs(torque), atol=1.5)
-
-
-@pytest.mark.parametrize(("joint_limits", "overshoot"), [(False, 0.1), (True, 0.02)])
-def test_a_leg_thrown_at_its_stop_turns_round(bp2, joint_limits, overshoot):
-    """A hip thrown at 20 rad/s: the soft stop takes most of its energy, the hard limit the rest."""
-    model = build_model(bp2, ModelOptions(joint_limits=joint_limits))
-    model.opt.gravity[:] = 0.0
-    data = standing(model)
-    position, velocity = joint_addresses(model, bp2.joint_names)
-    data.qvel[velocity[1]] = 20.0
-    highest = -np.inf
-    for _ in range(300):
-        stop = soft_stop_torque(data.qpos[position], data.qvel[velocity], bp2.position_limits, bp2.soft_stop)
-        data.qfrc_applied[velocity] = stop
-        mujoco.mj_step(model, data)
-        highest = max(highest, data.qpos[position[1]])
-    assert 0.0 < highest - bp2.position_limits[1, 1] < overshoot
-    assert data.qpos[position[1]] < highest - 0.1
 
 
 @pytest.mark.parametrize(

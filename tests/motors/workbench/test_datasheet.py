@@ -190,20 +190,6 @@ def test_peak_torque_and_current_give_the_saturation():
     assert converted.motor.peak_torque == pytest.approx(MOTOR.peak_torque)
 
 
-def test_peak_torque_alone_is_taken_at_the_output():
-    table = sheet_of(
-        MOTOR,
-        peak_current=None,
-        peak_torque={"value": "6.4 N m", "at": "output"},
-        gear_ratio=8.0,
-        saturation=0.2,
-    )
-    assert convert(table).motor.peak_torque == pytest.approx(1.0)
-    del table["gear_ratio"]
-    with pytest.raises(InvalidValueError, match="gear_ratio"):
-        convert(table)
-
-
 def test_rated_point_and_no_load_speed_are_compared():
     expected = 24.0 / (math.sqrt(3.0) * 7 * 5e-3)
     good = sheet_of(
@@ -217,13 +203,6 @@ def test_rated_point_and_no_load_speed_are_compared():
     bad = {**good, "rated_torque": "0.1 N m", "no_load_speed": f"{expected * 2} rad/s"}
     notes = " ".join(convert(bad).notes)
     assert "rated_torque is 0.1 N m" in notes and "no_load_speed is 2.00 times" in notes
-
-
-@pytest.mark.parametrize("entry", ["resistance", "inductance", "rotor_inertia", "peak_current", "poles"])
-def test_what_is_missing_is_named(entry):
-    with pytest.raises(InvalidValueError, match=entry) as caught:
-        convert(sheet_of(MOTOR, **{entry: None}))
-    assert "missing" in str(caught.value)
 
 
 @pytest.mark.parametrize(

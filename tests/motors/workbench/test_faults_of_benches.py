@@ -7,7 +7,6 @@ import pytest
 
 from sprintlab.cli.main import main
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import PmsmParameters
 from sprintlab.workbench.identification import Bench, identify
 
 PAIRS, FLUX, SATURATION, PEAK = 21, 6.08e-3, 0.15, 60.0
@@ -146,22 +145,3 @@ def test_the_command_reads_a_log_of_another_program(tmp_path, capsys):
     assert status == 0
     for name, value in {"gear_efficiency": 0.9, "torque_offset": 0.3 / 9.0, "flux_linkage": FLUX}.items():
         assert abs(found[name]["value"] - value) < 1.6 * found[name]["half_width_95"], name
-
-
-def test_friction_alone_is_fitted_to_a_motor_whose_flux_is_known():
-    """What a stalled bench told is held; a second one that turns tells the friction."""
-    base = PmsmParameters(
-        pole_pairs=PAIRS,
-        stator_resistance=RESISTANCE,
-        q_axis_inductance=INDUCTANCE,
-        flux_linkage=FLUX,
-        peak_torque=CONSTANT * PEAK,
-        saturation=SATURATION,
-        rotor_inertia=5e-4,
-    )
-    current, speed, random = points(21)
-    torque = shaft(current, speed) + random.normal(0.0, 0.01, len(current))
-    found = fitted(bench(current, torque, speed), base=base, hold=("flux_linkage", "saturation"))
-    friction = found.estimates["coulomb_friction"]
-    assert friction.determined and abs(friction.value - COULOMB) < 1.6 * friction.half_width
-    np.testing.assert_allclose(found.torque(found.bench), shaft(current, speed), atol=0.01)

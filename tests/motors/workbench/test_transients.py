@@ -126,19 +126,3 @@ def test_the_command_reads_a_log(tmp_path, capsys, unit):
     assert json.loads(capsys.readouterr().out)["parameters"]["rotor_inertia"]["unit"] == "kg m^2"
     assert main([*command, "--window", "100"]) == 2
     assert "window" in capsys.readouterr().err
-
-
-def test_a_stalled_log_is_fitted_where_it_stands():
-    """When its load lets go, a stalled motor swings for a moment: that is not the data to fit."""
-    random = np.random.default_rng(10)
-    current = np.repeat(random.permutation(np.linspace(-16.0, 16.0, 9)), 40)
-    torque = CONSTANT * current * (1.0 - SATURATION * np.abs(current) / PEAK)
-    speed = random.normal(0.0, 0.1, len(current))
-    swinging = np.arange(len(current)) % 40 < 2
-    speed[swinging] = random.uniform(5.0, 20.0, int(swinging.sum()))
-    torque = torque + random.normal(0.0, 0.01, len(current)) + np.where(swinging, 0.4, 0.0)
-    found = fitted(replace(bench(np.arange(len(current)), current, speed, torque), time=None))
-    assert abs(found.torque_constant / CONSTANT - 1.0) < 0.01
-    assert abs(found.estimates["saturation"].value - SATURATION) < 0.02
-    assert not found.estimates["coulomb_friction"].determined
-    assert any("18 of 360 rows turn" in warning for warning in found.warnings)
