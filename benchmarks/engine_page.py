@@ -16,7 +16,7 @@ PAGE, RESULTS = ROOT / "docs" / "how-it-works.md", ROOT / "results" / "engine"
 def running_table() -> str:
     """Worst deviation from the plant and worst effect of halving the step, of each policy and step."""
     found = json.loads((RESULTS / "running.json").read_text(encoding="utf-8"))
-    lines = ["| policy | step | held speed | touchdowns | power | foot force | halving: speed, foot force |"]
+    lines = ["| policy | step | held speed | stride | power | foot force | halving: speed, foot force |"]
     lines += ["|---|---|---|---|---|---|---|"]
     for policy, numbers in found.items():
         steps = [step for step in numbers if step != "plant"]

@@ -20,6 +20,7 @@ import torch
 from sprintlab.commands import SpeedProfile, heading_command
 from sprintlab.control import Measurement, PolicyRuntime, load_policy, projected_gravity, shipped_policies
 from sprintlab.engine import Engine, EngineOptions
+from sprintlab.evaluation.metrics import stride_frequency
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.robots import RobotDescription, load_robot
 
@@ -74,8 +75,7 @@ class Runners:
             e = self.engine
             rows.append(
                 [
-                    e.qpos.numpy().copy(),
-                    e.touchdowns.numpy().copy(),
+                    e.qpos.double().numpy().copy(),
                     e.power.numpy().copy(),
                     e.foot_force.numpy().copy(),
                 ]
@@ -85,14 +85,14 @@ class Runners:
     def _numbers(self, row: int, steps: list[list[np.ndarray]]) -> tuple[float, ...]:
         end = round(self.profiles[row].hold_interval[1] / PERIOD)
         hold = steps[end - round(LAST / PERIOD) : end]
-        place, touchdowns, power, force = (np.array([step[k][row] for step in hold]) for k in range(4))
+        place, power, force = (np.array([step[k][row] for step in hold]) for k in range(3))
         if (place[:, 2] < 0.5 * self.engine.robot.standing_height).any():
             return (float("nan"),) * 4
         speed = (place[-1, 0] - place[0, 0]) / (LAST - PERIOD)
         return (
             float(speed),
-            float(touchdowns.sum() / LAST / 4),
-            float(power.sum(1).mean()),
+            stride_frequency(place[:, self.places], PERIOD),
+            float(power.mean()),
             float(force.max()),
         )
 
@@ -102,18 +102,17 @@ def in_plant(policy_path: Path, robot: RobotDescription, speed: float) -> tuple[
     request = TrialRequest(top_speed=speed, hold=HOLD, keep_trajectory=True)
     result = run_trial(load_policy(policy_path, robot), robot, request)
     moved = result.trajectory
-    assert moved is not None
+    assert moved is not None and moved.bus_power is not None and moved.foot_impact is not None
     end = result.hold_interval[1]
     hold = (moved.time > end - LAST) & (moved.time <= end)
     if not hold.any() or moved.time[-1] < end:
         return (float("nan"),) * 4
-    time, on = moved.time[hold], moved.foot_contact[hold]
-    touchdowns = (on[1:] & ~on[:-1]).sum()
+    time, every = moved.time[hold], round(PERIOD / (moved.time[1] - moved.time[0]))
     weight = robot.total_mass * 9.81
     speed_held = (moved.qpos[hold][-1, 0] - moved.qpos[hold][0, 0]) / (time[-1] - time[0])
     return (
         speed_held,
-        touchdowns / (time[-1] - time[0]) / 4,
+        stride_frequency(moved.joint_position[hold][::every], PERIOD),
         moved.bus_power[hold].mean(),
         moved.foot_impact[hold].max() / weight,
     )

@@ -44,6 +44,8 @@ static float root(float x) { return sqrtf(x); }
 static float reciprocal(float x) { return 1.0f / x; }
 static float inverse_root(float x) { return 1.0f / sqrtf(x); }
 static float tangent(float x) { return tanhf(x); }
+static float two_to_the(float x) { return exp2f(x); }
+static float clamp01(float x) { return fminf(fmaxf(x, 0.0f), 1.0f); }
 static void sine(float x, float& s, float& c) { s = sinf(x); c = cosf(x); }
 """
 _AFTER = """

@@ -136,6 +136,7 @@ def test_robots_stand_and_feet_carry_their_weight(name: str) -> None:
 
 
 def test_places_and_distances_are_those_of_mujoco() -> None:
+    parts = ("thigh", "shank", "foot")
     for name in ("bp2", "bp2-waist"):
         robot = load_robot(name)
         engine = Engine(robot, options(16, 1, 1e-5), "cpu")
@@ -155,9 +156,11 @@ def test_places_and_distances_are_those_of_mujoco() -> None:
                 distance = min(
                     mujoco.mj_geomDistance(model, data, model.geom(f"{robot.leg_names[one]}_{a}").id,
                                            model.geom(f"{robot.leg_names[two]}_{b}").id, 10.0, None)
-                    for a in ("shank", "foot") for b in ("shank", "foot")
+                    for a in parts for b in parts
                 )  # fmt: skip
-                assert engine.leg_distance[row, pair].item() == pytest.approx(distance, abs=2e-3)
+                # hips stay 0.2 m apart: the engine does not look at them
+                near = min(engine.leg_distance[row, pair].item(), 0.2)
+                assert near == pytest.approx(min(distance, 0.2), abs=5e-4)
 
 
 def _check_velocities(engine: Engine, row: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 from tests.engine.test_engine import options, scattered
 
 from sprintlab.engine import Engine
-from sprintlab.motors import WindingHeat, drive_torque, flux_factor, heated_motor, warmed
 from sprintlab.robots import load_robot
 
 GREATEST = ("gear_torque", "joint_speed", "stop_depth", "foot_force", "pad_deflection")
@@ -37,7 +35,8 @@ def test_a_policy_step_shows_the_worst_of_its_steps(watched: tuple[Engine, list[
         worst = torch.stack([step[name] for step in seen]).amax(0)
         assert torch.allclose(getattr(whole, name), worst, rtol=1e-4, atol=1e-6), name
     nearest = torch.stack([step["leg_distance"] for step in seen]).amin(0)
-    assert torch.allclose(whole.leg_distance, nearest, atol=1e-6)
+    late = whole.leg_distance - nearest  # it looks every other millisecond
+    assert late.min() > -1e-6 and late.median() < 1e-6 and late.max() < 0.02
 
 
 def test_means_and_touchdowns_are_those_of_its_steps(watched: tuple[Engine, list[dict]]) -> None:
@@ -54,26 +53,3 @@ def test_a_foot_force_is_the_mean_over_five_milliseconds(watched: tuple[Engine, 
     force = torch.stack([step["contact_force"][..., 2] for step in seen]) / whole.weight[:, None]
     inside = torch.stack([force[start : start + 5].mean(0) for start in range(16)]).amax(0)
     assert (whole.foot_force >= inside - 1e-5).all()
-
-
-def test_warm_windings_give_what_their_law_says() -> None:
-    robot, heat = load_robot("bp2"), WindingHeat()
-    engine = Engine(robot, options(16, 1, heat=heat), "cpu", double=True)
-    scattered(engine, 5.0, speed=6.0)
-    engine.winding_temperature += torch.linspace(0.0, 80.0, 16, dtype=torch.float64)[:, None]
-    joints = [engine.mj_model.joint(joint) for joint in robot.joint_names]
-    position = engine.qpos[:, [int(joint.qposadr[0]) for joint in joints]].numpy()
-    velocity = engine.qvel[:, [int(joint.dofadr[0]) for joint in joints]].numpy()
-    temperature = engine.winding_temperature.numpy().copy()
-    engine.step()
-    motors = heated_motor(robot.motors, heat, temperature)
-    desired = robot.stiffness * (engine.target.numpy() - position) - robot.damping * velocity
-    desired = desired * flux_factor(heat, temperature)
-    drive = drive_torque(motors, robot.gear, desired, velocity, robot.bus_voltage)
-    assert np.allclose(engine.torque.numpy(), drive.torque, rtol=1e-6)
-    current = drive.motor_torque / (1.5 * np.asarray(motors.pole_pairs) * motors.flux_linkage)
-    loss = 1.5 * np.asarray(motors.stator_resistance) * current**2
-    expected = warmed(heat, temperature, loss, 0.001)
-    assert np.allclose(
-        engine.winding_temperature.numpy() - temperature, expected - temperature, rtol=1e-5, atol=1e-9
-    )

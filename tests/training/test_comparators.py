@@ -80,7 +80,7 @@ def test_a_motor_that_does_not_saturate_gives_more() -> None:
         engine.target += 1.0
         engine.previous_target += 1.0
         engine.step()
-        torques.append(engine.power.abs().mean(0))
+        torques.append(engine.torque.abs().mean(0))
     assert (torques[1] != torques[0]).any()
 
 

@@ -1,14 +1,19 @@
 """Articulated bodies: generates the motion of a leg as straight-line C++.
 
-The articulated-body algorithm in three sweeps (Featherstone 2008, chapter 7), in spatial vectors of
-moment and force about each link's origin:
+The articulated-body algorithm in three sweeps (Featherstone 2008, chapter 7), in moments and forces about
+each link's origin:
 
-- *forward*: velocities outward, ``v_i = X v_parent + S_i q'_i``, with bias ``c_i = v_i x S_i q'_i``;
-- *backward*: articulated inertia ``I^A`` and bias force ``p^A`` inward,
+- *forward*: velocities outward, and the accelerations that velocities alone cause, with all ``q''`` and the
+  acceleration of what carries the leg at zero: angular ``alpha_i = alpha_parent + w_parent x S_i q'_i``, of
+  the origin ``b_i = b_parent + K_parent r_i``, where ``K = [alpha]x + [w]x [w]x`` and ``r_i`` is its place;
+- *backward*: articulated inertia ``I^A`` and bias force ``p^A`` inward, from each link's Newton-Euler
+  equations ``m b + K m c`` and ``I alpha + w x I w + m c x b`` (c: centre of mass), with
   ``U = I^A S``, ``D = S^T U + armature``, ``u = tau - S^T p^A``,
-  parent gets ``I^A - U D^-1 U^T`` and ``p^A + I^A c + U D^-1 (u - U^T c)``;
-- *accelerate*: outward again, ``q'' = D^-1 (u - U^T a)``, ``a_i = X a_parent + c_i + S q''``.
+  parent gets ``I^A - U D^-1 U^T`` and ``p^A + U D^-1 u``;
+- *accelerate*: outward again, what comes on top of those accelerations: ``q'' = D^-1 (u - U^T a)``,
+  ``a_i = X a_parent + S q''``.
 
+With the accelerations of velocities taken apart no bias meets ``I^A``, and a massless link costs little.
 Accelerations count from free fall, so gravity appears only where the world comes in: at trunk and foot.
 
 Two things are implicit, each with the velocity in the middle of the step, ``v + h/2 a``: viscous friction of
@@ -22,6 +27,7 @@ Consecutive parallel joints (hip, knee, spring) share one frame, in which only t
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,9 +55,12 @@ from sprintlab.engine.algebra import (
 )
 from sprintlab.engine.tree import Leg, Link, Tree
 
-FOOT_VALUES = 13
+FOOT_VALUES = 16
 """What ``leg_forward`` gives of a foot: height of its middle, velocity of the contact point (3) and of the
-middle (3) in the world, place of the knee (3) and of the middle (3) in the body that carries the leg."""
+middle (3) in the world, places of hip (3), knee (3) and middle (3) in the body that carries the leg."""
+CARRIED = ("w", "v", "alpha", "b", "x", "z", "g")
+"""What a leg must know of the body that carries it, in that body's frame: angular velocity, velocity of its
+origin, their rates from velocities alone, the world's axes x and z, gravity."""
 SPATIAL_INERTIA = 21
 _UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 
@@ -71,11 +80,6 @@ class _Inertia:
             plus(self.translation, other.translation),
         )
 
-    def times(self, angular: Vector, linear: Vector) -> tuple[Vector, Vector]:
-        """Moment and force of an acceleration."""
-        moment = add(times(self.rotation, angular), times(self.coupling, linear))
-        return moment, add(times(transpose(self.coupling), angular), times(self.translation, linear))
-
     def packed(self) -> list[Expression]:
         """Its 21 numbers: rotation 6, coupling 9, translation 6."""
         rotation = [self.rotation[a][b] for a, b in _UPPER]
@@ -84,11 +88,11 @@ class _Inertia:
 
 
 def _unpacked(values: list[Expression]) -> _Inertia:
-    def symmetric(six: list[Expression]) -> Matrix:
-        return [[six[_UPPER.index((min(a, b), max(a, b)))] for b in range(3)] for a in range(3)]
-
     coupling = [values[6 + 3 * row : 9 + 3 * row] for row in range(3)]
-    return _Inertia(symmetric(values[:6]), coupling, symmetric(values[15:21]))
+    rotation, translation = (
+        _symmetric(lambda a, b, six=six: six[_UPPER.index((a, b))]) for six in (values[:6], values[15:21])
+    )
+    return _Inertia(rotation, coupling, translation)
 
 
 class _Chain:
@@ -102,9 +106,8 @@ class _Chain:
         self.half = algebra.variable("half")
         self._turn()
         self.steps: list[tuple[Vector, list[Rotation]]] = []
-        self.angular: list[Vector] = []
-        self.linear: list[Vector] = []
-        self.bias: list[tuple[Vector, Vector]] = []
+        self.motions: list[dict[str, Vector]] = []
+        self.turning: list[Matrix] = []
         self.coupling: list[tuple[Vector, Vector]] = []
         self.inverse: list[Expression] = []
         self.rest: list[Expression] = []
@@ -132,7 +135,7 @@ class _Chain:
         self.parallel = parallel
 
     def forward(self, vectors: dict[str, Vector], height: Expression) -> Expression:
-        """Velocities of all links; turns ``vectors`` (w, v and others) along; the last link's height."""
+        """Motions of all links; turns ``vectors`` (``CARRIED``) along; the last link's height."""
         for i in range(self.count):
             place = self.constants([row[i].position for row in self.rows])
             rotations = []
@@ -144,15 +147,16 @@ class _Chain:
             rotations += [] if own is None else [own]
             height = height + dot(vectors["z"], place)
             vectors["v"] = add(vectors["v"], cross(vectors["w"], place))
+            vectors["b"] = add(vectors["b"], times(_turning(vectors), place))
             for rotation in rotations:
                 for name, vector in vectors.items():
                     vectors[name] = rotation.down(vector)
             rate = [self.qd[i] if k == self.axes[i] else self.algebra.constant(0.0) for k in range(3)]
-            self.bias.append((cross(vectors["w"], rate), cross(vectors["v"], rate)))
+            vectors["alpha"] = add(vectors["alpha"], cross(vectors["w"], rate))
             vectors["w"] = add(vectors["w"], rate)
             self.steps.append((place, rotations))
-            self.angular.append(vectors["w"])
-            self.linear.append(vectors["v"])
+            self.motions.append(dict(vectors))
+            self.turning.append(_turning(vectors))
         return height
 
     def at_last(self, points: list[FloatArray]) -> Vector:
@@ -160,16 +164,17 @@ class _Chain:
         point, link = self.constants(points), self.link[-1]
         return point if link is None else link.up(point)
 
-    def from_root(self, point: Vector) -> Vector:
-        """A point in the last link's frame of calculation, seen from the body that carries the chain."""
-        for place, rotations in reversed(self.steps):
+    def from_root(self, point: Vector, links: int | None = None) -> Vector:
+        """A point in the frame of calculation of the last link, or of the last of so many ``links``, as seen
+        from the body that carries the chain."""
+        for place, rotations in reversed(self.steps[:links]):
             for rotation in reversed(rotations):
                 point = rotation.up(point)
             point = add(place, point)
         return point
 
     def _own(self, i: int) -> tuple[_Inertia, Vector, Vector]:
-        """Inertia of a link and its bias: moment and force of its momentum's turning."""
+        """Inertia of a link, and moment and force of the motion that velocities alone cause."""
         bodies = [row[i].body for row in self.rows]
         rotation = np.array([body.about_origin() for body in bodies])
         matrix = [[self.algebra.constant(rotation[:, a, b]) for b in range(3)] for a in range(3)]
@@ -178,12 +183,14 @@ class _Chain:
         link = self.link[i]
         if link is not None:
             matrix, lever = link.up_symmetric(matrix), link.up(lever)
-        zero, w, v = self.algebra.constant(0.0), self.angular[i], self.linear[i]
-        angular = add(times(matrix, w), cross(lever, v))
-        linear = subtract(scale(mass, v), cross(lever, w))
-        moment = add(cross(w, angular), cross(v, linear))
-        diagonal = [[mass if a == b else zero for b in range(3)] for a in range(3)]
-        return _Inertia(matrix, skew(lever), diagonal), moment, cross(w, linear)
+        zero, (w, alpha, b) = (
+            self.algebra.constant(0.0),
+            (self.motions[i][name] for name in ("w", "alpha", "b")),
+        )
+        moment = add(add(times(matrix, alpha), cross(w, times(matrix, w))), cross(lever, b))
+        force = add(scale(mass, b), times(self.turning[i], lever))
+        diagonal = [[mass if a == c else zero for c in range(3)] for a in range(3)]
+        return _Inertia(matrix, skew(lever), diagonal), moment, force
 
     def backward(self, inertia: _Inertia, moment: Vector, force: Vector) -> tuple[_Inertia, Vector, Vector]:
         """Articulated inertia and bias at the chain's root; the arguments are what acts on the last link."""
@@ -206,11 +213,8 @@ class _Chain:
         spring = self.constant("stiffness", i) * (self.q[i] - self.constant("rest", i))
         rest = self.tau[i] - spring - damping * self.qd[i] - moment[axis]
         self.coupling[i], self.inverse[i], self.rest[i] = (angular, linear), inverse, rest
-        turn, shift = self.bias[i]
-        push = inverse * (rest - dot(angular, turn) - dot(linear, shift))
-        biased = inertia.times(turn, shift)
-        moment = add(add(moment, biased[0]), scale(push, angular))
-        force = add(add(force, biased[1]), scale(push, linear))
+        push = inverse * rest
+        moment, force = add(moment, scale(push, angular)), add(force, scale(push, linear))
         scaled = scale(inverse, angular), scale(inverse, linear)
         reduced = _Inertia(
             _reduced(inertia.rotation, scaled[0], angular),
@@ -234,14 +238,13 @@ class _Chain:
         return _Inertia(rotation, transpose(moved), translation), add(moment, cross(place, force)), force
 
     def accelerate(self, angular: Vector, linear: Vector) -> tuple[list[Expression], Vector, Vector]:
-        """Joint accelerations, and the last link's, from those of the body that carries the chain."""
+        """``q''``, and what comes on top of the last link's motion, from that of the body that carries it."""
         joints = []
         for i in range(self.count):
             place, rotations = self.steps[i]
             linear = add(linear, cross(angular, place))
             for rotation in rotations:
                 angular, linear = rotation.down(angular), rotation.down(linear)
-            angular, linear = add(angular, self.bias[i][0]), add(linear, self.bias[i][1])
             pull = dot(self.coupling[i][0], angular) + dot(self.coupling[i][1], linear)
             joints.append(self.inverse[i] * (self.rest[i] - pull))
             angular = list(angular)
@@ -249,9 +252,22 @@ class _Chain:
         return joints, angular, linear
 
 
+def _turning(motion: dict[str, Vector]) -> Matrix:
+    """``K = [alpha]x + [w]x [w]x``: the acceleration of a point at ``r`` of a turning body is ``K r``."""
+    w, turned = motion["w"], skew(motion["alpha"])
+    square = [[w[a] * w[b] for b in range(3)] for a in range(3)]
+    inward = [-(square[a - 1][a - 1] + square[a - 2][a - 2]) for a in range(3)]
+    return plus(turned, [[square[a][b] if a != b else inward[a] for b in range(3)] for a in range(3)])
+
+
 def _reduced(matrix: Matrix, first: Vector, second: Vector) -> Matrix:
     """``matrix - first second^T``, which is symmetric."""
-    upper = {(a, b): matrix[a][b] - first[a] * second[b] for a, b in _UPPER}
+    return _symmetric(lambda a, b: matrix[a][b] - first[a] * second[b])
+
+
+def _symmetric(entry: Callable[[int, int], Expression]) -> Matrix:
+    """A symmetric matrix from its upper triangle."""
+    upper = {(a, b): entry(a, b) for a, b in _UPPER}
     return [[upper[min(a, b), max(a, b)] for b in range(3)] for a in range(3)]
 
 
@@ -300,16 +316,18 @@ def leg_source(tree: Tree, algebra: Algebra) -> str:
         algebra: with one value per leg; its table fills with the legs' constants.
     """
     chain = _Chain(algebra, [leg.links for leg in tree.legs])
-    vectors = {name: algebra.variables(f"carrier.{name}", 3) for name in ("w", "v", "x", "z", "g")}
+    vectors = {name: algebra.variables(f"carrier.{name}", 3) for name in CARRIED}
+    if tree.waist is None:
+        vectors["alpha"] = vectors["b"] = [algebra.constant(0.0)] * 3
     height = chain.forward(vectors, algebra.variable("carrier.height"))
-    foot, lever, velocity = _foot(tree.legs, chain, vectors, height)
+    foot, middle = _foot(tree.legs, chain, vectors, height)
     functions = _Functions(algebra)
     table = "const scalar* leg"
     functions.add(
         f"forward(const Carrier& carrier, {_STATE}, {table}, number* kept, number* foot)", {"foot": foot}
     )
-    damped = _pad(chain, vectors, lever, velocity)
-    root = chain.backward(*damped[0])
+    pad, lever, offset = _pad(chain, vectors, middle, tree.legs[0].radius)
+    root = chain.backward(*pad)
     functions.add(
         f"backward(const Carrier& carrier, {_STATE}, const number* tau, {table}, number half, "
         "const number* force, number damping, number drag, number* kept, number* sum)",
@@ -317,7 +335,7 @@ def leg_source(tree: Tree, algebra: Algebra) -> str:
     )
     start = algebra.variables("start", 6)
     joints, angular, linear = chain.accelerate(start[:3], start[3:])
-    contact = add(add(linear, cross(angular, lever)), damped[1])
+    contact = add(add(linear, cross(angular, lever)), offset)
     functions.add(
         f"accelerate(const Carrier& carrier, const number* start, {table}, number* kept, number* qdd, "
         "number* contact)",
@@ -334,43 +352,49 @@ def _world(vectors: dict[str, Vector]) -> list[Vector]:
 
 def _foot(
     legs: tuple[Leg, ...], chain: _Chain, vectors: dict[str, Vector], height: Expression
-) -> tuple[list[Expression], Vector, Vector]:
-    """``FOOT_VALUES``, then lever and velocity of the contact point in the last link's frame."""
+) -> tuple[list[Expression], Vector]:
+    """``FOOT_VALUES``, then the place of the foot's middle in the last link's frame."""
     middle = chain.at_last([leg.foot for leg in legs])
-    radius = chain.algebra.constant(legs[0].radius)
-    lever = subtract(middle, scale(radius, vectors["z"]))
+    lever = subtract(middle, scale(chain.algebra.constant(legs[0].radius), vectors["z"]))
     velocity = add(vectors["v"], cross(vectors["w"], lever))
     center = add(vectors["v"], cross(vectors["w"], middle))
     axes, zero = _world(vectors), [chain.algebra.constant(0.0)] * 3
+    knee = max(index for index, link in enumerate(legs[0].links) if np.any(link.position))
     values = [height + dot(vectors["z"], middle)]
     values += [dot(axis, velocity) for axis in axes]
     values += [dot(axis, center) for axis in axes]
-    values += chain.from_root(zero) + chain.from_root(middle)
-    return values, lever, velocity
+    values += chain.from_root(zero, knee) + chain.from_root(zero) + chain.from_root(middle)
+    return values, middle
 
 
 def _pad(
-    chain: _Chain, vectors: dict[str, Vector], lever: Vector, velocity: Vector
-) -> tuple[tuple[_Inertia, Vector, Vector], Vector]:
-    """What the pad does to the last link: dampers as inertia, the rest as a force; and ``A_0``.
+    chain: _Chain, vectors: dict[str, Vector], middle: Vector, radius: float
+) -> tuple[tuple[_Inertia, Vector, Vector], Vector, Vector]:
+    """What the pad does to the last link: dampers as inertia, the rest as a force; contact point; ``A_0``.
 
-    With ``B = drag 1 + (damping - drag) n n^T``, the force is ``f - h/2 B (a + A_0)``, where ``a`` is the
-    contact point's spatial acceleration and ``A_0 = g + w x v`` makes it the real one.
+    With ``B = drag 1 + (damping - drag) n n^T``, the force is ``f - h/2 B (a + A_0)``, where ``a`` is what
+    comes on top of the contact point's motion and ``A_0 = g + b + K r`` makes it the real acceleration.
     """
-    algebra, normal = chain.algebra, vectors["z"]
+    algebra, n = chain.algebra, vectors["z"]
+    lever = subtract(middle, scale(algebra.constant(radius), n))
     drag = chain.half * algebra.variable("drag")
     extra = chain.half * (algebra.variable("damping") - algebra.variable("drag"))
-    offset = add(vectors["g"], cross(vectors["w"], velocity))
-    damper = [[extra * normal[a] * normal[b] + (drag if a == b else 0.0) for b in range(3)] for a in range(3)]
+    offset = add(vectors["g"], add(vectors["b"], times(chain.turning[-1], lever)))
     push = [algebra.constant(0.0)] * 3
     for value, axis in zip(algebra.variables("force", 3), _world(vectors), strict=True):
         push = add(push, scale(value, axis))
-    push = subtract(push, add(scale(drag, offset), scale(extra * dot(normal, offset), normal)))
-    turned = cross_matrix(lever, damper)
-    zero = algebra.constant(0.0)
-    rotation = minus([[zero] * 3] * 3, matrix_cross(turned, lever))
-    pad = _Inertia(rotation, turned, damper)
-    return (pad, [-x for x in cross(lever, push)], [-x for x in push]), offset
+    push = subtract(push, add(scale(drag, offset), scale(extra * dot(n, offset), n)))
+    arm = cross(middle, n)
+    along, dragged = scale(extra, arm), scale(drag, lever)
+    rotation = _symmetric(lambda a, b: along[a] * arm[b] - dragged[a] * lever[b])
+    square = dot(dragged, lever)
+    for a in range(3):
+        rotation[a][a] = rotation[a][a] + square
+    coupling = plus(skew(dragged), [[along[a] * n[b] for b in range(3)] for a in range(3)])
+    normal = scale(extra, n)
+    translation = _symmetric(lambda a, b: normal[a] * n[b] + (drag if a == b else 0.0))
+    pad = _Inertia(rotation, coupling, translation)
+    return (pad, [-x for x in cross(lever, push)], [-x for x in push]), lever, offset
 
 
 def waist_source(tree: Tree) -> str:
@@ -378,12 +402,12 @@ def waist_source(tree: Tree) -> str:
     assert tree.waist is not None
     algebra = Algebra(1)
     chain = _Chain(algebra, [(tree.waist,)])
-    vectors = {name: algebra.variables(f"carrier.{name}", 3) for name in ("w", "v", "x", "z", "g")}
+    vectors = {name: algebra.variables(f"carrier.{name}", 3) for name in CARRIED}
     height = chain.forward(vectors, algebra.variable("carrier.height"))
     functions = _Functions(algebra)
     functions.add(
         f"forward(const Carrier& carrier, {_STATE}, number* kept, number* rear)",
-        {"rear": [x for name in ("w", "v", "x", "z", "g") for x in vectors[name]] + [height]},
+        {"rear": [x for name in CARRIED for x in vectors[name]] + [height]},
     )
     legs = algebra.variables("legs", SPATIAL_INERTIA + 6)
     root = chain.backward(_unpacked(legs[:21]), legs[21:24], legs[24:])

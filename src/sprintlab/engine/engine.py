@@ -51,11 +51,15 @@ class Engine:
         qpos, qvel: MuJoCo's layout ``(n, nq)``, ``(n, nv)``. Velocities are those of the last step's middle.
         bristle: deflection of the pads along the ground [m] ``(n, L, 2)``.
         winding_temperature: [degC] ``(n, J)``; constant without heat.
+        i2t_level: 1 where only the continuous current is left ``(n, J)``; constant without a limit.
+        state_of_charge, bus_voltage: of the battery, [-] and [V] ``(n,)``; constant without one. A battery
+            takes the place of the parameter ``voltage``.
         recent_force, loaded, since_touchdown, carried: what the monitors of feet leave to the next step.
 
     Attributes (outputs, of the last policy step):
         torque: delivered by the motors in the last substep [N m] ``(n, J)``.
-        power: drawn by each joint from the bus, mean [W] ``(n, J)``.
+        power: drawn from the bus by all joints together, mean [W] ``(n,)``. What one feeds back others use;
+            a surplus of all in a millisecond counts as zero, as in the audit.
         limit_share: share of the substeps with the motor at a limit ``(n, J)``.
         stop_depth: greatest depth in an end stop's zone [rad] ``(n, J)``.
         joint_speed: greatest, over no-load speed ``(n, J)``.
@@ -65,7 +69,8 @@ class Engine:
         stance: share of the substeps with more than 1 N ``(n, L)``; touchdowns: how many ``(n, L)``.
         hasty_touchdowns, short_stances: cost of each foot's touchdowns, ``shortest[0] / period - 1``, and of
             its lift-offs, ``shortest[1] / stance - 1``, each at most 2 ``(n, L)``.
-        leg_distance: least surface distance of each of ``PAIRS`` of legs, feet as spheres [m] ``(n, 6)``.
+        leg_distance: least surface distance of each of ``PAIRS`` of legs: thighs (but for their hips), shanks
+            and feet, every 2 ms and at the end [m] ``(n, 6)``.
         foot_position, foot_velocity, knee_position: at the step's end [m], [m/s] ``(n, L, 3)``.
         contact_force: of the ground on each foot in the last substep [N] ``(n, L, 3)``.
 
@@ -132,6 +137,8 @@ class Engine:
         self.since_touchdown = self._zeros(legs) + _LONG_AGO
         heat = self.options.heat
         self.winding_temperature = self._rows(25.0 if heat is None else heat.ambient_temperature)
+        self.i2t_level, self.state_of_charge = self._zeros(joints), self._zeros() + 1.0
+        self.bus_voltage = self._zeros() + float(robot.bus_voltage)
         self.shortest = torch.zeros(2, device=self.device, dtype=self._dtype)
         for name in JOINT_OUTPUTS:
             setattr(self, name, self._zeros(joints))
@@ -139,7 +146,7 @@ class Engine:
             setattr(self, name, self._zeros(legs))
         for name in PLACE_OUTPUTS:
             setattr(self, name, self._zeros(legs, 3))
-        self.leg_distance = self._zeros(len(PAIRS))
+        self.leg_distance, self.power = self._zeros(len(PAIRS)), self._zeros()
         self.given_torque, self.qacc = self._zeros(model.nv), self._zeros(model.nv)
 
     def _reset_parameters(self) -> None:

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from sprintlab.core.checks import check_choice, check_range
 from sprintlab.core.errors import InvalidValueError
-from sprintlab.motors import HousedHeat, MotorModel, WindingHeat
+from sprintlab.motors import MOTOR_MODELS, Battery, HousedHeat, I2tLimit, MotorModel, WindingHeat
 
 WINDOW = 0.005
 """Length of a foot's mean force [s], as in the audit."""
+DISTANCE_INTERVAL = 0.002
+"""Between two looks at the legs' distances [s], as in the audit."""
 BIN = 0.001
 """Period of the motor loop, and length of a gear's mean torque [s]."""
 
@@ -26,6 +28,8 @@ class EngineOptions:
         saturation: whether the motors saturate.
         knee_spring: whether the shanks hang on their springs, where the robot has any.
         heat: thermal model of the windings; None: they stay cold.
+        battery: behind the bus that all joints share; None: the bus is stiff.
+        i2t: how the drives cut overloads back; None: not at all.
 
     Raises:
         InvalidValueError: a value out of range, or what the engine does not know.
@@ -38,12 +42,14 @@ class EngineOptions:
     saturation: bool = True
     knee_spring: bool = True
     heat: WindingHeat | None = None
+    battery: Battery | None = None
+    i2t: I2tLimit | None = None
 
     def __post_init__(self) -> None:
         check_range("robots", self.robots, 1, 1 << 20)
         check_range("timestep", self.timestep, 1e-5, 0.0025, "s")
         check_range("substeps", self.substeps, 1, 10_000)
-        check_choice("motor_model", self.motor_model, ("refined", "simplified-dc", "square"))
+        check_choice("motor_model", self.motor_model, MOTOR_MODELS)
         if isinstance(self.heat, HousedHeat):
             raise InvalidValueError("heat", "with a housing", "one thermal node: WindingHeat")
 
@@ -52,6 +58,16 @@ class EngineOptions:
         """Substeps per period of the motor loop: 1 ms, or one where a step is longer."""
         wanted = max(round(BIN / self.timestep), 1)
         return max(count for count in range(1, wanted + 1) if self.substeps % count == 0)
+
+    @property
+    def distance_period(self) -> int:
+        """Substeps between two looks at the legs' distances; whole periods of the motor loop."""
+        return max(round(DISTANCE_INTERVAL / (self.bin * self.timestep)), 1) * self.bin
+
+    @property
+    def loop_period(self) -> float:
+        """Of the motor loop [s]."""
+        return self.bin * self.timestep
 
     @property
     def window(self) -> int:

@@ -19,8 +19,11 @@ from sprintlab.motors import (
     COPPER_COEFFICIENT,
     MOTOR_MODELS,
     TURNING_SPEED,
+    Battery,
+    i2t_decay,
     joint_torque,
     no_load_speed,
+    phase_voltage_limit,
     saturate,
 )
 from sprintlab.robots import (
@@ -31,6 +34,8 @@ from sprintlab.robots import (
     effective_leg_mass,
 )
 
+BUS_STEPS = 12
+"""Secants by which the voltage of a shared bus is found: they leave less than 0.1 mV."""
 FRICTION_SPEED = 0.2
 """Joint speed over which dry friction reaches 76 % of its value [rad/s]: a smooth stand-in for sticking."""
 PARAMETERS = (
@@ -47,24 +52,27 @@ STATE = (
     "qvel",
     "bristle",
     "winding_temperature",
+    "i2t_level",
+    "state_of_charge",
+    "bus_voltage",
     "recent_force",
     "loaded",
     "since_touchdown",
     "carried",
 )
-JOINT_OUTPUTS = ("torque", "power", "limit_share", "stop_depth", "joint_speed", "gear_torque")
+JOINT_OUTPUTS = ("torque", "limit_share", "stop_depth", "joint_speed", "gear_torque")
 FOOT_OUTPUTS = ("foot_force", "pad_deflection", "stance", "touchdowns", "hasty_touchdowns", "short_stances")
 PLACE_OUTPUTS = ("foot_position", "foot_velocity", "knee_position", "contact_force")
 TEST_BUFFERS = ("given_torque", "qacc")
 BUFFERS = (
     *JOINT_INPUTS, "parameters", "shortest", *STATE, *JOINT_OUTPUTS, *FOOT_OUTPUTS, *PLACE_OUTPUTS,
-    "leg_distance", *TEST_BUFFERS,
+    "leg_distance", "power", *TEST_BUFFERS,
 )  # fmt: skip
 """Names of the buffers of floats, in the order of the kernel's argument; ``delay``, of integers, follows."""
 _DRIVE_FIELDS = (
-    "pole_pairs", "resistance", "inductance", "flux", "peak", "saturation", "ratio", "log_efficiency",
+    "pole_pairs", "resistance", "inductance", "flux", "peak", "saturation", "ratio", "log2_efficiency",
     "dry_friction", "lower", "upper", "stop_stiffness", "stop_damping", "inverse_peak", "inverse_no_load",
-    "armature",
+    "armature", "continuous", "decay",
 )  # fmt: skip
 
 
@@ -145,6 +153,7 @@ def source(engine: EngineModel, backend: str, given_torque: bool = False) -> str
         trunk_source(),
         _native("motors.h"),
         drives,
+        _native("battery.h") if engine.options.battery else "",
         _native("contact.h"),
         _native("monitors.h"),
         _native("step.h"),
@@ -172,7 +181,7 @@ def _defines(engine: EngineModel, algebra: Algebra, given_torque: bool) -> str:
         "SUBSTEPS": options.substeps,
         "BIN": options.bin,
         "WINDOW": options.window,
-        "DISTANCE_PERIOD": options.bin,
+        "DISTANCE_PERIOD": options.distance_period,
         "PAIRS": len(PAIRS),
         "PAIR_SLOTS": 2,
         "MOTOR_MODEL": MOTOR_MODELS.index(options.motor_model),
@@ -181,12 +190,16 @@ def _defines(engine: EngineModel, algebra: Algebra, given_torque: bool) -> str:
         "AIR_DENSITY": AIR_DENSITY,
         "FOOT_RADIUS": tree.legs[0].radius,
         "SHANK_RADIUS": robot.mechanics.shank_radius,
+        "THIGH_RADIUS": robot.mechanics.thigh_radius,
+        "SHANK_LENGTH": robot.mechanics.shank_length,
+        "THIGH_LENGTH": robot.mechanics.thigh_length,
         "LEG_MASS": engine.leg_mass,
         "FOOT_MASS_NORMAL": engine.foot_mass[0],
         "FOOT_MASS_ALONG": engine.foot_mass[1],
         "PARAMETERS": len(PARAMETERS),
         **{name.upper(): index for index, name in enumerate(PARAMETERS)},
         **_heat(options),
+        **_supply(engine),
         **_waist(engine),
     }
     if given_torque:
@@ -210,6 +223,25 @@ def _heat(options: EngineOptions) -> dict[str, float | int]:
         "FLUX_COEFFICIENT": float(heat.flux_coefficient),
         "THERMAL_RESISTANCE": resistance,
         "THERMAL_DECAY": math.exp(-options.timestep / (resistance * capacity)),
+    }
+
+
+def _supply(engine: EngineModel) -> dict[str, float | int]:
+    """Constants of battery and I2t."""
+    options, values = engine.options, dict[str, float | int]()
+    if options.i2t is not None:
+        values["I2T"] = 1
+    pack = options.battery
+    if pack is None:
+        return values
+    return values | {
+        "BATTERY": 1,
+        "BUS_STEPS": BUS_STEPS,
+        "PACK_RESISTANCE": pack.internal_resistance,
+        "REGENERATION_LIMIT": pack.regeneration_limit,
+        "CHARGE_PER_AMPERE": options.loop_period / (3600.0 * pack.capacity),
+        "CELL_POINTS": len(pack.charge_table),
+        "PHASE_SHARE": float(phase_voltage_limit(1.0)),
     }
 
 
@@ -253,9 +285,19 @@ def _tables(engine: EngineModel, algebra: Algebra) -> str:
             _array("int", "QVEL", (link.qvel for leg in tree.legs for link in leg.links)),
             _array("int", "DRIVE_LINK", driven),
             _array("int", "DRIVE_JOINT", joints),
+            *_cells(engine.options.battery),
             _array("int", "PAIR_LEGS", (leg for pair in PAIRS for leg in pair)),
         )
     )
+
+
+def _cells(pack: Battery | None) -> list[str]:
+    """Open-circuit voltage of the pack [V] over its state of charge."""
+    if pack is None:
+        return []
+    voltage = [pack.series_cells * cell for cell in pack.voltage_table]
+    tables = (("CELL_CHARGE", pack.charge_table), ("CELL_VOLTAGE", voltage))
+    return [_array("scalar", name, map(float, table)) for name, table in tables]
 
 
 def _buffers() -> str:
@@ -266,6 +308,7 @@ def _buffers() -> str:
 def _drive_constants(engine: EngineModel) -> Mapping[str, np.ndarray]:
     """Every field of ``Drive``, one number per joint in policy order."""
     robot, motors, gear, stop = engine.robot, engine.robot.motors, engine.robot.gear, engine.robot.soft_stop
+    i2t = engine.options.i2t
     peak = joint_torque(gear, saturate(motors, np.asarray(motors.peak_torque)))
     no_load = no_load_speed(motors, robot.bus_voltage) / np.asarray(gear.ratio)
     values = {
@@ -276,7 +319,7 @@ def _drive_constants(engine: EngineModel) -> Mapping[str, np.ndarray]:
         "peak": motors.peak_torque,
         "saturation": np.asarray(motors.saturation) * float(engine.options.saturation),
         "ratio": gear.ratio,
-        "log_efficiency": np.log(np.asarray(gear.efficiency)),
+        "log2_efficiency": np.log2(np.asarray(gear.efficiency)),
         "dry_friction": robot.dry_friction,
         "lower": robot.position_limits[:, 0] + stop.zone,
         "upper": robot.position_limits[:, 1] - stop.zone,
@@ -285,6 +328,8 @@ def _drive_constants(engine: EngineModel) -> Mapping[str, np.ndarray]:
         "inverse_peak": 1.0 / np.asarray(peak),
         "inverse_no_load": 1.0 / np.asarray(no_load),
         "armature": robot.armature,
+        "continuous": 1.0 if i2t is None else i2t.continuous_current,
+        "decay": 0.0 if i2t is None else i2t_decay(i2t, motors, engine.options.loop_period),
     }
     shape = (len(robot.joint_names),)
     return {name: np.broadcast_to(np.asarray(value, dtype=float), shape) for name, value in values.items()}

@@ -66,6 +66,12 @@ FUNCTION number if_greater(number a, number b, number x, number y) { return a > 
 FUNCTION scalar get(const number& x, int i) { return x[i]; }
 FUNCTION void put(number& x, int i, scalar value) { x[i] = value; }
 #endif
+// For |x| < 1.4, by the series of exp(x ln 2) at a quarter of it
+FUNCTION number two_to_the(number x) {
+  const number y = x * S(0.25 * 0.6931471805599453), z = S(1) + y * (S(1) + y * (S(0.5) + y * (S(1.0 / 6) + y * (S(1.0 / 24) + y * S(1.0 / 120))))), w = z * z;
+  return w * w;
+}
+FUNCTION number clamp01(number x) { return smaller(larger(x, splat(S(0))), splat(S(1))); }
 // Which robots a call works on: LANES rows from `robot` on, `count` of them real, the rest copies of the last.
 struct Place { int robot, count; };
 FUNCTION number read(const scalar* rows, int width, int column, Place place) {
@@ -92,4 +98,5 @@ FUNCTION void sum_pairs(number (*parts)[27], number* front, number* rear, Place)
 FUNCTION void sum_legs(number (*parts)[27], number* sum) {
   for (int i = 0; i < 27; i++) sum[i] = (parts[0][i] + parts[1][i]) + (parts[2][i] + parts[3][i]);
 }
-FUNCTION number of_leg(number (*values)[6], int leg, int column, Place) { return values[leg][column]; }
+FUNCTION number over_legs(const number* values) { return (values[0] + values[1]) + (values[2] + values[3]); }
+FUNCTION number of_leg(number (*values)[9], int leg, int column, Place) { return values[leg][column]; }

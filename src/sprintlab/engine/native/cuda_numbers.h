@@ -18,6 +18,8 @@ FUNCTION number reciprocal(number x) { number y; asm("rcp.approx.ftz.f32 %0, %1;
 FUNCTION number inverse_root(number x) { number y; asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x)); return y; }
 FUNCTION number tangent(number x) { number y; asm("tanh.approx.f32 %0, %1;" : "=f"(y) : "f"(x)); return y; }
 FUNCTION void sine(number x, number& s, number& c) { __sincosf(x, &s, &c); }
+FUNCTION number clamp01(number x) { return __saturatef(x); }
+FUNCTION number two_to_the(number x) { number y; asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x)); return y; }
 #endif
 // Which robot and leg a thread works on; surplus threads repeat the last robot and write nothing.
 struct Place { int robot, leg; bool real; };
@@ -36,12 +38,13 @@ FUNCTION void sum_pairs(number (*parts)[27], number* front, number* rear, Place 
     rear[i] = place.leg < 2 ? other : pair;
   }
 }
-FUNCTION void sum_legs(number (*parts)[27], number* sum) {
-  UNROLL for (int i = 0; i < 27; i++) {
-    const number pair = parts[0][i] + exchange(parts[0][i], 1);
-    sum[i] = pair + exchange(pair, 2);
-  }
+FUNCTION number over_legs(const number* values) {
+  const number pair = values[0] + exchange(values[0], 1);
+  return pair + exchange(pair, 2);
 }
-FUNCTION number of_leg(number (*values)[6], int leg, int column, Place) {
+FUNCTION void sum_legs(number (*parts)[27], number* sum) {
+  UNROLL for (int i = 0; i < 27; i++) sum[i] = over_legs(&parts[0][i]);
+}
+FUNCTION number of_leg(number (*values)[9], int leg, int column, Place) {
   return __shfl_sync(ALL_THREADS, values[0][column], leg, LEGS);
 }

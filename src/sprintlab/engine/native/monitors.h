@@ -1,5 +1,5 @@
 // What the audit limits, measured inside of the policy step and in the audit's units.
-struct JointWatch { number power, limited, depth, speed, gear, gear_sum; };
+struct JointWatch { number power, limited, depth, speed, gear, gear_sum; };  // sums: of this millisecond
 struct FootWatch {
   number force, deflection, stance, touchdowns, hasty, brief;  // since the policy step began
   number sum, recent[WINDOW], loaded, since, carried;          // left to the next one
@@ -8,16 +8,19 @@ struct FootWatch {
 FUNCTION void watch_joint(JointWatch& watch, const Drive& drive, const Driven& driven, number depth, number qd, number qdd,
                           number step, number share) {
   // the torque acts while the velocity goes from qd to qd + h qdd
-  watch.power = watch.power + (driven.shaft * (qd + S(0.5) * step * qdd) + driven.loss) * share;
+  watch.power = watch.power + (driven.shaft * (qd + S(0.5) * step * qdd) + driven.loss);
   watch.limited = watch.limited + driven.limited * share;
   watch.depth = larger(watch.depth, depth);
   watch.speed = larger(watch.speed, magnitude(qd) * drive.inverse_no_load);
   // through the gear goes what the motor delivers, less what turns its rotor
   watch.gear_sum = watch.gear_sum + (driven.delivered - qdd * drive.armature);
 }
-FUNCTION void end_joint_window(JointWatch& watch, const Drive& drive) {  // each millisecond
+// Each millisecond; returns the power that the joint has drawn, summed over its steps
+FUNCTION number end_joint_window(JointWatch& watch, const Drive& drive) {
+  const number power = watch.power;
   watch.gear = larger(watch.gear, magnitude(watch.gear_sum) * (drive.inverse_peak * S(1.0 / BIN)));
-  watch.gear_sum = splat(S(0));
+  watch.gear_sum = watch.power = splat(S(0));
+  return power;
 }
 
 FUNCTION void watch_foot(FootWatch& watch, number normal, number depth, number step, number share, number shortest_stride,
@@ -48,33 +51,48 @@ FUNCTION void end_foot_window(FootWatch& watch, number inverse_weight) {  // eac
   watch.recent[0] = newest;
 }
 
-// Surface distance of two legs: shanks as capsules, feet as spheres. place: knee and foot's middle.
-FUNCTION number clamp01(number x) { return smaller(larger(x, splat(S(0))), splat(S(1))); }
-FUNCTION number squared(const number* a, const number* b, number share, const number* d) {
-  number sum = splat(S(0));
-  UNROLL for (int i = 0; i < 3; i++) { const number x = a[i] + share * d[i] - b[i]; sum = sum + x * x; }
-  return sum;
+// Two segments, p + s d and q + t e with s and t from 0 to 1: what their squared distances are made of.
+// |p + s d - q - t e|^2 = R + s (s D + 2 c) + t (t E - 2 f) - 2 s t b (Ericson 2005, Real-Time Collision Detection, 5.1.9)
+struct Segments { number R, b, c, f; scalar D, E; };
+FUNCTION number dot(const number* a, const number* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+FUNCTION Segments segments(const number* p, const number* d, scalar length, const number* q, const number* e, scalar other_length) {
+  const number r[3] = { p[0] - q[0], p[1] - q[1], p[2] - q[2] };
+  return { dot(r, r), dot(d, e), dot(d, r), dot(e, r), length * length, other_length * other_length };
 }
+FUNCTION number nearest(const Segments& x) {
+  const number s = clamp01((x.b * x.f - x.c * x.E) * reciprocal(larger(x.D * x.E - x.b * x.b, splat(S(1e-9)))));
+  const number t = clamp01((x.b * s + x.f) * (1 / x.E)), u = clamp01((x.b * t - x.c) * (1 / x.D));
+  return x.R + u * (u * x.D + S(2) * (x.c - t * x.b)) + t * (t * x.E - S(2) * x.f);
+}
+FUNCTION number to_start(const Segments& x) {  // p to the second segment
+  const number t = clamp01(x.f * (1 / x.E));
+  return x.R + t * (t * x.E - S(2) * x.f);
+}
+FUNCTION number to_end(const Segments& x) {  // p + d to the second segment
+  const number along = x.f + x.b, t = clamp01(along * (1 / x.E));
+  return x.R + x.D + S(2) * x.c + t * (t * x.E - S(2) * along);
+}
+FUNCTION number to_other_end(const Segments& x) {  // q + e to the first segment
+  const number along = x.b - x.c, s = clamp01(along * (1 / x.D));
+  return x.R + x.E - S(2) * x.f + s * (s * x.D - S(2) * along);
+}
+// Surface distance of two legs: thighs and shanks as capsules, feet as spheres. Each by hip, knee, foot's middle.
+// Of two thighs only the knees are looked at: hips stay apart.
 FUNCTION number leg_distance(const number* one, const number* two) {
-  number d1[3], d2[3], a = splat(S(1e-9)), e = splat(S(1e-9)), b = splat(S(0)), c = splat(S(0)), f = splat(S(0)), g = splat(S(0)), h = splat(S(0));
+  number thigh[2][3], shank[2][3];
   UNROLL for (int i = 0; i < 3; i++) {
-    const number r = one[i] - two[i];
-    d1[i] = one[3 + i] - one[i];
-    d2[i] = two[3 + i] - two[i];
-    a = a + d1[i] * d1[i]; e = e + d2[i] * d2[i]; b = b + d1[i] * d2[i]; c = c + d1[i] * r; f = f + d2[i] * r;
-    g = g + d1[i] * (two[3 + i] - one[i]);  // where the other foot lies along this shank
-    h = h + d2[i] * (one[3 + i] - two[i]);
+    thigh[0][i] = one[3 + i] - one[i]; shank[0][i] = one[6 + i] - one[3 + i];
+    thigh[1][i] = two[3 + i] - two[i]; shank[1][i] = two[6 + i] - two[3 + i];
   }
-  // nearest points of two segments (Ericson 2005, Real-Time Collision Detection, 5.1.9)
-  const number ia = reciprocal(a), ie = reciprocal(e);
-  number s = clamp01((b * f - c * e) * reciprocal(larger(a * e - b * b, splat(S(1e-9)))));
-  const number t = clamp01((b * s + f) * ie);
-  s = clamp01((b * t - c) * ia);
-  number point[3];
-  UNROLL for (int i = 0; i < 3; i++) point[i] = two[i] + t * d2[i];
-  const number shanks = root(squared(one, point, s, d1)) - S(2 * SHANK_RADIUS);
-  const number first = squared(one, two + 3, clamp01(g * ia), d1), second = squared(two, one + 3, clamp01(h * ie), d2);
-  const number mixed = root(smaller(first, second)) - S(SHANK_RADIUS + FOOT_RADIUS);
-  const number feet = root(squared(one + 3, two + 3, splat(S(0)), d1)) - S(2 * FOOT_RADIUS);
-  return smaller(smaller(shanks, mixed), feet);
+  const Segments shanks = segments(one + 3, shank[0], S(SHANK_LENGTH), two + 3, shank[1], S(SHANK_LENGTH));
+  const Segments first = segments(one + 3, shank[0], S(SHANK_LENGTH), two, thigh[1], S(THIGH_LENGTH));
+  const Segments second = segments(two + 3, shank[1], S(SHANK_LENGTH), one, thigh[0], S(THIGH_LENGTH));
+  const number feet = shanks.R + shanks.D + shanks.E + S(2) * (shanks.c - shanks.f - shanks.b);
+  const number squares[6] = { nearest(shanks), smaller(nearest(first), nearest(second)), smaller(to_start(first), to_start(second)),
+                              smaller(to_end(shanks), to_other_end(shanks)), smaller(to_end(first), to_end(second)), feet };
+  const scalar radii[6] = { S(2 * SHANK_RADIUS), S(SHANK_RADIUS + THIGH_RADIUS), S(2 * THIGH_RADIUS), S(SHANK_RADIUS + FOOT_RADIUS),
+                            S(THIGH_RADIUS + FOOT_RADIUS), S(2 * FOOT_RADIUS) };
+  number least = splat(S(1e6));
+  UNROLL for (int i = 0; i < 6; i++) least = smaller(least, root(larger(squares[i], splat(S(0)))) - radii[i]);
+  return least;
 }

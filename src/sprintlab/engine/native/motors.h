@@ -1,73 +1,124 @@
-// The drive of one joint: PD loop, envelope, saturation, gear, friction, end stop.
-// A second form of motors.drive_torque, motors.thermal and robots.soft_stop_torque; a test proves them equal.
+// The drive of one joint: PD loop, current limit, envelope, saturation, gear, friction, end stop.
+// A second form of motors.PreparedDrive, motors.thermal and robots.soft_stop_torque; tests prove them equal.
 struct Drive {  // motor side unless said otherwise, SI
-  scalar pole_pairs, resistance, inductance, flux, peak, saturation, ratio, log_efficiency;
+  scalar pole_pairs, resistance, inductance, flux, peak, saturation, ratio, log2_efficiency;
   scalar dry_friction, lower, upper, stop_stiffness, stop_damping;  // joint side; where the stops' zones begin
   scalar inverse_peak, inverse_no_load, armature;                   // joint side
+  scalar continuous, decay;                                         // of I2t
 };
 struct Supplied { number voltage, resistance_factor, friction_factor; };
-struct Control { number target, stiffness, damping, strength; };
+struct Control { number target, previous, now, stiffness, damping, strength, temperature, level; };  // now: the target in force
 struct Driven { number delivered, shaft, loss, limited; };  // torques on the joint, after and before the gear
 
-// exp(x) for |x| < 1 by its series at x / 4
-FUNCTION number small_exponential(number x) {
-  const number y = x * S(0.25), z = S(1) + y * (S(1) + y * (S(0.5) + y * (S(1.0 / 6) + y * S(1.0 / 24)))), w = z * z;
-  return w * w;
-}
-
-struct Motor { number resistance, flux, peak, torque_constant, flux_factor; };
-FUNCTION Motor motor_now(const Drive& drive, const Supplied& supplied, number temperature) {
+// What the windings and the overloads of the last seconds leave of a motor.
+struct Motor { number resistance, flux, torque_constant, inverse_constant, limit, saturation; };
+FUNCTION Motor motor_now(const Drive& drive, const Supplied& supplied, const Control& control) {
+  const scalar constant = S(1.5) * drive.pole_pairs * drive.flux;
   Motor motor;
   motor.resistance = supplied.resistance_factor * drive.resistance;
-  motor.flux_factor = splat(S(1));
+  number left = splat(S(1)), inverse = splat(S(1));  // of the flux
 #ifdef HEAT
-  const number copper = (S(1) + S(COPPER_COEFFICIENT) * (temperature - S(20))) * S(1 / COPPER_AT_REFERENCE);
+  const number copper = (S(1) + S(COPPER_COEFFICIENT) * (control.temperature - S(20))) * S(1 / COPPER_AT_REFERENCE);
   motor.resistance = motor.resistance * larger(copper, splat(S(0.1)));
-  const number magnet = S(AMBIENT) + S(MAGNET_SHARE) * (temperature - S(AMBIENT));
-  motor.flux_factor = larger(S(1) + S(FLUX_COEFFICIENT) * (magnet - S(REFERENCE)), splat(S(0.05)));
+  const number magnet = S(AMBIENT) + S(MAGNET_SHARE) * (control.temperature - S(AMBIENT));
+  left = larger(S(1) + S(FLUX_COEFFICIENT) * (magnet - S(REFERENCE)), splat(S(0.05)));
+  inverse = reciprocal(left);
 #endif
-  motor.flux = motor.flux_factor * drive.flux;
-  motor.peak = motor.flux_factor * drive.peak;
-  motor.torque_constant = motor.flux * (S(1.5) * drive.pole_pairs);
+  motor.flux = left * drive.flux;
+  motor.limit = left * drive.peak;
+  motor.torque_constant = left * constant;
+  motor.inverse_constant = inverse * (1 / constant);
+  motor.saturation = inverse * (drive.saturation / drive.peak);
+#ifdef I2T
+  const number room = (S(1) - control.level * drive.decay) * (1 / (1 - drive.decay));
+  motor.limit = smaller(motor.limit, motor.torque_constant * drive.continuous * root(larger(room, splat(S(1)))));
+#endif
   return motor;
 }
 
-// Least and greatest motor torque: v_d = -w L i and v_q = R i + w psi inside of the inverter's voltage
-FUNCTION void motor_interval(const Drive& drive, const Motor& motor, number speed, number voltage, number& low, number& high) {
-#if MOTOR_MODEL == 2  // square: no voltage limit
-  low = -motor.peak;
-  high = motor.peak;
+struct Currents { number torque, direct; };  // torque that the q-axis current stands for; d-axis current
+#if MOTOR_MODEL == 3
+// Flux weakening: least and greatest current of the voltage disk and the current disk (motors.flux_weakening)
+struct Plane { number limit, radius, distance, direct, quadrature, chord; };
+FUNCTION number greatest_current(const Plane& p, number toward) {
+  const number half_chord = root(larger((p.limit - p.chord) * (p.limit + p.chord), splat(S(0))));
+  const number direct = p.distance * p.direct, middle = p.distance * toward, top = middle + p.radius;
+  const number crossing = p.chord * toward - half_chord * p.direct, squared = p.limit * p.limit;
+  const number greatest = if_greater(direct * direct + top * top, squared, crossing, top);
+  const number spare = p.limit - middle;
+  return if_greater(direct * direct + spare * spare, p.radius * p.radius, greatest, p.limit);
+}
+FUNCTION Currents currents_within(const Drive& drive, const Motor& motor, number desired, number qd, number voltage) {
+  const number zero = splat(S(0)), electrical = qd * (drive.ratio * drive.pole_pairs), reactance = electrical * drive.inductance;
+  const number impedance = root(motor.resistance * motor.resistance + reactance * reactance), inverse = reciprocal(impedance);
+  const number emf = magnitude(electrical) * motor.flux;
+  Plane p;
+  p.limit = motor.limit * motor.inverse_constant;
+  p.radius = voltage * inverse;
+  p.distance = emf * inverse;
+  p.direct = -magnitude(reactance) * inverse;
+  p.quadrature = if_greater(zero, electrical, motor.resistance, -motor.resistance) * inverse;
+  const number reach = p.limit * impedance;
+  const number chord = (reach * reach + (emf - voltage) * (emf + voltage)) *
+                       reciprocal(S(2) * impedance * (emf + S(1e-12) * (reach + voltage)));
+  p.chord = smaller(larger(chord, -p.limit), p.limit);
+  number high = greatest_current(p, p.quadrature), low = -greatest_current(p, -p.quadrature);
+  low = if_greater(emf, voltage + reach, smaller(low, zero), smaller(low, high));
+  high = if_greater(emf, voltage + reach, larger(high, zero), high);
+  Currents currents;
+  const number q = smaller(larger(desired * motor.inverse_constant, low), high), above = q - p.distance * p.quadrature;
+  currents.torque = q * motor.torque_constant;
+  const number end = p.distance * p.direct + root(larger((p.radius - above) * (p.radius + above), zero));
+  currents.direct = larger(smaller(end, zero), -root(larger((p.limit - q) * (p.limit + q), zero)));
+  return currents;
+}
 #else
+// v_d = -w L i and v_q = R i + w psi inside of the inverter's voltage, the current inside of its limit
+FUNCTION Currents currents_within(const Drive& drive, const Motor& motor, number desired, number qd, number voltage) {
+  number torque = desired;
+#if MOTOR_MODEL != 2  // 2: square, no voltage limit
   const scalar inductance = MOTOR_MODEL == 1 ? S(0) : drive.inductance;  // 1: simplified DC, v_d = 0
-  const number electrical = speed * drive.pole_pairs, reactance = electrical * inductance, emf = electrical * motor.flux;
+  const number electrical = qd * (drive.ratio * drive.pole_pairs), reactance = electrical * inductance, emf = electrical * motor.flux;
   const number impedance = motor.resistance * motor.resistance + reactance * reactance, excess = reactance * emf;
-  const number width = root(larger(impedance * voltage * voltage - excess * excess, splat(S(0))));
-  const number middle = -motor.resistance * emf, scale = motor.torque_constant * reciprocal(impedance);
-  low = smaller(larger((middle - width) * scale, -motor.peak), motor.peak);
-  high = smaller(larger((middle + width) * scale, -motor.peak), motor.peak);
+  const number scale = motor.torque_constant * reciprocal(impedance), middle = -motor.resistance * emf * scale;
+  const number width = root(larger(impedance * (voltage * voltage) - excess * excess, splat(S(0))));
+  torque = smaller(larger(torque, middle - width * scale), middle + width * scale);
 #endif
+  return { smaller(larger(torque, -motor.limit), motor.limit), splat(S(0)) };
+}
+#endif
+
+FUNCTION number squared_current(const Motor& motor, const Currents& currents) {
+  const number quadrature = currents.torque * motor.inverse_constant;
+  return quadrature * quadrature + currents.direct * currents.direct;
+}
+FUNCTION number shaft_torque(const Drive& drive, const Motor& motor, number torque) {  // on the joint
+  return torque * (S(1) - magnitude(torque) * motor.saturation) * drive.ratio;
+}
+// The drive sets its current by the cold torque constant, so that warm magnets give less
+FUNCTION number desired_torque(const Drive& drive, const Motor& motor, const Control& control, number q, number qd) {
+  const number asked = control.stiffness * (control.now - q) - control.damping * qd;
+  return asked * motor.flux * (1 / (drive.ratio * drive.flux));
 }
 
 // The motor's loop: once a millisecond, as in the plant; in between its torque stays.
-FUNCTION Driven drive_joint(const Drive& drive, const Supplied& supplied, const Control& control, number temperature,
-                            number q, number qd) {
+FUNCTION Driven drive_joint(const Drive& drive, const Supplied& supplied, Control& control, number q, number qd) {
   const number zero = splat(S(0));
-  const Motor motor = motor_now(drive, supplied, temperature);
-  const number asked = (control.stiffness * (control.target - q) - control.damping * qd) * S(1 / drive.ratio);
-  const number desired = motor.flux_factor * asked;  // the drive sets the current by the cold torque constant
-  const number speed = qd * drive.ratio;
-  number low, high;
-  motor_interval(drive, motor, speed, supplied.voltage, low, high);
-  const number torque = smaller(larger(desired, low), high), current = torque * reciprocal(motor.torque_constant);
-  const number shaft = torque * (S(1) - magnitude(torque) * reciprocal(motor.peak) * drive.saturation);
+  const Motor motor = motor_now(drive, supplied, control);
+  const number desired = desired_torque(drive, motor, control, q, qd);
+  const Currents currents = currents_within(drive, motor, desired, qd, supplied.voltage);
+  const number squared = squared_current(motor, currents);
   // efficiency ** (sign(torque) tanh(qd)): the gear takes in either direction of power
-  const number turning = tangent(qd * S(1 / TURNING_SPEED));
-  const number direction = if_greater(torque, zero, turning, if_greater(zero, torque, -turning, zero));
+  const number turning = tangent(qd * S(1 / TURNING_SPEED)), direction = if_greater(currents.torque, zero, turning, -turning);
   Driven driven;
-  driven.shaft = shaft * drive.ratio;
-  driven.delivered = driven.shaft * small_exponential(direction * drive.log_efficiency) * control.strength;
-  driven.limited = if_greater(magnitude(desired - torque), zero, splat(S(1)), zero);
-  driven.loss = S(1.5) * motor.resistance * current * current;
+  driven.shaft = shaft_torque(drive, motor, currents.torque);
+  driven.delivered = driven.shaft * two_to_the(direction * drive.log2_efficiency) * control.strength;
+  driven.limited = if_greater(magnitude(desired - currents.torque), zero, splat(S(1)), zero);
+  driven.loss = S(1.5) * motor.resistance * squared;
+#ifdef I2T
+  const number end = squared * (1 / (drive.continuous * drive.continuous));
+  control.level = smaller(end + (control.level - end) * drive.decay, splat(S(1)));
+#endif
   return driven;
 }
 

@@ -3,7 +3,7 @@ struct Leg {
   number q[LINKS], qd[LINKS], tau[LINKS], kept[KEPT], foot[FOOT_VALUES], bristle[2], force[3];
   scalar constants[LEG_CONSTANTS];
   Control control[DRIVES];
-  number previous[DRIVES], temperature[DRIVES], depth[DRIVES];
+  number depth[DRIVES];
   JointWatch joint[DRIVES];
   FootWatch watch;
   Driven driven[DRIVES];
@@ -15,12 +15,15 @@ struct Robot {
   Pad pad;
   Supplied supplied;
   number step, inverse_weight, delay, stride, stance;
-  number near[PAIR_SLOTS * LEGS_HERE];
+  number near[PAIR_SLOTS * LEGS_HERE], power;
   Leg legs[LEGS_HERE];
+#ifdef BATTERY
+  Pack pack;
+#endif
 #ifdef WAIST
   number q[1], qd[1], tau[1], kept[WAIST_KEPT + 1];
   Control control;
-  number previous, temperature, depth;
+  number depth;
   JointWatch joint;
   Driven driven;
 #endif
@@ -32,27 +35,30 @@ FUNCTION void clear(JointWatch& watch) {
 FUNCTION number parameter(const Buffers& buffers, int column, Place place) {
   return read(buffers.parameters, PARAMETERS, column, place);
 }
-FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Control& control, number& previous, number& temperature) {
+FUNCTION void read_joint(const Buffers& buffers, int joint, Place place, Control& control) {
   control.target = read(buffers.target, JOINTS, joint, place);
   control.stiffness = read(buffers.stiffness, JOINTS, joint, place);
   control.damping = read(buffers.damping, JOINTS, joint, place);
   control.strength = read(buffers.strength, JOINTS, joint, place);
-  previous = read(buffers.previous_target, JOINTS, joint, place);
+  control.previous = read(buffers.previous_target, JOINTS, joint, place);
 #ifdef HEAT
-  temperature = read(buffers.winding_temperature, JOINTS, joint, place);
-#else
-  temperature = splat(S(0));
+  control.temperature = read(buffers.winding_temperature, JOINTS, joint, place);
+#endif
+#ifdef I2T
+  control.level = read(buffers.i2t_level, JOINTS, joint, place);
 #endif
 }
-FUNCTION void write_joint(const Buffers& buffers, int joint, Place place, const JointWatch& watch, const Driven& driven, number temperature) {
+FUNCTION void write_joint(const Buffers& buffers, int joint, Place place, const JointWatch& watch, const Driven& driven, const Control& control) {
   write(buffers.torque, JOINTS, joint, driven.delivered, place);
-  write(buffers.power, JOINTS, joint, watch.power, place);
   write(buffers.limit_share, JOINTS, joint, watch.limited, place);
   write(buffers.stop_depth, JOINTS, joint, watch.depth, place);
   write(buffers.joint_speed, JOINTS, joint, watch.speed, place);
   write(buffers.gear_torque, JOINTS, joint, watch.gear, place);
 #ifdef HEAT
-  write(buffers.winding_temperature, JOINTS, joint, temperature, place);
+  write(buffers.winding_temperature, JOINTS, joint, control.temperature, place);
+#endif
+#ifdef I2T
+  write(buffers.i2t_level, JOINTS, joint, control.level, place);
 #endif
 }
 
@@ -85,10 +91,15 @@ FUNCTION void read_robot(const Buffers& buffers, Place place, Robot& robot) {
   robot.stride = splat(buffers.shortest[0]);
   robot.stance = splat(buffers.shortest[1]);
   UNROLL for (int i = 0; i < PAIR_SLOTS * LEGS_HERE; i++) robot.near[i] = splat(S(1e6));
+  robot.power = splat(S(0));
+#ifdef BATTERY
+  robot.pack.charge = read(buffers.state_of_charge, 1, 0, place);
+  robot.pack.voltage = read(buffers.bus_voltage, 1, 0, place);
+#endif
 #ifdef WAIST
   robot.q[0] = read(buffers.qpos, NQ, WAIST_QPOS, place);
   robot.qd[0] = read(buffers.qvel, NV, WAIST_QVEL, place);
-  read_joint(buffers, WAIST_JOINT, place, robot.control, robot.previous, robot.temperature);
+  read_joint(buffers, WAIST_JOINT, place, robot.control);
   clear(robot.joint);
 #endif
 }
@@ -101,7 +112,7 @@ FUNCTION void read_leg(const Buffers& buffers, Place place, int l, Leg& leg) {
   }
   UNROLL for (int i = 0; i < LEG_CONSTANTS; i++) leg.constants[i] = LEG_TABLE[l * LEG_CONSTANTS + i];
   UNROLL for (int i = 0; i < DRIVES; i++) {
-    read_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.control[i], leg.previous[i], leg.temperature[i]);
+    read_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.control[i]);
     clear(leg.joint[i]);
   }
   UNROLL for (int i = 0; i < 2; i++) leg.bristle[i] = read(buffers.bristle, LEGS * 2, l * 2 + i, place);
@@ -119,7 +130,7 @@ FUNCTION void write_leg(const Buffers& buffers, Place place, int l, Leg& leg, co
     write(buffers.qvel, NV, QVEL[l * LINKS + i], leg.qd[i], place);
   }
   UNROLL for (int i = 0; i < DRIVES; i++)
-    write_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joint[i], leg.driven[i], leg.temperature[i]);
+    write_joint(buffers, DRIVE_JOINT[l * DRIVES + i], place, leg.joint[i], leg.driven[i], leg.control[i]);
   UNROLL for (int i = 0; i < 2; i++) write(buffers.bristle, LEGS * 2, l * 2 + i, leg.bristle[i], place);
   const FootWatch& watch = leg.watch;
   UNROLL for (int i = 0; i < WINDOW - 1; i++) write(buffers.recent_force, LEGS * (WINDOW - 1), l * (WINDOW - 1) + i, watch.recent[i], place);
@@ -133,7 +144,7 @@ FUNCTION void write_leg(const Buffers& buffers, Place place, int l, Leg& leg, co
   write(buffers.since_touchdown, LEGS, l, watch.since, place);
   write(buffers.carried, LEGS, l, watch.carried, place);
   UNROLL for (int i = 0; i < 3; i++) {
-    const number *knee = leg.foot + 7, *foot = leg.foot + 10;
+    const number *knee = leg.foot + 10, *foot = leg.foot + 13;
     write(buffers.contact_force, LEGS * 3, l * 3 + i, leg.force[i], place);
     write(buffers.foot_velocity, LEGS * 3, l * 3 + i, leg.foot[4 + i], place);
     write(buffers.foot_position, LEGS * 3, l * 3 + i, trunk.position[i] + m[3 * i] * foot[0] + m[3 * i + 1] * foot[1] + m[3 * i + 2] * foot[2], place);
@@ -150,13 +161,18 @@ FUNCTION void write_robot(const Buffers& buffers, Place place, const Robot& robo
       write(buffers.qvel, NV, 3 + i, trunk.w[i], place);
     }
     UNROLL for (int i = 0; i < 4; i++) write(buffers.qpos, NQ, 3 + i, trunk.quaternion[i], place);
+    write(buffers.power, 1, 0, robot.power, place);
+#ifdef BATTERY
+    write(buffers.state_of_charge, 1, 0, robot.pack.charge, place);
+    write(buffers.bus_voltage, 1, 0, robot.pack.voltage, place);
+#endif
 #ifdef GIVEN_TORQUE
     UNROLL for (int i = 0; i < 6; i++) write(buffers.qacc, NV, i, acceleration[i], place);
 #endif
 #ifdef WAIST
     write(buffers.qpos, NQ, WAIST_QPOS, robot.q[0], place);
     write(buffers.qvel, NV, WAIST_QVEL, robot.qd[0], place);
-    write_joint(buffers, WAIST_JOINT, place, robot.joint, robot.driven, robot.temperature);
+    write_joint(buffers, WAIST_JOINT, place, robot.joint, robot.driven, robot.control);
 #endif
   }
 }
@@ -171,39 +187,38 @@ FUNCTION Carrier carrier_of_leg(const Carrier& front, const Carrier& rear, int l
 }
 FUNCTION Carrier rear_carrier(const Carrier& front, Robot& robot) {
 #ifdef WAIST
-  number rear[16];
+  number rear[22];
   waist_forward(front, robot.q, robot.qd, robot.kept, rear);
   Carrier carrier;
   UNROLL for (int i = 0; i < 3; i++) {
-    carrier.w[i] = rear[i]; carrier.v[i] = rear[3 + i]; carrier.x[i] = rear[6 + i]; carrier.z[i] = rear[9 + i]; carrier.g[i] = rear[12 + i];
+    carrier.w[i] = rear[i]; carrier.v[i] = rear[3 + i]; carrier.alpha[i] = rear[6 + i]; carrier.b[i] = rear[9 + i];
+    carrier.x[i] = rear[12 + i]; carrier.z[i] = rear[15 + i]; carrier.g[i] = rear[18 + i];
   }
-  carrier.height = rear[15];
+  carrier.height = rear[21];
   return carrier;
 #else
   return front;
 #endif
 }
-// Feet and knees of rear legs in the trunk's frame
+// Hips, knees and feet of rear legs in the trunk's frame
 FUNCTION void place_leg(Robot& robot, int l, number* foot) {
 #ifdef WAIST
-  number knee[3], middle[3];
-  waist_place(foot + 7, robot.kept, knee);
-  waist_place(foot + 10, robot.kept, middle);
-  UNROLL for (int i = 0; i < 3; i++) {
-    foot[7 + i] = l < REAR_LEG ? foot[7 + i] : knee[i];
-    foot[10 + i] = l < REAR_LEG ? foot[10 + i] : middle[i];
+  UNROLL for (int point = 7; point < FOOT_VALUES; point += 3) {
+    number place[3];
+    waist_place(foot + point, robot.kept, place);
+    UNROLL for (int i = 0; i < 3; i++) foot[point + i] = l < REAR_LEG ? foot[point + i] : place[i];
   }
 #endif
 }
 
 FUNCTION void watch_distances(Robot& robot, Place place) {
-  number places[LEGS_HERE][6];
-  UNROLL for (int i = 0; i < LEGS_HERE; i++) UNROLL for (int c = 0; c < 6; c++) places[i][c] = robot.legs[i].foot[7 + c];
+  number places[LEGS_HERE][9];
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) UNROLL for (int c = 0; c < 9; c++) places[i][c] = robot.legs[i].foot[7 + c];
   UNROLL for (int slot = 0; slot < PAIR_SLOTS; slot++)
     UNROLL for (int i = 0; i < LEGS_HERE; i++) {
       const int nominal = slot * LEGS + leg_number(i, place), pair = nominal < PAIRS ? nominal : PAIRS - 1;
-      number one[6], two[6];
-      UNROLL for (int c = 0; c < 6; c++) {
+      number one[9], two[9];
+      UNROLL for (int c = 0; c < 9; c++) {
         one[c] = of_leg(places, PAIR_LEGS[2 * pair], c, place);
         two[c] = of_leg(places, PAIR_LEGS[2 * pair + 1], c, place);
       }
@@ -228,20 +243,75 @@ FUNCTION void sense(Robot& robot, const Carrier& front, const Carrier& rear, Pla
   }
 }
 
-// The motor loop's turn, once in BIN substeps; the target changes when the delay is over
-FUNCTION void actuate(const Drive& drive, const Robot& robot, int index, Control control, number previous, number q, number qd,
-                      number& temperature, Driven& driven) {
-  if (index % BIN == 0) {
-    control.target = if_greater(robot.delay, splat(S(index)), previous, control.target);
-    driven = drive_joint(drive, robot.supplied, control, temperature, q, qd);
+#ifdef BATTERY
+FUNCTION number drawn_by(const Drive& drive, const Supplied& supplied, const Control& control, number q, number qd, number voltage) {
+  const Motor motor = motor_now(drive, supplied, control);
+  const Currents currents = currents_within(drive, motor, desired_torque(drive, motor, control, q, qd), qd, voltage * S(PHASE_SHARE));
+  return shaft_torque(drive, motor, currents.torque) * qd + S(1.5) * motor.resistance * squared_current(motor, currents);
+}
+// What all motors would draw at a bus voltage
+FUNCTION number drawn_at(const Robot& robot, Place place, number voltage) {
+  number drawn[LEGS_HERE];
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+    const Leg& leg = robot.legs[i];
+    drawn[i] = splat(S(0));
+    UNROLL for (int k = 0; k < DRIVES; k++)
+      drawn[i] = drawn[i] + drawn_by(leg_drive(k, leg.constants), robot.supplied, leg.control[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]], voltage);
   }
-  temperature = warmed(temperature, driven.loss);
+#ifdef WAIST
+  return over_legs(drawn) + drawn_by(waist_drive(), robot.supplied, robot.control, robot.q[0], robot.qd[0], voltage);
+#else
+  return over_legs(drawn);
+#endif
+}
+#endif
+
+// The motor loop's turn, once in BIN substeps; targets change when the delay is over
+FUNCTION void turn_motor_loop(Robot& robot, Place place, int index) {
+  const number now = splat(S(index));
+  UNROLL for (int i = 0; i < LEGS_HERE; i++)
+    UNROLL for (int k = 0; k < DRIVES; k++) {
+      Control& control = robot.legs[i].control[k];
+      control.now = if_greater(robot.delay, now, control.previous, control.target);
+    }
+#ifdef WAIST
+  robot.control.now = if_greater(robot.delay, now, robot.control.previous, robot.control.target);
+#endif
+#ifdef BATTERY
+  robot.pack.voltage = shared_voltage(robot.pack, [&](number voltage) { return drawn_at(robot, place, voltage); });
+  robot.supplied.voltage = robot.pack.voltage * S(PHASE_SHARE);
+  discharge(robot.pack, drawn_at(robot, place, robot.pack.voltage));
+#endif
+  UNROLL for (int i = 0; i < LEGS_HERE; i++)
+    UNROLL for (int k = 0; k < DRIVES; k++) {
+      Leg& leg = robot.legs[i];
+      leg.driven[k] = drive_joint(leg_drive(k, leg.constants), robot.supplied, leg.control[k], leg.q[DRIVE_LINK[k]], leg.qd[DRIVE_LINK[k]]);
+    }
+#ifdef WAIST
+  robot.driven = drive_joint(waist_drive(), robot.supplied, robot.control, robot.q[0], robot.qd[0]);
+#endif
+}
+
+// Each millisecond: what one motor feeds back another one uses, but a surplus of all is lost, as in the audit
+FUNCTION void end_window(Robot& robot, Place place) {
+  number drawn[LEGS_HERE];
+  UNROLL for (int i = 0; i < LEGS_HERE; i++) {
+    Leg& leg = robot.legs[i];
+    drawn[i] = splat(S(0));
+    UNROLL for (int k = 0; k < DRIVES; k++) drawn[i] = drawn[i] + end_joint_window(leg.joint[k], leg_drive(k, leg.constants));
+  }
+  number bus = over_legs(drawn);
+#ifdef WAIST
+  bus = bus + end_joint_window(robot.joint, waist_drive());
+#endif
+  robot.power = robot.power + larger(bus, splat(S(0))) * S(1.0 / SUBSTEPS);
 }
 
 FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& robot, number* acceleration) {
   const number step = robot.step, half = step * S(0.5);
   const number share = splat(S(1.0 / SUBSTEPS));
   number m[9], parts[LEGS_HERE][27], sum[27], start[6];
+  if (index % BIN == 0) turn_motor_loop(robot, place, index);
   rotation(robot.trunk.quaternion, m);
   const Carrier front = carrier_of(robot.trunk, robot.mass, m), rear = rear_carrier(front, robot);
   sense(robot, front, rear, place);
@@ -252,7 +322,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     UNROLL for (int k = 0; k < DRIVES; k++) {
       const Drive drive = leg_drive(k, leg.constants);
       const int link = DRIVE_LINK[k];
-      actuate(drive, robot, index, leg.control[k], leg.previous[k], leg.q[link], leg.qd[link], leg.temperature[k], leg.driven[k]);
+      leg.control[k].temperature = warmed(leg.control[k].temperature, leg.driven[k].loss);
       leg.tau[link] = leg.driven[k].delivered + passive_torque(drive, robot.supplied, leg.q[link], leg.qd[link], leg.depth[k]);
     }
 #ifdef GIVEN_TORQUE
@@ -265,7 +335,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
 #ifdef WAIST
   number rear_sum[27], through[27], qdd_waist[1], rear_start[6];
   sum_pairs(parts, sum, rear_sum, place);
-  actuate(waist_drive(), robot, index, robot.control, robot.previous, robot.q[0], robot.qd[0], robot.temperature, robot.driven);
+  robot.control.temperature = warmed(robot.control.temperature, robot.driven.loss);
   robot.tau[0] = robot.driven.delivered + passive_torque(waist_drive(), robot.supplied, robot.q[0], robot.qd[0], robot.depth);
 #ifdef GIVEN_TORQUE
   robot.tau[0] = read(buffers.given_torque, NV, WAIST_QVEL, place);
@@ -298,10 +368,7 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
     UNROLL for (int k = 0; k < DRIVES; k++)
       watch_joint(leg.joint[k], leg_drive(k, leg.constants), leg.driven[k], leg.depth[k], leg.qd[DRIVE_LINK[k]], qdd[DRIVE_LINK[k]], step, share);
     watch_foot(leg.watch, leg.touch.force[2], leg.touch.depth, step, share, robot.stride, robot.stance);
-    if (index % BIN == BIN - 1) {
-      UNROLL for (int k = 0; k < DRIVES; k++) end_joint_window(leg.joint[k], leg_drive(k, leg.constants));
-      end_foot_window(leg.watch, robot.inverse_weight);
-    }
+    if (index % BIN == BIN - 1) end_foot_window(leg.watch, robot.inverse_weight);
     UNROLL for (int k = 0; k < LINKS; k++) {
 #ifdef GIVEN_TORQUE
       write(buffers.qacc, NV, QVEL[l * LINKS + k], qdd[k], place);
@@ -312,14 +379,14 @@ FUNCTION void substep(const Buffers& buffers, Place place, int index, Robot& rob
   }
 #ifdef WAIST
   watch_joint(robot.joint, waist_drive(), robot.driven, robot.depth, robot.qd[0], qdd_waist[0], step, share);
-  if (index % BIN == BIN - 1) end_joint_window(robot.joint, waist_drive());
 #ifdef GIVEN_TORQUE
   if (first_leg(place)) write(buffers.qacc, NV, WAIST_QVEL, qdd_waist[0], place);
 #endif
   robot.qd[0] = robot.qd[0] + step * qdd_waist[0];
   robot.q[0] = robot.q[0] + step * robot.qd[0];
 #endif
-  world_acceleration(front, robot.mass, m, start, acceleration);
+  if (index % BIN == BIN - 1) end_window(robot, place);
+  world_acceleration(robot.mass, m, start + 3, acceleration);
   UNROLL for (int i = 0; i < 3; i++) acceleration[3 + i] = start[i];
   move_trunk(robot.trunk, acceleration, acceleration + 3, step);
 }
@@ -331,6 +398,7 @@ FUNCTION void policy_step(const Buffers& buffers, Place place) {
   UNROLL for (int i = 0; i < LEGS_HERE; i++) read_leg(buffers, place, leg_number(i, place), robot.legs[i]);
 #pragma unroll 1
   for (int index = 0; index < SUBSTEPS; index++) substep(buffers, place, index, robot, acceleration);
+  normalize(robot.trunk.quaternion);
   rotation(robot.trunk.quaternion, m);
   const Carrier front = carrier_of(robot.trunk, robot.mass, m), rear = rear_carrier(front, robot);
   sense(robot, front, rear, place);

@@ -1,5 +1,5 @@
 // The free body: what carries legs, its own inertia, the air, and its motion.
-struct Carrier { number w[3], v[3], x[3], z[3], g[3], height; };  // all in the body's frame; x, z: the world's axes
+struct Carrier { number w[3], v[3], alpha[3], b[3], x[3], z[3], g[3], height; };  // dynamics.CARRIED
 struct Trunk { number position[3], quaternion[4], v[3], w[3]; };  // v in the world, w in the trunk, as in MuJoCo
 struct Mass { number mass, lever[3], inertia[6], gravity[3], drag_area; };
 
@@ -15,6 +15,7 @@ FUNCTION Carrier carrier_of(const Trunk& trunk, const Mass& mass, const number* 
   Carrier carrier;
   UNROLL for (int i = 0; i < 3; i++) {
     carrier.w[i] = trunk.w[i];
+    carrier.alpha[i] = carrier.b[i] = splat(S(0));
     carrier.v[i] = m[i] * trunk.v[0] + m[3 + i] * trunk.v[1] + m[6 + i] * trunk.v[2];
     carrier.g[i] = m[i] * mass.gravity[0] + m[3 + i] * mass.gravity[1] + m[6 + i] * mass.gravity[2];
     carrier.x[i] = m[i];
@@ -30,20 +31,18 @@ FUNCTION void cross_add(const number* a, const number* b, number* sum) {
   sum[2] = sum[2] + (a[0] * b[1] - a[1] * b[0]);
 }
 
-// Adds a rigid body to the 27 numbers of an articulated one: inertia I, m r and m, bias w x (I w) and so on.
+// Adds a rigid body to the 27 numbers of an articulated one: inertia I, m c and m, bias w x I w and w x (w x m c).
 FUNCTION void add_body(const Carrier& carrier, number m, const number* h, const number* I, number* sum) {
-  const number *w = carrier.w, *v = carrier.v;
+  const number* w = carrier.w;
   UNROLL for (int i = 0; i < 6; i++) sum[i] = sum[i] + I[i];
   sum[7] = sum[7] - h[2]; sum[8] = sum[8] + h[1]; sum[9] = sum[9] + h[2];
   sum[11] = sum[11] - h[0]; sum[12] = sum[12] - h[1]; sum[13] = sum[13] + h[0];
   sum[15] = sum[15] + m; sum[18] = sum[18] + m; sum[20] = sum[20] + m;
   number angular[3] = { I[0] * w[0] + I[1] * w[1] + I[2] * w[2], I[1] * w[0] + I[3] * w[1] + I[4] * w[2],
                         I[2] * w[0] + I[4] * w[1] + I[5] * w[2] };
-  number linear[3] = { m * v[0], m * v[1], m * v[2] };
-  cross_add(h, v, angular);
+  number linear[3] = { splat(S(0)), splat(S(0)), splat(S(0)) };
   cross_add(w, h, linear);
   cross_add(w, angular, sum + 21);
-  cross_add(v, linear, sum + 21);
   cross_add(w, linear, sum + 24);
 }
 
@@ -57,10 +56,8 @@ FUNCTION void add_air(const Carrier& carrier, const Mass& mass, number* sum) {
   UNROLL for (int i = 0; i < 3; i++) sum[24 + i] = sum[24 + i] + against[i];
 }
 
-// The world's linear acceleration of the trunk's origin: from the spatial one, back from free fall
-FUNCTION void world_acceleration(const Carrier& carrier, const Mass& mass, const number* m, const number* start, number* a) {
-  number body[3] = { start[3], start[4], start[5] };
-  cross_add(carrier.w, carrier.v, body);
+// The world's linear acceleration of the trunk's origin: back from free fall
+FUNCTION void world_acceleration(const Mass& mass, const number* m, const number* body, number* a) {
   UNROLL for (int i = 0; i < 3; i++)
     a[i] = m[3 * i] * body[0] + m[3 * i + 1] * body[1] + m[3 * i + 2] * body[2] + mass.gravity[i];
 }
@@ -78,6 +75,9 @@ FUNCTION void move_trunk(Trunk& trunk, const number* linear, const number* angul
   const number* q = trunk.quaternion;
   const number next[4] = { q[0] * c - q[1] * ex - q[2] * ey - q[3] * ez, q[0] * ex + q[1] * c + q[2] * ez - q[3] * ey,
                            q[0] * ey - q[1] * ez + q[2] * c + q[3] * ex, q[0] * ez + q[1] * ey - q[2] * ex + q[3] * c };
-  const number length = inverse_root(next[0] * next[0] + next[1] * next[1] + next[2] * next[2] + next[3] * next[3]);
-  UNROLL for (int i = 0; i < 4; i++) trunk.quaternion[i] = next[i] * length;
+  UNROLL for (int i = 0; i < 4; i++) trunk.quaternion[i] = next[i];
+}
+FUNCTION void normalize(number* q) {  // once per policy step: a step changes the length by rounding alone
+  const number length = inverse_root(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  UNROLL for (int i = 0; i < 4; i++) q[i] = q[i] * length;
 }

@@ -33,7 +33,7 @@ class Loads(NamedTuple):
     """What happened inside of the policy step.
 
     Attributes:
-        power: drawn by each joint from the bus, mean [W] ``(n, joints)``.
+        power: drawn from the bus, mean of each millisecond's, which is never negative [W] ``(n,)``.
         stance: share of the step that a foot stood ``(n, legs)``.
         hasty_touchdowns: cost of touchdowns sooner than a stride after the last ``(n, legs)``.
         short_stances: cost of stances that were too short ``(n, legs)``.
@@ -115,7 +115,7 @@ PENALTIES: dict[str, Penalty] = {
         (x.body.joint_velocity.abs() / x.no_load_speed - 1.0).clamp(min=0.0).square().sum(1)
     ),
     "electrical_power": lambda x, s: (
-        x.loads.power.sum(1).clamp(min=0.0) / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
+        x.loads.power / (x.weight * (x.body.velocity[:, 0].abs() + POWER_SPEED))
     ),
     "hasty_touchdowns": lambda x, s: x.loads.hasty_touchdowns.sum(1),
     "short_stances": lambda x, s: x.loads.short_stances.sum(1),

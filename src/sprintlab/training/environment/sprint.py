@@ -428,7 +428,7 @@ class SprintEnvironment:
             body.gravity[:, :2].norm(dim=1),
             body.velocity[:, 2].abs(),
             ends.broken.float(),
-            self.engine.power.sum(1),
+            self.engine.power,
             self.ended_share,
             *(self.phases * fast).unbind(1),
             *(self.broken_parts * fast).unbind(1),
