@@ -4,12 +4,9 @@ import os
 import struct
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from sprintlab.core.errors import InvalidValueError
 from sprintlab.core.joystick import JoystickError
-from sprintlab.viewer.gamepad import RETRY_INTERVAL, Gamepad, PadMapping, PadReading
+from sprintlab.viewer.gamepad import RETRY_INTERVAL, Gamepad, PadReading
 
 
 class Clock:
@@ -116,9 +113,3 @@ def test_a_pad_that_stays_away_is_looked_for_without_complaint(pad, device, cloc
 def test_a_pad_that_was_never_there_is_refused(tmp_path):
     with pytest.raises(JoystickError, match="js3"):
         Gamepad(tmp_path / "js3")
-
-
-@given(zone=st.floats().filter(lambda value: not 0.0 <= value <= 0.9))
-def test_dead_zones_that_leave_no_stick_are_refused(zone):
-    with pytest.raises(InvalidValueError, match="dead_zone"):
-        PadMapping(dead_zone=zone)

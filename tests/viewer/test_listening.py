@@ -22,9 +22,7 @@ def test_a_free_port_is_taken_and_stays_free(taken):
     assert free_port("127.0.0.1", port) == port
 
 
-@pytest.mark.parametrize(
-    "host", ["", "..", "no such host", "8.8.8.8"], ids=["empty", "dots", "spaces", "another machine's"]
-)
+@pytest.mark.parametrize("host", ["no such host", "8.8.8.8"])
 def test_hosts_that_are_not_here_are_refused_at_once(host):
     with pytest.raises(SprintlabError, match="cannot listen at"):
         free_port(host, 8080)

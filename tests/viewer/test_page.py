@@ -5,15 +5,12 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
 
 from sprintlab import control
 from sprintlab.api.live import live_session
 from sprintlab.cli.main import main, parse
-from sprintlab.core.errors import InvalidValueError
-from sprintlab.core.joystick import DEFAULT_DEVICE
 from sprintlab.viewer.live import Session
 
 pytest.importorskip("viser", reason="needs viser: pip install 'sprintlab[play]'")
@@ -65,23 +62,18 @@ def test_duration_ends_the_command(capsys):
     assert capsys.readouterr().out.count("http://localhost:") == 1
 
 
-def test_policy_that_is_not_there_is_refused(capsys):
-    assert main(["play", "no-such-policy"]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
+        ("no-such-policy",),
         ("--gamepad", "no-such-device"),
-        ("--gamepad", "."),
         ("--host", "no such host"),
         ("--port", "70000"),
         ("--duration", "nan"),
         ("sprint", "--robot", "go1"),
         ("sprint", "go1-sprint"),
     ],
-    ids=["no pad", "no device", "no host", "no port", "no time", "other robot", "two robots"],
+    ids=["no policy", "no pad", "no host", "no port", "no time", "other robot", "two robots"],
 )
 def test_what_cannot_be_served_is_refused_with_one_sentence(arguments, capsys):
     assert main(["play", *arguments]) == 2
@@ -107,15 +99,6 @@ def test_the_robot_is_the_first_policy_s_and_each_policy_is_opened_once(monkeypa
         opened.clear()
 
 
-def test_gamepad_option_takes_a_device_or_none():
-    assert parse(["play"]).gamepad is None
-    assert parse(["play", "--gamepad"]).gamepad == DEFAULT_DEVICE
-    assert parse(["play", "sprint", "--gamepad", "/dev/input/js1", "--open"]).gamepad == Path(
-        "/dev/input/js1"
-    )
-    assert parse(["play", "sprint", "--gamepad", "--port", "9000"]).gamepad == DEFAULT_DEVICE
-
-
 def test_interrupt_ends_the_command_as_done():
     command = [sys.executable, "-m", "sprintlab.cli.main", "play", "--port", "8250"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -134,19 +117,10 @@ def _heed_interrupts():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.mark.parametrize(
-    ("host", "address"), [("0.0.0.0", "http://localhost:"), ("127.0.0.1", "http://127.0.0.1:")]
-)
-def test_address_can_be_opened_on_this_machine(robot, policy, host, address):
-    page = Page(Session(robot, {"sprint": policy}), PageOptions(host=host, port=8271))
-    page.end()
-    page.run()
-    assert page.address.startswith(address)
-
-
 def test_a_page_for_other_machines_is_opened_by_the_machines_name(robot, policy):
     """Its page was served and its socket refused, with status 403; behind a forwarder of HTTPS too."""
     page = Page(Session(robot, {"sprint": policy}), PageOptions(host="0.0.0.0", port=8291))
+    assert page.address.startswith("http://localhost:")
     try:
         for scheme in ("http", "https"):
             with connect(
@@ -159,8 +133,3 @@ def test_a_page_for_other_machines_is_opened_by_the_machines_name(robot, policy)
     finally:
         page.end()
         page.run()
-
-
-def test_port_out_of_range_is_refused():
-    with pytest.raises(InvalidValueError, match="port"):
-        PageOptions(port=0)

@@ -17,14 +17,6 @@ def test_the_range_of_a_plot_holds_zero_and_every_value(values):
     assert high >= max(1.0, *values)
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [((0.1, -0.2), (-0.5, 1.0)), ((7.9, 0.0), (0.0, 8.0)), ((8.1, -1.2), (-2.0, 10.0))],
-)
-def test_ranges_are_round(values, expected):
-    assert value_range(np.array(values)) == expected
-
-
 def snapshot(**changes):
     nothing = np.zeros((0, 12))
     state = {"time": 1.0, "speed": 0.0, "command": (0.0, 0.0, 0.0), "bus_power": 0.0, "distance": 0.0}

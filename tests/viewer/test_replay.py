@@ -14,7 +14,6 @@ from sprintlab.cli.main import main
 from sprintlab.commands import Track, command_start
 from sprintlab.core.errors import SprintlabError
 from sprintlab.robots import ModelOptions, build_model, load_robot, robot_names
-from sprintlab.robots.loader import robot_table_path
 from sprintlab.viewer.envelope_plot import EnvelopePlot
 from sprintlab.viewer.replay import (
     WORLD_RECORDS,
@@ -49,6 +48,7 @@ def page_file(page, tmp_path_factory):
 def test_page_loads_nothing_from_elsewhere(page):
     assert re.findall(r"(?:https?:)?//[\w.-]+\.\w+/", page) == []
     assert re.findall(r"<(?:link|img|iframe)|<script[^>]+src|@import|\bfetch\(", page) == []
+    assert len(page) < 1_000_000 and MISCHIEF not in page
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -66,21 +66,12 @@ def test_every_robot_can_be_replayed_and_shown(name):
     assert drawing.count("<circle") == joints
 
 
-def test_title_is_escaped(page):
-    assert MISCHIEF not in page
-    assert "A run &lt;/script&gt;" in page
-
-
 def test_no_name_ends_or_begins_a_script(recorded, robot):
     """A comment that opens a script within the data would take the end of the data and all that follows."""
     name = f"<!--<script>{MISCHIEF}"
     page = render_replay(recorded, robot, ReplayText(title="A run", runner=name))
     data = page.partition('id="data">')[2].partition("</script>")[0]
     assert "<" not in data and json.loads(data)["runs"][0]["name"] == name
-
-
-def test_page_is_small(page):
-    assert len(page) < 1_000_000
 
 
 @given(
@@ -249,7 +240,7 @@ def test_command_writes_the_page_beside_the_trajectory(trajectory_file, capsys):
     ("arguments", "message"),
     [
         (["no-such-run"], "does not exist"),
-        ([__file__], "cannot be read as an npz archive"),
+        ([__file__], "is no trajectory of a race"),
         ([], "there is no race"),
     ],
     ids=["missing", "no npz", "no runs"],
@@ -262,25 +253,15 @@ def test_command_refuses_with_one_sentence(arguments, message, capsys, tmp_path,
     assert len(error.splitlines()) == 1
 
 
-def test_incomplete_trajectory_is_refused(tmp_path):
-    np.savez(tmp_path / "part.npz", time=np.arange(3.0))
-    with pytest.raises(SprintlabError, match="lacks qpos"):
-        load_arrays(tmp_path / "part.npz")
-
-
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
         ("time", lambda values: values[::-1], "time does not rise"),
-        ("time", lambda values: values[0], "no two samples"),
-        ("time", lambda values: values.astype(str), "time holds what is not a finite number"),
+        ("time", lambda values: values[0], "time has shape"),
+        ("time", lambda values: values.astype(str), "lacks time"),
         ("qpos", lambda values: np.where(values == values[9, 0], np.nan, values), "qpos holds"),
-        ("qpos", lambda values: values[:, 0], "qpos has shape"),
         ("command", lambda values: values[:100], "command has shape"),
-        ("velocity", lambda values: values[:, :0], "velocity has shape"),
-        ("time", lambda values: np.arange(len(values), 0, -1).astype(np.uint64), "time does not rise"),
-        ("qpos", lambda values: np.where(values == values[9, 0], 1.7e308, values), "beyond 1e\\+12"),
-        ("motor_torque", lambda values: values.astype(np.longdouble) - 1e13, "beyond 1e\\+12"),
+        ("velocity", lambda values: values[:, 0], "velocity has shape"),
     ],
 )
 def test_damaged_trajectories_are_refused(recorded, tmp_path, name, change, message):
@@ -289,29 +270,20 @@ def test_damaged_trajectories_are_refused(recorded, tmp_path, name, change, mess
         load_arrays(tmp_path / "damaged.npz")
 
 
-def test_a_trajectory_for_which_no_page_has_room_is_refused(tmp_path, monkeypatch, recorded):
-    monkeypatch.setattr("sprintlab.viewer.replay.MOST_SAMPLES", len(recorded["time"]) - 1)
-    np.savez(tmp_path / "long.npz", **recorded)
-    with pytest.raises(SprintlabError, match="the most that a page shows"):
-        load_arrays(tmp_path / "long.npz")
-
-
-def test_a_plain_array_is_no_trajectory(tmp_path):
-    np.save(tmp_path / "plain.npy", np.zeros(5))
-    with pytest.raises(SprintlabError, match="cannot be read as an npz archive"):
-        load_arrays(tmp_path / "plain.npy")
-
-
-def test_trajectory_with_other_joints_is_refused(recorded, robot):
-    fewer = {**recorded, "motor_torque": recorded["motor_torque"][:, :6]}
-    with pytest.raises(SprintlabError, match="6 joints, robot bp2 has 12"):
-        render_replay(fewer, robot, ReplayText(title="x"))
+@pytest.mark.parametrize(
+    ("name", "columns", "message"),
+    [("motor_torque", 6, "6 joints, robot bp2 has 12"), ("qpos", 9, "coordinates")],
+)
+def test_a_trajectory_of_another_robot_is_refused(recorded, robot, name, columns, message):
+    other = {**recorded, name: recorded[name][:, :columns]}
+    with pytest.raises(SprintlabError, match=message):
+        render_replay(other, robot, ReplayText(title="x"))
 
 
 @pytest.mark.parametrize(
     "numbers",
-    ["{bad", "[1]", '{"robot": 5}', '{"time_100m_s": "fast"}', '{"audit": 3}'],
-    ids=["no json", "list", "robot", "time", "audit"],
+    ["{bad", "[1]", '{"robot": 5}'],
+    ids=["no json", "list", "robot"],
 )
 def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numbers, capsys):
     shutil.copy(trajectory_file, tmp_path)
@@ -319,21 +291,6 @@ def test_numbers_that_no_race_writes_are_refused(trajectory_file, tmp_path, numb
     assert main(["replay", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "replay.html").exists()
-
-
-def test_numbers_beside_a_recording_do_not_say_which_file_is_read(trajectory_file, tmp_path, capsys):
-    """A file from elsewhere could name any path of this machine."""
-    shutil.copy(trajectory_file, tmp_path)
-    (tmp_path / "result.json").write_text(json.dumps({"robot": str(robot_table_path("bp2"))}))
-    assert main(["replay", str(tmp_path)]) == 2
-    assert "result.json is for robot" in capsys.readouterr().err
-    assert main(["replay", str(tmp_path), "--robot", str(robot_table_path("bp2"))]) == 0
-
-
-def test_trajectory_of_another_robot_is_refused(recorded, robot):
-    shorter = {**recorded, "qpos": recorded["qpos"][:, :-4]}
-    with pytest.raises(SprintlabError, match="coordinates"):
-        render_replay(shorter, robot, ReplayText(title="x"))
 
 
 def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, capsys):
@@ -351,8 +308,5 @@ def test_command_writes_ghosts_beside_the_first_run(trajectory_file, tmp_path, c
     page = out.read_text(encoding="utf-8")
     assert "one against two against the world record" in page
     assert json.loads(capsys.readouterr().out)["bytes"] < 1_500_000
-
-
-def test_one_name_for_each_run(trajectory_file, capsys):
     assert main(["replay", str(trajectory_file), "--names", "one", "two"]) == 2
     assert "one name for each of 1 runs" in capsys.readouterr().err

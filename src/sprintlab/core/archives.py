@@ -64,6 +64,28 @@ def named_floats(
     Raises:
         SprintlabError: one is missing, or holds texts.
     """
-    if any(name not in found or found[name].dtype.kind not in "biuf" for name in names):
-        raise SprintlabError(f"{path} is {wanted}")
+    if other := [name for name in names if name not in found or found[name].dtype.kind not in "biuf"]:
+        raise SprintlabError(f"{path} is {wanted}: it lacks {', '.join(other)}, or holds text there")
     return {name: found[name].astype(np.float64) for name in names}
+
+
+def read_samples(
+    path: str | os.PathLike[str], names: Collection[str], wanted: str
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Recorded samples: finite numbers, ``(T,)`` or ``(T, n)``, with the same T of at least two everywhere.
+
+    Args:
+        path: the archive.
+        names: names of the arrays, all needed.
+        wanted: as in ``read_arrays``.
+
+    Raises:
+        SprintlabError: as ``read_arrays``, or an array is missing or holds something else.
+    """
+    arrays = named_floats(path, read_arrays(path, names, wanted=wanted), names, wanted)
+    for name, values in arrays.items():
+        if values.ndim not in (1, 2) or len(values) != len(next(iter(arrays.values()))) or values.size < 2:
+            raise SprintlabError(f"{path} is {wanted}: {name} has shape {values.shape}")
+        if not np.isfinite(values).all():
+            raise SprintlabError(f"{path} is {wanted}: {name} holds what is not a finite number")
+    return arrays

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sprintlab.core.archives import named_floats, read_arrays
+from sprintlab.core.archives import read_samples
 from sprintlab.core.array_types import FloatArray
-from sprintlab.core.checks import check_finite
 from sprintlab.core.errors import InvalidValueError, SprintlabError
 from sprintlab.motors.chart import SATURATED, JointDrive, envelope_names, joint_limits
 
@@ -61,18 +60,17 @@ def load_operating_points(path: Path, joints: Sequence[int]) -> OperatingPoints:
         joints: columns to take, together.
 
     Raises:
-        SprintlabError: the file cannot be read, or holds no such arrays.
-        InvalidValueError: no joint was chosen, or a value is not finite.
+        SprintlabError: the file cannot be read, or holds no such arrays of finite numbers.
+        InvalidValueError: no joint was chosen.
     """
     wanted = f"no recorded trajectory: it must be the trajectory.npz of a race, with {' and '.join(_NEEDED)}"
-    arrays = named_floats(path, read_arrays(path, _NEEDED, wanted=wanted), _NEEDED, wanted)
+    arrays = read_samples(path, _NEEDED, wanted)
     shape = arrays[_NEEDED[0]].shape
-    if len(shape) != 2 or any(array.shape != shape for array in arrays.values()) or not all(shape):
+    if len(shape) != 2 or any(array.shape != shape for array in arrays.values()):
         raise SprintlabError(f"{path} is {wanted}")
     if joints and not 0 <= min(joints) <= max(joints) < shape[1]:
         raise SprintlabError(f"{path} holds {shape[1]} joints: it is another robot's")
     if not joints:
         raise InvalidValueError("joint", "", "choose a joint of the robot that ran: abad, hip or knee")
     speed, torque = (arrays[name][:, list(joints)].ravel() for name in _NEEDED)
-    check_finite(str(path), np.concatenate((speed, torque)))
     return OperatingPoints(speed=speed, torque=torque)

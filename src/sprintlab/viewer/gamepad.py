@@ -14,18 +14,7 @@ RETRY_INTERVAL = 1.0
 
 STOP = "stop"
 ACTIONS = ("push-right", "push-left", STOP, "stand-up")
-"""What a button may do; a push goes to the side that it names."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PadMapping(StickMapping):
-    """Which axis and which button does what.
-
-    Attributes:
-        buttons: number of a button to one of ``ACTIONS``: A, B, X, Y.
-    """
-
-    buttons: tuple[tuple[int, str], ...] = tuple(enumerate(ACTIONS))
+"""What the buttons A, B, X and Y do; a push goes to the side that it names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,22 +36,15 @@ class Gamepad:
 
     Args:
         device: the joystick device.
-        mapping: axes and buttons.
         clock: present time [s].
 
     Raises:
         JoystickError: there is no such device now, or it may not be read.
     """
 
-    def __init__(
-        self,
-        device: Path,
-        mapping: PadMapping | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, device: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.name = joystick_name(device)
-        self._device, self._mapping, self._clock = device, mapping or PadMapping(), clock
-        self._actions = dict(self._mapping.buttons)
+        self._device, self._mapping, self._clock = device, StickMapping(), clock
         self._joystick = Joystick(device)
         self._told = (0.0, 0.0)
         self._stopped = False
@@ -82,7 +64,7 @@ class Gamepad:
         if not self.connected:
             self._told, self._next_try = (0.0, 0.0), self._clock() + RETRY_INTERVAL
             return PadReading(actions=(STOP,))
-        actions = tuple(self._actions[button] for button in pressed if button in self._actions)
+        actions = tuple(ACTIONS[button] for button in pressed if button < len(ACTIONS))
         return PadReading(sticks=self._moved_sticks(stopped=STOP in actions), actions=actions)
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from sprintlab.commands import Track, command_start, finish_time
-from sprintlab.core.archives import read_arrays
+from sprintlab.core.archives import read_samples
 from sprintlab.core.array_types import Array
 from sprintlab.core.checks import check_positive, check_range
 from sprintlab.core.errors import SprintlabError
@@ -37,9 +37,6 @@ JOINT_ARRAYS = ("joint_velocity", "motor_torque", "torque_lower", "torque_upper"
 COLORS = ("#0b6bcb", "#d9480f", "#0e9384", "#7a5af8", "#b45309", "#be185d")
 """Lane colours."""
 PACE_COLOR = "#d4a72c"
-MOST_SAMPLES = 500_000
-"""Longest trajectory of a page [samples]: a quarter of an hour at 500 Hz."""
-_LARGEST = 1e12  # of any number, in its SI unit; seconds since 1970 are 2e9
 NEEDED_ARRAYS = ("time", "qpos", "velocity", "command", *JOINT_ARRAYS)
 
 
@@ -94,17 +91,12 @@ class Pace:
     splits: Sequence[tuple[float, float]]
 
 
+_BOLT = (
+    (0.0, 0.0), (0.146, 0.0), (1.89, 10.0), (2.89, 20.0), (4.64, 40.0), (6.31, 60.0), (7.12, 70.0),
+    (7.92, 80.0), (8.75, 90.0), (9.58, 100.0),
+)  # fmt: skip
 WORLD_RECORDS = {
-    100.0: Pace(
-        name="world record, 9.58 s",
-        splits=tuple(
-            zip(
-                (0.0, 0.146, 1.89, 2.89, 4.64, 6.31, 7.12, 7.92, 8.75, 9.58),
-                (0.0, 0.0, 10.0, 20.0, 40.0, 60.0, 70.0, 80.0, 90.0, 100.0),
-                strict=True,
-            )
-        ),
-    ),
+    100.0: Pace(name="world record, 9.58 s", splits=_BOLT),
     400.0: Pace(name="world record, 43.03 s, even pace", splits=((0.0, 0.0), (43.03, 400.0))),
 }
 """By distance [m]: the men's records. 100 m: Bolt, Berlin 2009, reaction 0.146 s, the IAAF's times at
@@ -116,42 +108,18 @@ def load_arrays(path: Path) -> dict[str, Array]:
     """The arrays of a recorded trajectory that a replay needs.
 
     Raises:
-        SprintlabError: the file is missing, no npz archive, lacks an array, holds no two samples or more than
-            ``MOST_SAMPLES``; or an array does not fit the others, or holds no numbers or too large ones.
+        SprintlabError: the file is missing, no npz archive, or lacks an array of finite numbers that fits the
+            others; or its time does not rise.
     """
     if not path.exists():
         raise SprintlabError(f"{path} does not exist; a race writes it")
-    wanted = "no trajectory: it cannot be read as an npz archive"
-    arrays = read_arrays(path, NEEDED_ARRAYS, wanted=wanted)
-    missing = [name for name in NEEDED_ARRAYS if name not in arrays]
-    if missing:
-        raise SprintlabError(f"{path} is no trajectory: it lacks {', '.join(missing)}")
-    if arrays["time"].size < 2:
-        raise SprintlabError(f"{path} holds no two samples: there is nothing to replay")
-    if arrays["time"].size > MOST_SAMPLES:
-        raise SprintlabError(f"{path} holds more than {MOST_SAMPLES} samples, the most that a page shows")
-    samples = len(arrays["time"])
-    arrays = {name: _checked(path, name, values, samples) for name, values in arrays.items()}
+    arrays: dict[str, Array] = dict(read_samples(path, NEEDED_ARRAYS, "no trajectory of a race (npz)"))
+    for name, values in arrays.items():
+        if values.ndim != (1 if name == "time" else 2):
+            raise SprintlabError(f"{path} is no trajectory: {name} has shape {values.shape}")
     if not np.all(np.diff(arrays["time"]) > 0.0):
         raise SprintlabError(f"{path} is no trajectory: its time does not rise")
     return arrays
-
-
-def _checked(path: Path, name: str, values: Array, samples: int) -> Array:
-    """A ``(samples,)`` time or a ``(samples, n)`` table as numbers of 64 bits; anything else is refused."""
-    dimensions = 1 if name == "time" else 2
-    if values.ndim != dimensions or len(values) != samples or values.size == 0:
-        expected = f"({samples},)" if dimensions == 1 else f"({samples}, n)"
-        raise SprintlabError(
-            f"{path} is no trajectory: {name} has shape {values.shape} instead of {expected}"
-        )
-    if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
-        raise SprintlabError(f"{path} is no trajectory: {name} holds what is not a finite number")
-    with np.errstate(over="ignore"):
-        numbers = values.astype(np.float64)
-    if np.abs(numbers).max() > _LARGEST:
-        raise SprintlabError(f"{path} is no trajectory: {name} holds a number beyond {_LARGEST:g}")
-    return numbers
 
 
 def write_replay(
@@ -190,6 +158,7 @@ def render_replay(
     robots: dict[str, RobotDescription] = {run.robot.name: run.robot for run in runs}
     models = {name: build_model(one, ModelOptions(visuals=True)) for name, one in robots.items()}
     lap = any(is_lap(run.arrays) for run in runs)
+    splits = [] if pace is None else [list(map(float, column)) for column in zip(*pace.splits, strict=True)]
     scene = {
         "course": "lap" if lap else "straight",
         "distance": text.distance,
@@ -203,7 +172,14 @@ def render_replay(
             }
             for index, run in enumerate(runs)
         ],
-        "pace": None if pace is None else _pace(pace),
+        "pace": pace
+        and {
+            "name": pace.name,
+            "color": PACE_COLOR,
+            "time": splits[0],
+            "way": splits[1],
+            "finish": splits[0][-1],
+        },
     }
     # No text inside may end the script element it stands in.
     data = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
@@ -269,12 +245,6 @@ def _way(qpos: Array, lap: bool) -> Array:
     return way - way[0]
 
 
-def _pace(pace: Pace) -> dict[str, Any]:
-    """A pace as the page takes it; it stops at the finish."""
-    time, way = (list(map(float, column)) for column in zip(*pace.splits, strict=True))
-    return {"name": pace.name, "color": PACE_COLOR, "time": time, "way": way, "finish": time[-1]}
-
-
 def _frames(time: Array) -> NDArray[np.int64]:
     """Indices of the samples that become frames; the last one is always among them."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
@@ -323,15 +293,10 @@ def _bodies(model: mujoco.MjModel) -> list[dict[str, Any]]:
             "parent": int(model.body_parentid[index]),
             "position": model.body_pos[index].tolist(),
             "quaternion": model.body_quat[index].tolist(),
-            "joints": [_joint(model, joint) for joint in _joints_of(model, index)],
+            "joints": [_joint(model, joint) for joint in np.flatnonzero(model.jnt_bodyid == index).tolist()],
         }
         for index in range(model.nbody)
     ]
-
-
-def _joints_of(model: mujoco.MjModel, body: int) -> range:
-    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-    return range(first, first + count) if count else range(0)
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> dict[str, Any]:
