@@ -7,7 +7,6 @@ import pytest
 from tests.short_trials import COARSE
 
 from sprintlab.control import load_policy
-from sprintlab.evaluation.figures import joint_powers
 from sprintlab.evaluation.metrics import copper_losses
 from sprintlab.evaluation.trial import TrialRequest, run_trial
 from sprintlab.motors import (
@@ -50,7 +49,6 @@ def test_powers_are_those_of_the_warm_windings(supplied, robot):
     loaded = cold > 0.1
     expected = resistance_factor(WindingHeat(), 90.0)  # and a little for the weaker magnets
     assert np.median(warmer[loaded]) == pytest.approx(expected / 0.964**2, rel=0.02)
-    assert joint_powers(trajectory, robot)[1] is copper_losses(trajectory, robot)
 
 
 def test_a_plain_trial_records_none_of_it(standing_policy, robot):
